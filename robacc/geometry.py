@@ -1,0 +1,225 @@
+"""Rigid-body geometry in structure-of-arrays form: components first, poses last.
+
+Conventions, stated once for the whole project:
+
+- a rotation is an array ``(3, 3, ...)``: ``R[i, j]`` over any batch axes, columns are the axes of the rotated frame;
+- a vector is an array ``(3, ...)``;
+- a quaternion is ``(4, ...)`` in the order w, x, y, z, of unit length;
+- a rotation vector is axis times angle in rad, ``(3, ...)``;
+- ``rpy`` are rotations about the fixed axes x, y, z: ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
+
+Every function is pure and broadcasts over the batch axes. Poses last keeps each component contiguous, which is what
+NumPy vectorises best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_SMALL_ANGLE = 1e-4
+"""Below this angle (rad) the series of sin(x)/x and its like are exact to 1e-16 and the closed forms lose digits."""
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product of vectors ``(3, ...)`` and ``(3, ...)``."""
+    return np.stack((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
+
+
+def rotate(rotation: Array, vector: Array) -> Array:
+    """``R v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
+    result: Array = np.einsum("ij...,j...->i...", rotation, vector)
+    return result
+
+
+def rotate_back(rotation: Array, vector: Array) -> Array:
+    """``R^T v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
+    result: Array = np.einsum("ji...,j...->i...", rotation, vector)
+    return result
+
+
+def compose(first: Array, second: Array) -> Array:
+    """``R1 R2`` for two rotations ``(3, 3, ...)``."""
+    result: Array = np.einsum("ij...,jk...->ik...", first, second)
+    return result
+
+
+def transpose(rotation: Array) -> Array:
+    """``R^T`` of ``(3, 3, ...)``."""
+    return np.swapaxes(rotation, 0, 1)
+
+
+def rotation_about(axis: int, angle: Array | float) -> Array:
+    """Rotation ``(3, 3, ...)`` by ``angle`` (rad) about coordinate axis 0, 1 or 2."""
+    angle = np.asarray(angle, dtype=float)
+    result = np.zeros((3, 3, *angle.shape))
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    result[axis, axis] = 1.0
+    result[j, j] = result[k, k] = np.cos(angle)
+    result[k, j] = np.sin(angle)
+    result[j, k] = -result[k, j]
+    return result
+
+
+def rotation_from_rpy(rpy: Array) -> Array:
+    """``Rz(yaw) Ry(pitch) Rx(roll)`` from ``rpy`` ``(3, ...)`` in rad."""
+    roll, pitch, yaw = np.asarray(rpy, dtype=float)
+    return compose(compose(rotation_about(2, yaw), rotation_about(1, pitch)), rotation_about(0, roll))
+
+
+def rpy_from_rotation(rotation: Array) -> Array:
+    """Roll, pitch, yaw ``(3, ...)`` in rad; at pitch of 90 degrees, where they are not unique, roll is set to 0."""
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    regular = np.hypot(rotation[0, 0], rotation[1, 0]) > 1e-12
+    roll = np.where(regular, np.arctan2(rotation[2, 1], rotation[2, 2]), 0.0)
+    yaw = np.where(
+        regular,
+        np.arctan2(rotation[1, 0], rotation[0, 0]),
+        np.arctan2(-rotation[0, 1], rotation[1, 1]),
+    )
+    return np.stack((roll, pitch, yaw))
+
+
+def rotation_from_quaternion(quaternion: Array) -> Array:
+    """Rotation ``(3, 3, ...)`` from a quaternion w, x, y, z ``(4, ...)``, normalised first."""
+    w, x, y, z = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
+    return np.stack(
+        (
+            np.stack((1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))),
+            np.stack((2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x))),
+            np.stack((2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))),
+        )
+    )
+
+
+def quaternion_from_rotation(rotation: Array) -> Array:
+    """Quaternion w, x, y, z ``(4, ...)`` with w >= 0, by Shepperd's method (stable at any angle).
+
+    Source: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
+    """
+    m = rotation
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    # The four squared components times four; the largest is taken as the divisor, so nothing small is divided by.
+    squares = np.stack((1 + trace, 1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace))
+    candidates = np.stack(
+        (
+            np.stack((squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])),
+            np.stack((m[2, 1] - m[1, 2], squares[1], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0])),
+            np.stack((m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], squares[2], m[1, 2] + m[2, 1])),
+            np.stack((m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[3])),
+        )
+    )
+    best = np.argmax(squares, axis=0)
+    quaternion = np.take_along_axis(candidates, best[None, None, ...], axis=0)[0]
+    quaternion = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
+    result: Array = np.where(quaternion[0] < 0, -quaternion, quaternion)
+    return result
+
+
+def skew(vector: Array) -> Array:
+    """The matrix ``(3, 3, ...)`` with ``skew(v) u = v x u``."""
+    zero = np.zeros_like(vector[0])
+    return np.stack(
+        (
+            np.stack((zero, -vector[2], vector[1])),
+            np.stack((vector[2], zero, -vector[0])),
+            np.stack((-vector[1], vector[0], zero)),
+        )
+    )
+
+
+def exp_so3(rotation_vector: Array) -> Array:
+    """Rotation ``(3, 3, ...)`` of a rotation vector ``(3, ...)`` (Rodrigues' formula)."""
+    vector = np.asarray(rotation_vector, dtype=float)
+    angle = np.sqrt(np.sum(np.square(vector), axis=0))
+    small = angle < _SMALL_ANGLE
+    safe = np.where(small, 1.0, angle)
+    sinc = np.where(small, 1 - np.square(angle) / 6, np.sin(safe) / safe)
+    cosc = np.where(small, 0.5 - np.square(angle) / 24, (1 - np.cos(safe)) / np.square(safe))
+    matrix = skew(vector)
+    identity = np.eye(3).reshape(3, 3, *(1,) * (vector.ndim - 1))
+    result: Array = identity + sinc * matrix + cosc * compose(matrix, matrix)
+    return result
+
+
+def log_so3(rotation: Array) -> Array:
+    """Rotation vector ``(3, ...)`` in rad of length at most pi; exact near zero and near pi alike.
+
+    Taken through the quaternion: 2 atan2(|v|, w) v/|v| has no cancellation at either end.
+    """
+    quaternion = quaternion_from_rotation(rotation)
+    vector = quaternion[1:]
+    length = np.sqrt(np.sum(np.square(vector), axis=0))
+    small = length < _SMALL_ANGLE
+    safe = np.where(small, 1.0, length)
+    # Near zero: 2 asin(l)/l = 2 (1 + l^2/6 + ...), where w = sqrt(1 - l^2).
+    factor = np.where(small, 2 + np.square(length) / 3, 2 * np.arctan2(safe, quaternion[0]) / safe)
+    result: Array = factor * vector
+    return result
+
+
+def left_jacobian_inverse(rotation_vector: Array) -> Array:
+    """Inverse left Jacobian of SO(3), ``(3, 3, ...)``: d log(exp(e) R) = J_l^-1(log R) e for small e.
+
+    Source: T. D. Barfoot, State Estimation for Robotics (2017), eq. (7.79).
+    """
+    vector = np.asarray(rotation_vector, dtype=float)
+    angle = np.sqrt(np.sum(np.square(vector), axis=0))
+    small = angle < _SMALL_ANGLE
+    safe = np.where(small, 1.0, angle)
+    half = safe / 2
+    factor = np.where(small, 1 / 12 + np.square(angle) / 720, (1 - half / np.tan(half)) / np.square(safe))
+    matrix = skew(vector)
+    identity = np.eye(3).reshape(3, 3, *(1,) * (vector.ndim - 1))
+    result: Array = identity - 0.5 * matrix + factor * compose(matrix, matrix)
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """Rigid transforms T = [R p; 0 1], one for each element of the batch axes."""
+
+    rotation: Array
+    """``(3, 3, ...)``"""
+    translation: Array
+    """``(3, ...)``, m"""
+
+    @classmethod
+    def identity(cls, *batch: int) -> Poses:
+        """Unit transforms over the given batch shape."""
+        eye = np.eye(3).reshape(3, 3, *(1,) * len(batch))
+        return cls(np.broadcast_to(eye, (3, 3, *batch)).copy(), np.zeros((3, *batch)))
+
+    @classmethod
+    def from_xyz_rpy(cls, xyz: Array, rpy: Array) -> Poses:
+        """``T(xyz) Rz(yaw) Ry(pitch) Rx(roll)`` from ``(3, ...)`` in m and rad."""
+        return cls(rotation_from_rpy(rpy), np.asarray(xyz, dtype=float))
+
+    @classmethod
+    def from_matrices(cls, matrices: Array) -> Poses:
+        """From homogeneous matrices ``(..., 4, 4)``, the layout other libraries use."""
+        moved = np.moveaxis(np.asarray(matrices, dtype=float), (-2, -1), (0, 1))
+        return cls(moved[:3, :3], moved[:3, 3])
+
+    def matrices(self) -> Array:
+        """Homogeneous matrices ``(..., 4, 4)``."""
+        result = np.zeros((4, 4, *self.translation.shape[1:]))
+        result[:3, :3] = self.rotation
+        result[:3, 3] = self.translation
+        result[3, 3] = 1.0
+        return np.moveaxis(result, (0, 1), (-2, -1))
+
+    def __matmul__(self, other: Poses) -> Poses:
+        """``T1 T2``, broadcasting over the batch axes."""
+        return Poses(
+            compose(self.rotation, other.rotation),
+            rotate(self.rotation, other.translation) + self.translation,
+        )
+
+    def inverse(self) -> Poses:
+        """``T^-1``."""
+        return Poses(transpose(self.rotation), -rotate_back(self.rotation, self.translation))

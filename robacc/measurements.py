@@ -1,0 +1,99 @@
+"""Measured poses as validated, read-only columns in SI units, poses last."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.geometry import Array, Poses
+
+
+@dataclass(frozen=True, slots=True)
+class Measurements:
+    """N measured poses. A column that the file did not have is None; none has a missing value."""
+
+    position: Array
+    """``(3, N)`` attained position of the target in the measuring frame, m."""
+    rotation: Array | None = None
+    """``(3, 3, N)`` attained orientation."""
+    q: Array | None = None
+    """``(J, N)`` commanded joint variables, rad or m, in chain order."""
+    commanded_position: Array | None = None
+    commanded_rotation: Array | None = None
+    sigma_position: Array | None = None
+    """``(3, N)`` measuring uncertainty, one standard deviation along x, y, z of the measuring frame, m."""
+    sigma_rotation: Array | None = None
+    """``(N,)`` the same of the orientation about any axis, rad."""
+    pose: NDArray[Any] | None = None
+    """``(N,)`` id of the commanded pose, text."""
+    cycle: NDArray[Any] | None = None
+    target: NDArray[Any] | None = None
+    """``(N,)`` name of the target measured, text."""
+    time: Array | None = None
+    """``(N,)`` s"""
+    temperature: Array | None = None
+    """``(N,)`` degrees Celsius"""
+    payload: Array | None = None
+    """``(N,)`` kg"""
+    direction: Array | None = None
+    """``(J, N)`` in {-1, 0, 1}"""
+    speed: Array | None = None
+    """``(J, N)`` signed fraction of full speed"""
+    rows: NDArray[np.int64] | None = None
+    """``(N,)`` 1-based line of the file that each pose stands on."""
+    source: str | None = None
+    """File name as given."""
+    sha256: str | None = None
+    ordered: bool = False
+    """Whether rows are in the order measured."""
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make every column read-only: a record that several computations share is not written to."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return int(self.position.shape[-1])
+
+    @property
+    def poses(self) -> Poses | None:
+        """The attained poses, where orientation was measured."""
+        return None if self.rotation is None else Poses(self.rotation, self.position)
+
+    def subset(self, index: NDArray[Any]) -> Measurements:
+        """The poses of an index or boolean array, in its order."""
+        changes = {
+            field.name: getattr(self, field.name)[..., index]
+            for field in dataclasses.fields(self)
+            if isinstance(getattr(self, field.name), np.ndarray)
+        }
+        return dataclasses.replace(self, **changes)
+
+    def line(self, i: int) -> int:
+        """The file's line of pose i; its number counted from 1 where there is no file."""
+        return int(self.rows[i]) if self.rows is not None else i + 1
+
+    def groups(self) -> NDArray[np.int64]:
+        """``(N,)`` number of the commanded pose that each row belongs to; rows of one pose share it.
+
+        By the ``pose`` column where there is one, else rows whose commanded joints (or commanded pose) are equal.
+        """
+        if self.pose is not None:
+            key: NDArray[Any] = self.pose
+        elif self.q is not None:
+            key = np.ascontiguousarray(np.round(self.q.T, 9)).view([("", float)] * self.q.shape[0]).ravel()
+        elif self.commanded_position is not None:
+            rounded = np.round(self.commanded_position.T, 9)
+            key = np.ascontiguousarray(rounded).view([("", float)] * 3).ravel()
+        else:
+            return np.arange(self.n)
+        return np.unique(key, return_inverse=True)[1].astype(np.int64)

@@ -49,7 +49,7 @@ class Motion:
     owner: int
     """Index of the joint in the robot's list, or :data:`BASE` or :data:`TOOL`."""
     label: str
-    """``theta``, ``d``, ``a``, ``alpha``, ``beta``, ``flex_x`` …; unique within its owner, or empty if it never varies."""
+    """``theta``, ``d``, ``alpha``, ``flex_x`` …; unique within its owner, or empty if it never varies."""
 
     @property
     def unit(self) -> str:
@@ -89,7 +89,7 @@ class Sweep:
     """The frame after each of the wanted motion counts (link frames), over N."""
 
     def twists(self) -> tuple[Array, Array]:
-        """Spatial twists (v, w), each ``(3, W, N)``: the velocity field v + w x c of every point c behind the motion."""
+        """Spatial twists (v, w), each ``(3, W, N)``: v + w x c is the velocity of every point c behind the motion."""
         linear, angular = self.jacobian[:3], self.jacobian[3:]
         return linear - cross(angular, self.poses.translation[:, None, :]), angular
 
@@ -210,7 +210,7 @@ def _empty_poses(n: int, dtype: np.dtype[Any]) -> Poses:
 
 
 def _note(column: NDArray[Any], motion: Motion, columns: list[NDArray[Any]], origin: NDArray[Any]) -> None:
-    """Keep where a motion stands: a rotation's origin and axis until the tool is known, a translation's axis for good."""
+    """Keep a rotation's origin and axis until the tool is known, a translation's axis for good."""
     column[:3] = origin if motion.kind == "rotation" else columns[motion.axis]
     column[3:] = columns[motion.axis] if motion.kind == "rotation" else 0.0
 

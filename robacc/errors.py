@@ -26,6 +26,7 @@ class Problem:
     """What to do about it."""
 
     def __str__(self) -> str:
+        """``file:line, column: message; fix``."""
         place = ":".join(str(part) for part in (self.file, self.line) if part is not None)
         if self.column is not None:
             place = f"{place}, {self.column}" if place else self.column

@@ -1,0 +1,1 @@
+"""What can be wrong with an arm beyond its nominal table, one effect a file."""

@@ -1,0 +1,1 @@
+"""Robot descriptions: DH tables and URDF, read into one record and one chain."""

@@ -32,7 +32,7 @@ _AXIS_OF = {
 _LENGTHS = frozenset({"x", "y", "z", "d", "a"})
 
 TURNS = ("turn_x", "turn_y", "turn_z")
-"""Zero-valued rotations after the base's and the tool's own: corrections that have no gimbal lock, whatever the frame."""
+"""Zero-valued rotations after the base's and the tool's own: corrections without gimbal lock."""
 FLEXURES = ("flex_x", "flex_y")
 """Zero-valued rotations across each joint's axis, in front of it: where a bearing bends."""
 

@@ -1,0 +1,5 @@
+"""``python -m robacc``."""
+
+from robacc.cli.main import main
+
+main()

@@ -1,0 +1,105 @@
+"""The command line's frame: which commands there are, and what an error becomes.
+
+A command's module is imported when the command runs, so ``robacc --help`` costs what a bare typer program costs.
+Command modules import NumPy and what uses it inside their functions, for the same reason.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from robacc import __version__
+from robacc.errors import RobaccError
+from robacc.report.console import say_error, say_interrupted
+
+COMMANDS = {
+    "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
+    "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
+}
+"""Name of each command, which is its module's and its function's too, and its line in ``robacc --help``."""
+
+INTERRUPTED = 130
+"""128 + SIGINT, what a shell reports of a program that was interrupted."""
+BROKEN_PIPE = 141
+"""128 + SIGPIPE: whoever read the output had enough."""
+
+
+class Commands(TyperGroup):
+    """The group of commands; loads the one that is asked for, and turns errors into lines and exit statuses."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that ``args`` names, with its own options; the rest of the arguments."""
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, _load(name) if name in COMMANDS else command, rest
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; the one place where an error meets the terminal."""
+        try:
+            return super().invoke(ctx)
+        except RobaccError as error:
+            say_error(error)
+            raise typer.Exit(error.exit_status) from error
+        except KeyboardInterrupt as interrupt:
+            say_interrupted()
+            raise typer.Exit(INTERRUPTED) from interrupt
+        except BrokenPipeError as broken:
+            # What is still buffered would fail again, loudly, when the interpreter closes the stream.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(BROKEN_PIPE) from broken
+
+
+def _load(name: str) -> Any:
+    """The command ``name`` from its own module."""
+    single = typer.Typer(add_completion=False)
+    single.command(name)(getattr(import_module(f"robacc.cli.{name}"), name))
+    return typer.main.get_command(single)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"robacc {__version__}")
+        raise typer.Exit
+
+
+def _placeholder() -> Callable[[], None]:
+    def command() -> None:
+        """Stands for a command in lists of commands; :class:`Commands` puts the real one in its place."""
+
+    return command
+
+
+app = typer.Typer(name="robacc", cls=Commands, no_args_is_help=True, rich_markup_mode="rich")
+
+
+@app.callback()
+def robacc(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """How accurate is the arm, why, and what would make it better."""
+
+
+for _name, _summary in COMMANDS.items():
+    app.command(_name, help=_summary)(_placeholder())
+
+
+def main() -> None:
+    """Run the command line and exit with its status; a defect ends in Python's own traceback and status 1."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # A terminal that cannot show "±" shows "?" instead of ending the program.
+            stream.reconfigure(errors="replace")
+    try:
+        typer.main.get_command(app)(prog_name="robacc")
+    except KeyboardInterrupt:
+        say_interrupted()
+        sys.exit(INTERRUPTED)

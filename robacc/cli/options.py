@@ -1,0 +1,47 @@
+"""Options that several commands share, declared once so that they are spelled and explained alike."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+
+class Format(StrEnum):
+    """How a result is written."""
+
+    table = "table"
+    json = "json"
+
+
+PosesArgument = Annotated[str, typer.Argument(metavar="POSES", help="CSV of measured poses; - reads standard input.")]
+RobotOption = Annotated[
+    str | None, typer.Option("--robot", metavar="FILE", help="Robot file (YAML) or URDF that commands the poses.")
+]
+BaseLinkOption = Annotated[
+    str | None, typer.Option("--base-link", metavar="NAME", help="URDF: the link that the chain starts at.")
+]
+TipLinkOption = Annotated[
+    str | None, typer.Option("--tip-link", metavar="NAME", help="URDF: the link that the chain ends at.")
+]
+OrderedOption = Annotated[
+    bool,
+    typer.Option("--ordered", help="Rows are in the order measured; directions and speeds are derived from it."),
+]
+FormatOption = Annotated[Format, typer.Option("--format", help="A table to read, or JSON for programs.")]
+OutputOption = Annotated[
+    str, typer.Option("--output", "-o", metavar="FILE", help="Write there, whole or not at all; - is standard output.")
+]
+SeedOption = Annotated[
+    int, typer.Option("--seed", metavar="N", min=0, help="Seed of everything drawn at random, bootstrap included.")
+]
+ConfidenceOption = Annotated[
+    float, typer.Option("--confidence", metavar="P", help="Confidence of every interval, between 0.5 and 1.")
+]
+
+
+def split_list(text: str | None) -> tuple[str, ...]:
+    """The names in a comma-separated option, in their order, each once."""
+    names = (part.strip() for part in (text or "").split(","))
+    return tuple(dict.fromkeys(name for name in names if name))

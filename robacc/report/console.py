@@ -1,0 +1,70 @@
+"""Where text meets the terminal: messages on standard error, tables on standard output, colour only where it shows.
+
+Colour is used on a terminal unless NO_COLOR is set and not empty (https://no-color.org) or TERM is ``dumb``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, TextIO
+
+from robacc.errors import InputError, RobaccError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_RED, _YELLOW, _DIM, _RESET = "\033[31m", "\033[33m", "\033[2m", "\033[0m"
+
+PLAIN_WIDTH = 80
+"""Columns of a table that goes to a file or a pipe: what a mail, a ticket or a printed page takes."""
+
+
+def uses_colour(stream: TextIO) -> bool:
+    """Whether colour shows on ``stream`` and is wanted."""
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def say(text: str, colour: str = "") -> None:
+    """One line on standard error."""
+    if colour and uses_colour(sys.stderr):
+        text = f"{colour}{text}{_RESET}"
+    print(text, file=sys.stderr)
+
+
+def say_error(error: RobaccError) -> None:
+    """A red line for each problem, then what to do about them."""
+    if not isinstance(error, InputError):
+        say(f"error: {error}", _RED)
+        return
+    for problem in error.problems:
+        place = ":".join(str(part) for part in (problem.file, problem.line) if part is not None)
+        place = ", ".join(part for part in (place, problem.column) if part)
+        say(f"error: {place}: {problem.message}" if place else f"error: {problem.message}", _RED)
+    if error.total > len(error.problems):
+        say(f"error: … and {error.total - len(error.problems)} more problems", _RED)
+    for fix in dict.fromkeys(problem.fix for problem in error.problems if problem.fix):
+        say(f"  tip: {fix}")
+
+
+def say_warnings(warnings: Iterable[str]) -> None:
+    """A yellow line for each warning."""
+    for warning in warnings:
+        say(f"warning: {warning}", _YELLOW)
+
+
+def say_interrupted() -> None:
+    """The one line that an interrupt leaves."""
+    say("interrupted; nothing was written", _DIM)
+
+
+def console_for(stream: TextIO, width: int | None = None) -> Console:
+    """A rich console on ``stream``: the terminal's width and colours, or plain text of :data:`PLAIN_WIDTH` columns."""
+    from rich.console import Console
+
+    if uses_colour(stream):
+        return Console(file=stream, highlight=False, width=width)
+    if not stream.isatty():
+        width = width or PLAIN_WIDTH
+    return Console(file=stream, highlight=False, width=width, color_system=None, force_terminal=False)

@@ -1,1 +1,29 @@
-"""What can be wrong with an arm beyond its nominal table, one effect a file."""
+"""What can be wrong with an arm beyond its nominal table, one effect a file.
+
+Importing the package fills the registry in the order of the catalogue, which is also the order in which parameters keep
+their place where the poses cannot tell them apart: frames before joints, geometry before what varies.
+"""
+
+from robacc.effects import (  # noqa: I001  the order is the catalogue's
+    base_frame as base_frame,
+    tool_frame as tool_frame,
+    joint_offset as joint_offset,
+    link_geometry as link_geometry,
+    gear_ratio as gear_ratio,
+    joint_coupling as joint_coupling,
+    transmission_error as transmission_error,
+    backlash as backlash,
+    approach_lag as approach_lag,
+    joint_compliance as joint_compliance,
+    lateral_compliance as lateral_compliance,
+    payload_compliance as payload_compliance,
+    base_compliance as base_compliance,
+    axis_wobble as axis_wobble,
+    thermal_expansion as thermal_expansion,
+    frame_drift as frame_drift,
+    instrument_scale as instrument_scale,
+    joint_correction as joint_correction,
+)
+from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class
+
+__all__ = ["REGISTRY", "Effect", "Part", "Term", "effect_class"]

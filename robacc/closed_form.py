@@ -1,0 +1,214 @@
+"""Where base and target are, in closed form from any start, before least squares refines them.
+
+With F the arm's own pose (base to last link, known effects included), B the base and G the target on the last link, a
+measured pose is B F G. Position only: p = R_B (p_F + R_F g) + t_B.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.errors import InputError
+from robacc.geometry import (
+    Array,
+    Poses,
+    compose,
+    rotate_back,
+    rpy_from_rotation,
+    transpose,
+)
+from robacc.measurements import Measurements
+from robacc.model import predict
+from robacc.robots.description import Frame, Robot
+
+_TRIM = 6.0
+"""Poses further off than this many median errors take no part in a second pass: a beam break is not a start."""
+_ALTERNATIONS = 50
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    base: Poses
+    tools: dict[str, Poses]
+
+
+def register(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
+    """The robot with its base, its tool (or each target's), or both, moved onto the measured poses in closed form.
+
+    Raises:
+        InputError: too few poses for it.
+    """
+    if not (base or tool):
+        return robot
+    needed = 1 if data.rotation is not None else 3
+    if data.n < needed:
+        raise InputError(f"{data.n} pose(s): finding base_frame or tool_frame needs at least {needed}")
+    kept = np.ones(data.n, dtype=bool)
+    registered = robot
+    for _ in range(2):
+        registered = _register(robot, data.subset(np.flatnonzero(kept)), base, tool)
+        error = np.linalg.norm(data.position - predict(registered, data).translation, axis=0)
+        trimmed = error <= _TRIM * np.median(error)
+        if trimmed.all() or trimmed.sum() < max(needed, data.n // 2):
+            break
+        kept = trimmed
+    return registered
+
+
+def _register(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
+    names, index = _targets(robot, data)
+    frames = [robot.targets.get(name, robot.tool) for name in names]
+    tools = [Poses.from_xyz_rpy(np.array(f.xyz), np.array(f.rpy)) for f in frames]
+    base_now = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
+    per_row = _stack(tools, index)
+    arm = base_now.inverse() @ predict(robot, data) @ per_row.inverse()
+    if not tool:
+        return _moved(robot, _base_from(arm @ per_row, data), None, names)
+    if not base:
+        return _moved(robot, None, _tools_from(base_now @ arm, data, index, tools), names)
+    found = _both(arm, data, index, tools)
+    return _moved(robot, found[0], found[1], names)
+
+
+def _both(
+    arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses]
+) -> tuple[Poses, list[Poses]]:
+    """Base and targets together: from the orientations where they were measured, else by alternation."""
+    start = None
+    if data.rotation is not None and data.n >= 3:
+        start = _rotations_by_svd(arm.rotation, data.rotation)
+    return _alternate(arm, data, index, list(tools), start)
+
+
+def _alternate(
+    arm: Poses, data: Measurements, index: NDArray[np.int64], tools: list[Poses], start: tuple[Array, Array] | None
+) -> tuple[Poses, list[Poses]]:
+    """Solve t_B and every g linearly for a given R_B, then R_B by registration for given g, until nothing moves."""
+    if start is not None:
+        rotation, turn = start
+        tools = [Poses(turn, tool.translation) for tool in tools]
+    else:
+        base = _base_from(arm @ _stack(tools, index), data, orientation=False)
+        rotation = base.rotation
+    previous = np.inf
+    translation = np.zeros(3)
+    for _ in range(_ALTERNATIONS):
+        translation, offsets, residual = _linear_offsets(arm, data, index, len(tools), rotation)
+        tools = [Poses(tool.rotation, offset) for tool, offset in zip(tools, offsets, strict=True)]
+        if start is not None or previous - residual <= 1e-9 * previous:
+            break
+        previous = residual
+        rotation = _base_from(arm @ _stack(tools, index), data, orientation=False).rotation
+    return Poses(rotation, translation), tools
+
+
+def _linear_offsets(
+    arm: Poses, data: Measurements, index: NDArray[np.int64], count: int, rotation: Array
+) -> tuple[Array, list[Array], float]:
+    """Least squares for t_B and each target's g in R_B^T p - p_F = R_B^T t_B + R_F g."""
+    right = np.einsum("ji,jn->in", rotation, data.position) - arm.translation
+    matrix = np.zeros((data.n, 3, 3 + 3 * count))
+    matrix[:, :, :3] = np.eye(3)
+    for target in range(count):
+        rows = np.flatnonzero(index == target)
+        matrix[rows, :, 3 + 3 * target : 6 + 3 * target] = np.moveaxis(arm.rotation[:, :, rows], 2, 0)
+    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), right.T.ravel(), rcond=1e-10)
+    residual = matrix.reshape(-1, 3 + 3 * count) @ solution - right.T.ravel()
+    offsets = [solution[3 + 3 * target : 6 + 3 * target] for target in range(count)]
+    return rotation @ solution[:3], offsets, float(residual @ residual)
+
+
+def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array]:
+    """R_B and R_G with R_B R_F R_G = R measured: the null vector of the linear equations R_F R_G - R_B^T R = 0.
+
+    Source: robot-world/hand-eye calibration by Kronecker products, A. Li, L. Wang, D. Wu 2010.
+    """
+    n = arm.shape[-1]
+    rows = np.zeros((n, 9, 18))
+    eye = np.eye(3)
+    for i in range(3):
+        for k in range(3):
+            # Element (i, k): sum_j F[i, j] G[j, k] - sum_j B[j, i] R[j, k]
+            rows[:, 3 * i + k, k:9:3] = arm[i].T
+            rows[:, 3 * i + k, 9:] = -np.einsum("jn,l->njl", measured[:, k], eye[i]).reshape(n, 9)
+    gram = np.einsum("nra,nrb->ab", rows, rows)
+    null = np.linalg.eigh(gram)[1][:, 0]
+    tool, base = null[:9].reshape(3, 3), null[9:].reshape(3, 3)
+    if np.linalg.det(tool) < 0:
+        tool, base = -tool, -base
+    return _nearest_rotation(base), _nearest_rotation(tool)
+
+
+def _base_from(target: Poses, data: Measurements, orientation: bool = True) -> Poses:
+    """B with B X = measured, X the target in the base: registration of points (Kabsch), orientations counted in."""
+    here, there = target.translation, data.position
+    here_mean, there_mean = here.mean(axis=1), there.mean(axis=1)
+    matrix = (there - there_mean[:, None]) @ (here - here_mean[:, None]).T
+    if orientation and data.rotation is not None:
+        # Weighed as points at the spread of the positions, so that neither kind drowns the other.
+        spread = max(float(np.sum(np.square(here - here_mean[:, None]))) / data.n, 1e-4)
+        matrix = matrix + spread * np.einsum("ijn,kjn->ik", data.rotation, target.rotation)
+    rotation = _nearest_rotation(matrix)
+    return Poses(rotation, there_mean - rotation @ here_mean)
+
+
+def _tools_from(arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses]) -> list[Poses]:
+    """Each target's mean place on the last link."""
+    local = rotate_back(arm.rotation, data.position - arm.translation)
+    found = []
+    for target, tool in enumerate(tools):
+        rows = index == target
+        if not rows.any():
+            found.append(tool)
+            continue
+        rotation = tool.rotation
+        if data.rotation is not None:
+            turned = compose(transpose(arm.rotation[..., rows]), data.rotation[..., rows])
+            rotation = _nearest_rotation(turned.sum(axis=2))
+        found.append(Poses(rotation, local[:, rows].mean(axis=1)))
+    return found
+
+
+def _nearest_rotation(matrix: Array) -> Array:
+    """The rotation nearest a 3 x 3 matrix (polar factor by SVD; Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(matrix)
+    sign = np.sign(np.linalg.det(u @ vt))
+    result: Array = u @ np.diag([1.0, 1.0, sign]) @ vt
+    return result
+
+
+def _targets(robot: Robot, data: Measurements) -> tuple[list[str], NDArray[np.int64]]:
+    names = list(robot.targets) or [""]
+    if data.target is None or not robot.targets:
+        return names, np.zeros(data.n, dtype=np.int64)
+    place = {name: i for i, name in enumerate(names)}
+    return names, np.array([place[name] for name in data.target], dtype=np.int64)
+
+
+def _stack(poses: Sequence[Poses], index: NDArray[np.int64]) -> Poses:
+    rotation = np.stack([pose.rotation for pose in poses], axis=-1)
+    translation = np.stack([pose.translation for pose in poses], axis=-1)
+    return Poses(rotation[..., index], translation[..., index])
+
+
+def _moved(robot: Robot, base: Poses | None, tools: Sequence[Poses] | None, names: Sequence[str]) -> Robot:
+    if base is not None:
+        robot = dataclasses.replace(robot, base=_frame(base))
+    if tools is not None:
+        if robot.targets:
+            frames = {name: _frame(tool) for name, tool in zip(names, tools, strict=True)}
+            robot = dataclasses.replace(robot, targets=frames)
+        else:
+            robot = dataclasses.replace(robot, tool=_frame(tools[0]))
+    return robot
+
+
+def _frame(pose: Poses) -> Frame:
+    x, y, z = (float(value) for value in pose.translation)
+    roll, pitch, yaw = (float(value) for value in rpy_from_rotation(pose.rotation))
+    return Frame((x, y, z), (roll, pitch, yaw))

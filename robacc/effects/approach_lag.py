@@ -1,0 +1,44 @@
+"""Read before it settled: the joint still lags by a share of its last motion's speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.effects.base import About, Effect, Part, Term, needed, register, varies
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class ApproachLag(Effect):
+    """Joint variable shifted by the signed speed of its last motion."""
+
+    name = "approach_lag"
+    about = About(
+        summary="the pose was read before the joint had settled, or the clocks differ: the last motion's speed shows",
+        equation="theta_j + c s_j, s_j the last motion's speed as a signed fraction of full speed",
+        unit="rad (m for a prismatic joint)",
+        usual_size="1e-5 to 1e-3 rad at full speed; negative where the joint lags behind",
+        needs="speed_q1 … speed_qN, or --ordered",
+        confused_with="backlash where speeds are much alike",
+        source="METHOD: parameter x regressor",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Needs the speeds."""
+        return None if varies(data.speed) else "no speed_q columns (and rows not --ordered)"
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a joint."""
+        speed = needed(data.speed, "speed_q1 … (or --ordered)", self.name)
+        return tuple(
+            Term(
+                f"{self.name}.{joint}",
+                "rad" if arm.is_revolute(joint) else "m",
+                1e-4,
+                (Part(arm.axis_motion(joint), speed[arm.number(joint)]),),
+            )
+            for joint in self.joints
+        )

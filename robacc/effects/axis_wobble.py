@@ -1,0 +1,72 @@
+"""A joint axis that tilts as it turns: bearing runout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.effects.base import About, Effect, Part, Term, commanded, orders_setting, register
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+from robacc.robots.assembly import FLEXURES
+
+
+def tilt_motions(arm: Arm, joint: str) -> dict[str, int]:
+    """The two motions that tilt a joint's axis: alpha and beta of its row, the flexures of a URDF's joint."""
+    labels = FLEXURES if arm.robot.convention == "urdf" else ("alpha", "beta")
+    return {label: arm.motion(joint, label) for label in labels}
+
+
+@register
+@dataclass(frozen=True)
+class AxisWobble(Effect):
+    """alpha_j and the rotation about y, each with cosine and sine of n q_j."""
+
+    orders: tuple[float, ...] = (1.0, 2.0)
+
+    name = "axis_wobble"
+    about = About(
+        summary="the joint's axis tilts as it turns: runout or ovality of its bearing",
+        equation="alpha_j and beta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2",
+        unit="rad",
+        usual_size="1e-5 to 1e-3 rad",
+        needs="q1 … qN over most of a turn",
+        confused_with="transmission_error of neighbouring joints, link_geometry over a narrow range",
+        source="METHOD: parameter x regressor",
+    )
+
+    @classmethod
+    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
+        """Joints that turn."""
+        return tuple(name for name in arm.names if arm.is_revolute(name))
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Once per turn, twice, and both."""
+        for joint in cls.possible_joints(arm):
+            yield from (cls((joint,), orders) for orders in ((1.0,), (2.0,), (1.0, 2.0)))
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Four terms a joint and order."""
+        q = commanded(data, self.name)
+        terms = []
+        for joint in self.joints:
+            angle = q[arm.number(joint)]
+            for order in self.orders:
+                for label, motion in tilt_motions(arm, joint).items():
+                    for kind, wave in (("cos", np.cos), ("sin", np.sin)):
+                        name = f"{self.name}.{joint}.{label}_{kind}{order:g}"
+                        terms.append(Term(name, "rad", 1e-4, (Part(motion, wave(order * angle)),)))
+        return tuple(terms)
+
+    def settings(self) -> dict[str, Any]:
+        """The orders."""
+        return {"orders": list(self.orders)}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """``orders: [1, 2]``."""
+        return cls(joints, orders_setting(cls.name, settings, (1.0, 2.0)))

@@ -1,0 +1,80 @@
+"""Backlash: the joint rests on one flank of its gear or the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies
+from robacc.elasticity import gravity_torques
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class Backlash(Effect):
+    """Joint variable shifted by half the gap, by the way the joint arrived or by the way gravity pushes it."""
+
+    by: Literal["approach", "gravity"] = "approach"
+
+    name = "backlash"
+    about = About(
+        summary="play in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
+        equation="theta_j + c sign(approach_j); where the approach is unknown, the sign of the gravity torque",
+        unit="rad (m for a prismatic joint), half the gap",
+        usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
+        needs="dir_q1 … dir_qN, or --ordered; else masses",
+        confused_with="approach_lag where speeds are much alike, joint_compliance where gravity decides",
+        source="METHOD: parameter x regressor; Ruderman, Hoffmann, Bertram 2009 for the shape",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Needs a direction of approach, or masses to tell which way gravity pushes."""
+        if varies(data.direction) or arm.chain.bodies:
+            return None
+        return "no dir_q columns (and rows not --ordered), and no masses in the robot file"
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """By the approach where it is known."""
+        chosen = tuple(joints) if joints is not None else arm.names
+        return cls(joints=chosen, by="approach" if data.direction is not None else "gravity")
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """One joint at a time; by gravity only where the approach is unknown."""
+        yield from (cls.default(arm, data, (joint,)) for joint in arm.names)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a joint."""
+        if self.by == "approach":
+            sign = needed(data.direction, "dir_q1 … (or --ordered)", self.name)
+        else:
+            sign = np.sign(gravity_torques(arm, commanded(data, self.name)))
+        return tuple(
+            Term(
+                f"{self.name}.{joint}",
+                "rad" if arm.is_revolute(joint) else "m",
+                1e-4,
+                (Part(arm.axis_motion(joint), sign[arm.number(joint)]),),
+            )
+            for joint in self.joints
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """What decides the flank, where it is not the approach."""
+        return {} if self.by == "approach" else {"by": self.by}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """``by: approach`` or ``by: gravity``."""
+        rest = dict(settings)
+        by = rest.pop("by", "approach")
+        if rest or by not in ("approach", "gravity"):
+            raise ValueError(f"{cls.name} knows the setting by: approach or gravity, found {dict(settings)!r}")
+        return cls(joints=joints, by=by)

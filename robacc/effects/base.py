@@ -1,0 +1,206 @@
+"""The one idea behind every effect, its contract, and the registry.
+
+An effect is a scalar of the chain that varies by a known function of the circumstances: scalar += coefficient x
+regressor. A :class:`Term` is one coefficient; its :class:`Part` s say which scalars it moves and by which regressor.
+Its column of the Jacobian is then (column of that scalar) x (regressor), so no effect computes kinematics of its own.
+
+To add an effect: one file in this folder with one subclass of :class:`Effect` decorated with :func:`register`.
+"""
+
+from __future__ import annotations
+
+import abc
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from robacc.errors import UsageError
+from robacc.geometry import Array
+from robacc.loads import Load
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
+
+SCALE_OF_INSTRUMENT = -1
+"""Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One scalar that a term moves: by coefficient x factor, times the load's generalised force where it has a load.
+
+    The generalised force is what gravity does to the loads behind the motion along it: N m for a rotation (the load's
+    moment about the axis), N for a translation. Being positive along the way gravity pulls, a positive compliance sags.
+    """
+
+    motion: int
+    factor: float | Array = 1.0
+    """``(N,)`` regressor, or a constant."""
+    loads: tuple[Load, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One coefficient of the model."""
+
+    name: str
+    """``effect.joint.term``, stable."""
+    unit: str
+    typical: float
+    """A usual size of the coefficient on real arms."""
+    parts: tuple[Part, ...]
+    group: str | None = None
+    """Terms of one group share a Gaussian prior of zero mean whose width is estimated from the data."""
+    weight: float = 1.0
+    """Prior standard deviation relative to the group's."""
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a catalogue says of an effect."""
+
+    summary: str
+    equation: str
+    unit: str
+    usual_size: str
+    needs: str
+    confused_with: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Effect(abc.ABC):
+    """One effect on named joints. Subclasses are frozen dataclasses; their fields are the effect's settings."""
+
+    joints: tuple[str, ...] = ()
+
+    name: ClassVar[str]
+    about: ClassVar[About]
+    is_constant: ClassVar[bool] = False
+    """Whether every regressor is 1, so that the fitted value is written into the robot's own numbers."""
+    per_joint: ClassVar[bool] = True
+    """Whether the effect acts on joints that are named, and competes joint by joint."""
+
+    @abc.abstractmethod
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """The coefficients, with regressors for the poses of ``data``.
+
+        Raises:
+            UsageError: the data or the robot lack what the effect needs.
+        """
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Why the effect cannot be offered for this robot and these data, in one line; None where it can."""
+        return None
+
+    @classmethod
+    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
+        """The joints the effect can act on."""
+        return arm.names if cls.per_joint else ()
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """The effect as ``--fit NAME`` means it: on all joints it can act on, or on those named."""
+        return cls(joints=tuple(joints) if joints is not None else cls.possible_joints(arm))
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Every form in which the effect competes in a trace: by default one joint at a time."""
+        if cls.per_joint:
+            yield from (cls(joints=(joint,)) for joint in cls.possible_joints(arm))
+        else:
+            yield cls()
+
+    def settings(self) -> dict[str, Any]:
+        """Settings besides the joints, as plain values for a robot file."""
+        return {}
+
+    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
+        """The robot with fitted values written into its own numbers; only for an effect that is constant."""
+        raise TypeError(f"{self.name} is not constant")
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """The inverse of :meth:`settings`.
+
+        Raises:
+            ValueError: a setting is unknown or has no sense.
+        """
+        if settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, settings))}")
+        return cls(joints=joints)
+
+    def key(self) -> tuple[Any, ...]:
+        """What makes two effects the same: name, joints and settings."""
+        return (self.name, self.joints, repr(sorted(self.settings().items())))
+
+    def __str__(self) -> str:
+        """``backlash[j2]``."""
+        return f"{self.name}[{','.join(self.joints)}]" if self.joints else self.name
+
+
+REGISTRY: dict[str, type[Effect]] = {}
+
+E = TypeVar("E", bound=type[Effect])
+
+
+def register(cls: E) -> E:
+    """Class decorator: put an effect into the catalogue."""
+    REGISTRY[cls.name] = cls
+    return cls
+
+
+def effect_class(name: str) -> type[Effect]:
+    """The effect called ``name``.
+
+    Raises:
+        UsageError: there is none; the message names the nearest and lists all.
+    """
+    try:
+        return REGISTRY[name]
+    except KeyError:
+        near = difflib.get_close_matches(name, REGISTRY, n=1)
+        hint = f", did you mean {near[0]!r}?" if near else ""
+        raise UsageError(f"no effect {name!r}{hint} The catalogue: {', '.join(REGISTRY)}") from None
+
+
+def needed(column: Array | None, name: str, effect: str) -> Array:
+    """A column that an effect cannot do without.
+
+    Raises:
+        UsageError: the data have none.
+    """
+    if column is None:
+        raise UsageError(f"{effect} needs the column {name}, which the poses do not have")
+    return column
+
+
+def commanded(data: Measurements, effect: str) -> Array:
+    """The commanded joint variables ``(J, N)``."""
+    return needed(data.q, "q1 … qN", effect)
+
+
+def varies(column: Array | None) -> bool:
+    """Whether a column is there and takes more than one value."""
+    return column is not None and column.size > 1 and bool(np.ptp(column) > 0)
+
+
+def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float, ...]) -> tuple[float, ...]:
+    """The setting ``orders``: positive numbers.
+
+    Raises:
+        ValueError: it is not that, or there is another setting.
+    """
+    rest = dict(settings)
+    orders = rest.pop("orders", default)
+    if rest:
+        raise ValueError(f"{name} has no setting {', '.join(map(repr, rest))}")
+    if not isinstance(orders, list | tuple) or not orders:
+        raise ValueError(f"{name}: orders must be a list of numbers, found {orders!r}")
+    if not all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n <= 1000 for n in orders):
+        raise ValueError(f"{name}: each order must be above 0 and at most 1000, found {orders!r}")
+    return tuple(float(n) for n in orders)

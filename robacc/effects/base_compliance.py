@@ -1,0 +1,40 @@
+"""A pedestal that tilts under the arm's moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.chain import BASE
+from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.loads import own_weight
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class BaseCompliance(Effect):
+    """The base tilted by c times the arm's moment about it, the same in both directions."""
+
+    name = "base_compliance"
+    per_joint = False
+    about = About(
+        summary="the pedestal or floor gives way: the base tilts under the arm's moment about it",
+        equation="turns of the base about x and y + c (m_x, m_y), the moment of the arm's weight about them",
+        unit="rad/(N m)",
+        usual_size="1e-9 to 1e-6 rad/(N m)",
+        needs="mass and com of the links",
+        confused_with="lateral_compliance of the first joint, joint_compliance of the second",
+        source="METHOD: parameter x regressor",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Needs masses."""
+        return None if arm.chain.bodies else "no masses in the robot file"
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term."""
+        loads = own_weight(arm)
+        parts = tuple(Part(arm.chain.index(BASE, label), 1.0, loads) for label in ("turn_x", "turn_y"))
+        return (Term(self.name, "rad/(N m)", 1e-7, parts),)

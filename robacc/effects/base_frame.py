@@ -1,0 +1,65 @@
+"""Where the robot stands in the measuring frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.chain import BASE
+from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.geometry import Poses, rotation_about, rpy_from_rotation
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+from robacc.robots.description import Frame, Robot
+
+FRAME_LABELS = {"x": "x", "y": "y", "z": "z", "roll": "turn_x", "pitch": "turn_y", "yaw": "turn_z"}
+"""Term to motion. Roll, pitch and yaw here are turns about the frame's own x, y, z: no gimbal lock anywhere."""
+
+
+def frame_terms(arm: Arm, owner: int, prefix: str, factor: float | np.ndarray = 1.0) -> tuple[Term, ...]:
+    """Six terms that move a frame: x, y, z and the turns about its own axes."""
+    terms = []
+    for label, motion in FRAME_LABELS.items():
+        unit = "m" if label in "xyz" else "rad"
+        terms.append(Term(f"{prefix}.{label}", unit, 1e-3, (Part(arm.chain.index(owner, motion), factor),)))
+    return tuple(terms)
+
+
+def moved_frame(frame: Frame, values: Mapping[str, float], prefix: str) -> Frame:
+    """The frame with fitted terms added: exactly the product of the chain's motions."""
+    xyz = np.array(frame.xyz) + [values.get(f"{prefix}.{label}", 0.0) for label in "xyz"]
+    rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation
+    for axis, label in enumerate(("roll", "pitch", "yaw")):
+        rotation = rotation @ rotation_about(axis, values.get(f"{prefix}.{label}", 0.0))
+    rpy = rpy_from_rotation(rotation)
+    return Frame((float(xyz[0]), float(xyz[1]), float(xyz[2])), (float(rpy[0]), float(rpy[1]), float(rpy[2])))
+
+
+@register
+@dataclass(frozen=True)
+class BaseFrame(Effect):
+    """Six coordinates of the base."""
+
+    name = "base_frame"
+    is_constant = True
+    per_joint = False
+    about = About(
+        summary="where the robot stands in the measuring frame",
+        equation="base x, y, z + dx, dy, dz; then turned about its own x, y, z by roll, pitch, yaw",
+        unit="m, rad",
+        usual_size="anything: the instrument stands where it stands",
+        needs="nothing",
+        confused_with="joint_offset of the first joint (yaw), its d (z)",
+        source="Wu and Lee 1984, eq. (3), with the base as one more link",
+    )
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Six terms."""
+        return frame_terms(arm, BASE, self.name)
+
+    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
+        """The robot with its base moved."""
+        return dataclasses.replace(arm.robot, base=moved_frame(arm.robot.base, values, self.name))

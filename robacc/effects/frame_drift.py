@@ -1,0 +1,95 @@
+"""The base moving against the instrument while the poses were measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.chain import BASE
+from robacc.effects.base import About, Effect, Part, Term, needed, register, varies
+from robacc.effects.base_frame import FRAME_LABELS
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class FrameDrift(Effect):
+    """Base coordinates with a polynomial of time, about the time in the middle of the poses."""
+
+    origin: float = 0.0
+    """s, the time at which there is no drift."""
+    span: float = 1.0
+    """s, the unit of time: a coefficient is the drift over it."""
+    degree: int = 1
+    turning: bool = False
+    """Whether the base turns too."""
+
+    name = "frame_drift"
+    per_joint = False
+    about = About(
+        summary="the base moves against the instrument: a tripod settles, a pedestal warms, the floor gives",
+        equation="base x, y, z (and its turns) + c ((t - t_mid) / span)^p, p = 1 … degree",
+        unit="m, rad over the time span",
+        usual_size="1e-5 to 1e-3 m",
+        needs="time_s",
+        confused_with="thermal_expansion where temperature rises with time",
+        source="METHOD: parameter x regressor",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Needs time."""
+        return None if varies(data.time) else "no time_s that varies"
+
+    @classmethod
+    def over(cls, data: Measurements, degree: int = 1, turning: bool = False) -> FrameDrift:
+        """About the middle of these poses' time, in units of its half."""
+        time = needed(data.time, "time_s", cls.name)
+        low, high = float(np.min(time)), float(np.max(time))
+        return cls(origin=(low + high) / 2, span=(high - low) / 2 or 1.0, degree=degree, turning=turning)
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Straight and steady."""
+        return cls.over(data)
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Straight and steady, turning too, and bent."""
+        for degree, turning in ((1, False), (1, True), (2, False), (3, False), (3, True)):
+            yield cls.over(data, degree, turning)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Three or six terms a power of time."""
+        elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
+        terms = []
+        for power in range(1, self.degree + 1):
+            for label, motion in FRAME_LABELS.items():
+                if label in "xyz" or self.turning:
+                    unit = "m" if label in "xyz" else "rad"
+                    name = f"{self.name}.{label}" + (f"{power}" if power > 1 else "")
+                    part = Part(arm.chain.index(BASE, motion), elapsed**power)
+                    terms.append(Term(name, unit, 1e-4, (part,)))
+        return tuple(terms)
+
+    def settings(self) -> dict[str, Any]:
+        """Time scale and shape."""
+        return {"origin_s": self.origin, "span_s": self.span, "degree": self.degree, "turning": self.turning}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """``origin_s``, ``span_s``, ``degree``, ``turning``."""
+        rest = dict(settings)
+        origin, span = float(rest.pop("origin_s", 0.0)), float(rest.pop("span_s", 1.0))
+        degree, turning = rest.pop("degree", 1), rest.pop("turning", False)
+        if rest:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        if not span > 0 or degree not in range(1, 10) or not isinstance(turning, bool):
+            raise ValueError(
+                f"{cls.name}: span_s above 0, degree 1 to 9, turning true or false; found {dict(settings)!r}"
+            )
+        return cls(origin=origin, span=span, degree=degree, turning=turning)

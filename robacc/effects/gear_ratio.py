@@ -1,0 +1,34 @@
+"""A gear ratio that is not the controller's: the joint's angle scaled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class GearRatio(Effect):
+    """Joint variable scaled by 1 + k."""
+
+    name = "gear_ratio"
+    about = About(
+        summary="joint angle scaled: the gear ratio, or a linear axis' pitch, is not the controller's",
+        equation="theta_j + k q_j (d_j + k q_j for a prismatic joint)",
+        unit="1",
+        usual_size="1e-5 to 1e-3",
+        needs="q1 … qN over a wide range",
+        confused_with="transmission_error of order 1 over a narrow range, joint_compliance of the same joint",
+        source="METHOD: parameter x regressor; Whitney, Lozinski, Rourke 1986",
+    )
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a joint."""
+        q = commanded(data, self.name)
+        return tuple(
+            Term(f"{self.name}.{joint}", "1", 1e-4, (Part(arm.axis_motion(joint), q[arm.number(joint)]),))
+            for joint in self.joints
+        )

@@ -1,0 +1,31 @@
+"""The instrument's own scale: its metre is not the metre."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Effect, Part, Term, register
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class InstrumentScale(Effect):
+    """The measured position multiplied by 1 + k."""
+
+    name = "instrument_scale"
+    per_joint = False
+    about = About(
+        summary="the instrument's own scale: refractive index, a camera's focal length, a wrong unit of 1 in 1000",
+        equation="p measured = (1 + k) p",
+        unit="1",
+        usual_size="1e-6 to 1e-3",
+        needs="positions spread over a volume",
+        confused_with="link_geometry: all lengths of the arm scaled together, thermal_expansion at one temperature",
+        source="METHOD: parameter x regressor on the observation",
+    )
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term."""
+        return (Term(self.name, "1", 1e-5, (Part(SCALE_OF_INSTRUMENT),)),)

@@ -1,0 +1,160 @@
+"""Nothing named: an empirical correction of one joint as a smooth function of its drivers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies
+from robacc.elasticity import gravity_torques
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class JointCorrection(Effect):
+    """theta_j plus a polynomial, in Chebyshev form, of one driver or of two together.
+
+    A driver is a joint's name, ``torque`` (the moment of the arm's own weight about the joint's axis), ``payload_kg``,
+    ``temperature_c``, ``time_s``, or ``direction`` (the way the joint arrived; it only multiplies another driver). The
+    terms share a Gaussian prior whose width is estimated. Outside the range seen, a driver is held at its end.
+    """
+
+    drivers: tuple[str, ...] = ()
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    degree: int = 8
+
+    name = "joint_correction"
+    about = About(
+        summary="nothing named: an empirical correction of one joint as a smooth function of a driver",
+        equation="theta_j + sum c_k T_k(x), T_k Chebyshev polynomials of the driver scaled to its range",
+        unit="rad (m for a prismatic joint)",
+        usual_size="1e-5 to 1e-3 rad",
+        needs="whatever drives it",
+        confused_with="everything that acts on the same joint: it is offered last",
+        source="METHOD: parameter x regressor; prior width by marginal likelihood (REML)",
+    )
+
+    @classmethod
+    def over(cls, arm: Arm, data: Measurements, joint: str, drivers: tuple[str, ...], degree: int) -> JointCorrection:
+        """Scaled to the range of these poses."""
+        values = [_driver(arm, data, joint, driver) for driver in drivers]
+        low = tuple(float(np.min(value)) for value in values)
+        high = tuple(float(np.max(value)) for value in values)
+        return cls((joint,), drivers, low, high, degree)
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Each joint by its own variable (one joint only where several are asked for one by one)."""
+        chosen = tuple(joints) if joints is not None else arm.names
+        q = commanded(data, cls.name)
+        numbers = [arm.number(joint) for joint in chosen]
+        low, high = float(q[numbers].min()), float(q[numbers].max())
+        return cls(chosen, ("own",), (low,), (high,), 8)
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Every joint by every driver, one alone and its own variable with another."""
+        for joint in arm.names:
+            for driver in possible_drivers(arm, data):
+                yield cls.over(arm, data, joint, (driver,), 8)
+            for a, b in possible_pairs(arm, data):
+                yield cls.over(arm, data, joint, (a, b), 4)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a polynomial; the constant belongs to joint_offset."""
+        terms = []
+        for joint in self.joints:
+            motion = arm.axis_motion(joint)
+            unit = "rad" if arm.is_revolute(joint) else "m"
+            group = f"{self.name}.{joint}.{'_'.join(self.drivers)}"
+            for label, size, column in self._basis(arm, data, joint):
+                part = Part(motion, column)
+                terms.append(Term(f"{self.name}.{joint}.{label}", unit, 1e-4, (part,), group, 1.0 / size))
+        return tuple(terms)
+
+    def _basis(self, arm: Arm, data: Measurements, joint: str) -> Iterator[tuple[str, float, Array]]:
+        columns = []
+        for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):
+            value = _driver(arm, data, joint, driver)
+            if driver == "direction":
+                columns.append([np.ones_like(value), value])
+                continue
+            scaled = np.clip((2 * value - low - high) / ((high - low) or 1.0), -1.0, 1.0)
+            columns.append([np.cos(k * np.arccos(scaled)) for k in range(self.degree + 1)])
+        if len(columns) == 1:
+            yield from ((f"T{k}", float(k), column) for k, column in enumerate(columns[0]) if k)
+            return
+        first, second = columns
+        for i, a in enumerate(first):
+            for j, b in enumerate(second):
+                if 0 < i + j <= self.degree + 1 and (j if self.drivers[1] == "direction" else True):
+                    yield f"T{i}T{j}", float(i + j), a * b
+
+    def settings(self) -> dict[str, Any]:
+        """Drivers, their ranges and the degree."""
+        return {
+            "drivers": list(self.drivers),
+            "range": [[low, high] for low, high in zip(self.low, self.high, strict=True)],
+            "degree": self.degree,
+        }
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """``drivers: [j3]``, ``range: [[-1.5, 1.5]]``, ``degree: 8``."""
+        rest = dict(settings)
+        drivers, ranges, degree = rest.pop("drivers", None), rest.pop("range", None), rest.pop("degree", 8)
+        if rest:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        if not isinstance(drivers, list) or len(drivers) not in (1, 2):
+            raise ValueError(f"{cls.name}: drivers must be a list of one or two names, found {drivers!r}")
+        if not isinstance(ranges, list) or len(ranges) != len(drivers):
+            raise ValueError(f"{cls.name}: range must be a list of [low, high], one a driver, found {ranges!r}")
+        low, high = (tuple(float(pair[i]) for pair in ranges) for i in range(2))
+        if not isinstance(degree, int) or not 1 <= degree <= 40:
+            raise ValueError(f"{cls.name}: degree must be 1 to 40, found {degree!r}")
+        return cls(joints, tuple(map(str, drivers)), low, high, degree)
+
+
+def possible_drivers(arm: Arm, data: Measurements) -> tuple[str, ...]:
+    """What a correction may be a function of, for these data."""
+    drivers = list(arm.names)
+    if arm.chain.bodies:
+        drivers.append("torque")
+    drivers += [
+        name
+        for name, column in (("payload_kg", data.payload), ("temperature_c", data.temperature), ("time_s", data.time))
+        if varies(column)
+    ]
+    return tuple(drivers)
+
+
+def possible_pairs(arm: Arm, data: Measurements) -> tuple[tuple[str, str], ...]:
+    """Pairs of drivers: two joints, and torque or a joint with the direction of approach."""
+    names = arm.names
+    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    if varies(data.direction):
+        pairs += [(name, "direction") for name in (("torque", *names) if arm.chain.bodies else names)]
+    return tuple(pairs)
+
+
+def _driver(arm: Arm, data: Measurements, joint: str, driver: str) -> Array:
+    """``(N,)`` values of a driver of one joint."""
+    if driver == "torque":
+        return gravity_torques(arm, commanded(data, JointCorrection.name))[arm.number(joint)]
+    columns = {
+        "direction": data.direction[arm.number(joint)] if data.direction is not None else None,
+        "payload_kg": data.payload,
+        "temperature_c": data.temperature,
+        "time_s": data.time,
+    }
+    if driver in columns:
+        return needed(columns[driver], driver, JointCorrection.name)
+    value: Array = commanded(data, JointCorrection.name)[arm.number(joint if driver == "own" else driver)]
+    return value

@@ -1,0 +1,82 @@
+"""One joint turning another: a wrist's gears, a parallelogram."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class JointCoupling(Effect):
+    """Joint j turned by k times joint i's variable, for each driver i."""
+
+    drivers: tuple[str, ...] = ()
+
+    name = "joint_coupling"
+    about = About(
+        summary="one joint turns another: wrist gears, a parallelogram, a belt over an axis",
+        equation="theta_j + k q_i, i not j",
+        unit="1 (rad/m, m/rad between unlike joints)",
+        usual_size="1e-4 to 1e-2",
+        needs="q1 … qN that vary independently",
+        confused_with="gear_ratio of the driving joint where both axes are parallel",
+        source="METHOD: parameter x regressor; Whitney, Lozinski, Rourke 1986",
+    )
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a pair of joints."""
+        q = commanded(data, self.name)
+        return tuple(
+            Term(
+                f"{self.name}.{joint}.{driver}",
+                _unit(arm, joint, driver),
+                1e-4,
+                (Part(arm.axis_motion(joint), q[arm.number(driver)]),),
+            )
+            for joint in self.joints
+            for driver in (self.drivers or neighbours(arm, joint))
+            if driver != joint
+        )
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Every pair of neighbours."""
+        return cls(joints=tuple(joints) if joints is not None else arm.names)
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Every ordered pair of joints, neighbours first."""
+        pairs = [(j, i) for j in range(len(arm.names)) for i in range(len(arm.names)) if i != j]
+        for j, i in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
+            yield cls(joints=(arm.names[j],), drivers=(arm.names[i],))
+
+    def settings(self) -> dict[str, Any]:
+        """The drivers, where they are not simply the neighbours."""
+        return {"drivers": list(self.drivers)} if self.drivers else {}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """With the drivers named."""
+        rest = dict(settings)
+        drivers = tuple(rest.pop("drivers", ()))
+        if rest:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        return cls(joints=joints, drivers=drivers)
+
+
+def neighbours(arm: Arm, joint: str) -> tuple[str, ...]:
+    """The joints next to one in the chain."""
+    i = arm.number(joint)
+    return tuple(arm.names[k] for k in (i - 1, i + 1) if 0 <= k < len(arm.names))
+
+
+def _unit(arm: Arm, joint: str, driver: str) -> str:
+    if arm.is_revolute(joint) == arm.is_revolute(driver):
+        return "1"
+    return "rad/m" if arm.is_revolute(joint) else "m/rad"

@@ -1,0 +1,60 @@
+"""Joint zero: the offset added to a joint's variable."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
+
+
+def with_parameters(arm: Arm, changes: Mapping[tuple[int, str], float]) -> Robot:
+    """The robot with ``changes`` {(joint index, parameter): delta} added to its joints' numbers."""
+    joints = list(arm.robot.joints)
+    for (owner, label), delta in changes.items():
+        joint = joints[owner]
+        parameters = {**joint.parameters, label: joint.parameters.get(label, 0.0) + delta}
+        joints[owner] = dataclasses.replace(joint, parameters=parameters)
+    return dataclasses.replace(arm.robot, joints=tuple(joints))
+
+
+@register
+@dataclass(frozen=True)
+class JointOffset(Effect):
+    """The zero of each joint."""
+
+    name = "joint_offset"
+    is_constant = True
+    about = About(
+        summary="joint zero: the encoder's zero is not the table's",
+        equation="theta_j + c (revolute), d_j + c (prismatic)",
+        unit="rad (m for a prismatic joint)",
+        usual_size="1e-4 to 2e-3 rad",
+        needs="nothing",
+        confused_with="base_frame.yaw (first joint), tool_frame (last joint), link_geometry across parallel axes",
+        source="Wu and Lee 1984, eq. (6), M1 and M2",
+    )
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a joint."""
+        return tuple(
+            Term(
+                f"{self.name}.{joint}",
+                "rad" if arm.is_revolute(joint) else "m",
+                1e-3,
+                (Part(arm.axis_motion(joint)),),
+            )
+            for joint in self.joints
+        )
+
+    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
+        """The robot with its offsets changed."""
+        changes = {
+            (arm.owners[arm.number(joint)], arm.joint(joint).offset_parameter): values.get(f"{self.name}.{joint}", 0.0)
+            for joint in self.joints
+        }
+        return with_parameters(arm, changes)

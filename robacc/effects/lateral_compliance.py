@@ -1,0 +1,46 @@
+"""Bearings that tilt under the bending moment across a joint's axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.loads import own_weight
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+from robacc.robots.assembly import FLEXURES
+
+
+@register
+@dataclass(frozen=True)
+class LateralCompliance(Effect):
+    """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions."""
+
+    name = "lateral_compliance"
+    about = About(
+        summary="the joint's bearing and link bend: the axis tilts under the moment across it",
+        equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the arm's moment of gravity about them",
+        unit="rad/(N m)",
+        usual_size="1e-8 to 1e-5 rad/(N m)",
+        needs="mass and com of the links",
+        confused_with="joint_compliance of neighbouring joints, base_compliance at the first joint",
+        source="Tenhumberg and Baeuml 2021 (elastic calibration of Agile Justin)",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Needs masses."""
+        return None if arm.chain.bodies else "no masses in the robot file"
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a joint."""
+        weight = own_weight(arm)
+        return tuple(
+            Term(
+                f"{self.name}.{joint}",
+                "rad/(N m)",
+                1e-6,
+                tuple(Part(arm.motion(joint, label), 1.0, weight) for label in FLEXURES),
+            )
+            for joint in self.joints
+        )

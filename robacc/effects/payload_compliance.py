@@ -1,0 +1,47 @@
+"""Joints that give way under the payload."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.effects.base import About, Effect, Part, Term, needed, register
+from robacc.loads import payload
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+@register
+@dataclass(frozen=True)
+class PayloadCompliance(Effect):
+    """Each joint turned by c times the moment of the payload about its axis, in equilibrium."""
+
+    name = "payload_compliance"
+    about = About(
+        summary="the joint gives way to the payload, which was not the same at every pose",
+        equation="theta_j + c_j tau_j, tau_j the payload's moment of gravity about the axis at the deflected pose",
+        unit="rad/(N m) (m/N for a prismatic joint)",
+        usual_size="1e-7 to 1e-5 rad/(N m)",
+        needs="payload_kg that varies; payload: com in the robot file (default: at the tool)",
+        confused_with="joint_compliance where the payload never changes",
+        source="Khalil and Dombre 2002, ch. 9.5; Nubiola and Bonev 2013",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Needs payloads."""
+        if data.payload is None:
+            return "no payload_kg column"
+        return None if data.payload.any() else "payload_kg is zero throughout"
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """One term a joint."""
+        loads = payload(arm, needed(data.payload, "payload_kg", self.name))
+        return tuple(
+            Term(
+                f"{self.name}.{joint}",
+                "rad/(N m)" if arm.is_revolute(joint) else "m/N",
+                1e-6,
+                (Part(arm.axis_motion(joint), 1.0, loads),),
+            )
+            for joint in self.joints
+        )

@@ -1,0 +1,114 @@
+"""Gravity on a chain: generalised forces, their exact derivatives, and the elastic equilibrium.
+
+For loads of total mass M and first moment S = sum m_i c_i behind a motion of spatial twist (v, w), the power of gravity
+per unit rate of the motion is
+
+    f = g . (M v + w x S),
+
+the moment about a rotation's axis or the force along a translation. Behind a motion k in front of it (v, w) turns with
+the chain; a motion behind it moves only the loads that lie further out. Both derivatives follow from the same twists:
+
+    k in front:  dv = w_k x v + v_k x w,  dw = w_k x w,  dS = w_k x S + M v_k
+    k behind:    dS = w_k x S_k + M_k v_k   (loads behind k only).
+
+Source of the twist algebra: R. Featherstone, Rigid Body Dynamics Algorithms (2008), chapter 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.geometry import Array, Poses, cross, rotate
+from robacc.loads import Load, own_weight
+from robacc.robots.arm import Arm
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """Loads of one kind placed in the measuring frame."""
+
+    after: tuple[int, ...]
+    mass: tuple[Array, ...]
+    """Each ``(N,)`` or a scalar array."""
+    moment: tuple[Array, ...]
+    """Each ``(3, N)``: mass x position, kg m."""
+
+    @classmethod
+    def place(cls, loads: Sequence[Load], frames: dict[int, Poses]) -> Weights:
+        """Carry loads from the frames they stand in to the measuring frame."""
+        moments = []
+        for load in loads:
+            frame = frames[load.after]
+            n = frame.translation.shape[-1]
+            local = np.stack([np.broadcast_to(component, (n,)) for component in load.moment])
+            moments.append(rotate(frame.rotation, local) + load.mass * frame.translation)
+        masses = tuple(np.asarray(load.mass, dtype=float) for load in loads)
+        return cls(tuple(load.after for load in loads), masses, tuple(moments))
+
+    def behind(self, motion: int) -> tuple[Any, Any]:
+        """Total mass and first moment of the loads that ``motion`` moves; zeros where it moves none."""
+        mass: Any = 0.0
+        moment: Any = np.zeros((3, 1))
+        for after, one_mass, one_moment in zip(self.after, self.mass, self.moment, strict=True):
+            if after > motion:
+                mass = mass + one_mass
+                moment = moment + one_moment
+        return mass, moment
+
+
+def force(gravity: Array, weights: Weights, motion: int, linear: NDArray[Any], angular: NDArray[Any]) -> NDArray[Any]:
+    """Generalised force ``(N,)`` of gravity ``(3,)`` along ``motion`` of spatial twist ``(3, N)``, ``(3, N)``."""
+    mass, moment = weights.behind(motion)
+    power = mass * linear + cross(angular, moment + np.zeros_like(angular))
+    result: NDArray[Any] = np.einsum("i,in->n", gravity, power)
+    return result
+
+
+def force_derivatives(
+    gravity: Array, weights: Weights, motion: int, wanted: Sequence[int], linear: Array, angular: Array
+) -> Array:
+    """``(W, N)``: derivative of :func:`force` along ``motion`` to the scalar of each wanted motion.
+
+    ``linear`` and ``angular`` ``(3, W, N)`` are the twists of the wanted motions, of which ``motion`` must be one.
+    """
+    slot = list(wanted).index(motion)
+    v, w = linear[:, slot, None], angular[:, slot, None]
+    front = np.array([k < motion for k in wanted])
+    result = np.empty(linear.shape[1:])
+    if front.any():
+        vk, wk = linear[:, front], angular[:, front]
+        mass, moment = weights.behind(motion)
+        moment = moment[:, None]
+        moved = mass * (cross(wk, v) + cross(vk, w)) + cross(cross(wk, w), moment) + cross(w, cross(wk, moment))
+        result[front] = np.einsum("i,ikn->kn", gravity, moved + cross(w, mass * vk))
+    # Behind the motion the loads change only where a body stands between, so equal ones are done together.
+    behind = [i for i, k in enumerate(wanted) if k >= motion]
+    for after in sorted({_next_body(weights, wanted[i]) for i in behind}):
+        at = [i for i in behind if _next_body(weights, wanted[i]) == after]
+        mass, moment = weights.behind(wanted[at[0]])
+        moved = cross(w, cross(angular[:, at], moment[:, None]) + mass * linear[:, at])
+        result[at] = np.einsum("i,ikn->kn", gravity, moved)
+    return result
+
+
+def _next_body(weights: Weights, motion: int) -> int:
+    """The first body that ``motion`` moves; motions with the same one move the same loads."""
+    return min((after for after in weights.after if after > motion), default=-1)
+
+
+def gravity_torques(arm: Arm, q: Array) -> Array:
+    """``(J, N)`` moment (N m), or force (N), of the arm's own weight along each joint's axis at its nominal pose."""
+    loads = own_weight(arm)
+    counts = sorted({load.after for load in loads})
+    sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], arm.chain.joint_axis, counts)
+    weights = Weights.place(loads, dict(zip(counts, sweep.frames, strict=True)))
+    linear, angular = sweep.twists()
+    gravity = np.array(arm.robot.gravity)
+    return np.stack(
+        [force(gravity, weights, k, linear[:, i], angular[:, i]) for i, k in enumerate(arm.chain.joint_axis)]
+    )

@@ -1,0 +1,53 @@
+"""Weights that load the joints: the arm's own links, a payload, and unit loads where masses are unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.geometry import Array
+from robacc.robots.arm import Arm
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """A weight behind motion ``after - 1``: mass (kg) and first moment mass x com (kg m) in the frame there."""
+
+    after: int
+    mass: float | Array
+    """Scalar, or ``(N,)`` where it differs from pose to pose."""
+    moment: tuple[float | Array, float | Array, float | Array]
+
+
+def own_weight(arm: Arm) -> tuple[Load, ...]:
+    """The arm's own masses."""
+    loads = []
+    for body in arm.chain.bodies:
+        x, y, z = body.com
+        loads.append(Load(body.after, body.mass, (body.mass * x, body.mass * y, body.mass * z)))
+    return tuple(loads)
+
+
+def payload(arm: Arm, mass: Array) -> tuple[Load, ...]:
+    """A payload of ``mass`` ``(N,)`` kg at its centre of mass."""
+    x, y, z = arm.payload_com
+    return (Load(arm.flange, mass, (mass * x, mass * y, mass * z)),)
+
+
+def unit_loads(arm: Arm, first: int) -> dict[str, tuple[Load, ...]]:
+    """The base regressors of an unknown weight: a unit mass and unit first moments on each link from ``first`` on.
+
+    Keys are ``m3``, ``hx3``, ``hy3``, ``hz3`` for the link that joint 3 of the robot's list (counted from 1) moves.
+    What these poses cannot tell apart among them is found by the fit.
+    """
+    loads: dict[str, tuple[Load, ...]] = {}
+    ends: dict[int, int] = {}
+    for k, motion in enumerate(arm.chain.motions):
+        if motion.owner >= 0:
+            ends[motion.owner] = k + 1
+    for owner in range(first, len(arm.robot.joints)):
+        after = ends[owner]
+        for axis, label in enumerate(("hx", "hy", "hz")):
+            moment = tuple(1.0 if i == axis else 0.0 for i in range(3))
+            loads[f"{label}{owner + 1}"] = (Load(after, 0.0, moment),)  # type: ignore[arg-type]
+        loads[f"m{owner + 1}"] = (Load(after, 1.0, (0.0, 0.0, 0.0)),)
+    return loads

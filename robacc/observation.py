@@ -1,0 +1,57 @@
+"""What the instrument sees: residuals, their exact derivative, and whitening."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from robacc.geometry import Array, Poses, compose, left_jacobian_inverse, log_so3, transpose
+from robacc.measurements import Measurements
+
+NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation of what the model cannot predict, along each axis."""
+
+    position: float
+    """m, root mean square over poses and axes."""
+    orientation: float | None
+    """rad; None where orientation was not measured."""
+    source: NoiseSource
+
+
+def residuals(data: Measurements, poses: Poses) -> Array:
+    """``(M, N)``: measured minus predicted position (m) in the measuring frame, and where orientation was measured
+    (M = 6) the rotation vector log(R_measured R_predicted^T) (rad) in the same frame.
+    """  # noqa: D205
+    position = data.position - poses.translation
+    if data.rotation is None:
+        return position
+    return np.concatenate((position, log_so3(compose(data.rotation, transpose(poses.rotation)))))
+
+
+def observed_jacobian(jacobian: Array, residual: Array) -> Array:
+    """``(M, P, N)``: minus the derivative of :func:`residuals`, from rows dp, dphi of the predicted pose.
+
+    log(R exp(-dphi)) = r - J_r^-1(r) dphi with J_r(r) = J_l(-r), so orientation is exact for residuals of any size.
+    """
+    if residual.shape[0] == 3:
+        return jacobian[:3]
+    turned = np.einsum("ijn,jpn->ipn", left_jacobian_inverse(-residual[3:]), jacobian[3:])
+    return np.concatenate((jacobian[:3], turned))
+
+
+def weights(data: Measurements, position_misfit: float, orientation_misfit: float) -> Array:
+    """``(M, N)`` reciprocal standard deviations: the file's measuring uncertainty and a misfit common to all poses."""
+    rows = 3 if data.rotation is None else 6
+    result = np.empty((rows, data.n))
+    known = 0.0 if data.sigma_position is None else data.sigma_position
+    result[:3] = 1.0 / np.sqrt(np.square(known) + position_misfit**2)
+    if rows == 6:
+        known = 0.0 if data.sigma_rotation is None else data.sigma_rotation
+        result[3:] = 1.0 / np.sqrt(np.square(known) + orientation_misfit**2)
+    return result

@@ -1,0 +1,123 @@
+"""Text in and out: decoded with a clear complaint, written whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+from robacc.errors import InputError, Problem
+
+TEXT_LIMIT = 64 * 2**20
+"""Largest text file read whole, bytes: far above any robot file, far below what would exhaust the memory."""
+
+
+def read_text(path: str | os.PathLike[str], limit: int = TEXT_LIMIT) -> str:
+    """The text of a UTF-8 file (with or without byte order mark), or of a UTF-16 one that has its mark.
+
+    Args:
+        path: File to read.
+        limit: Largest size in bytes that is accepted.
+
+    Raises:
+        InputError: The file is missing, a folder, unreadable, too large, binary, or in another encoding.
+    """
+    name = os.fspath(path)
+    data = _read_bytes(name, limit)
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    else:
+        encoding = "utf-8-sig"
+        position = data.find(b"\0")
+        if position >= 0:
+            line = data.count(b"\n", 0, position) + 1
+            raise InputError(Problem("is not a text file: it holds a NUL byte", name, line))
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        message = f"is not {encoding.removesuffix('-sig').upper()} text (byte 0x{data[error.start]:02x})"
+        raise InputError(Problem(message, name, line, fix="save it as UTF-8")) from None
+
+
+def _read_bytes(name: str, limit: int) -> bytes:
+    path = Path(name)
+    try:
+        if path.is_dir():
+            raise InputError(Problem("is a folder, not a file", name))
+        with path.open("rb") as stream:
+            data = stream.read(limit + 1)
+    except FileNotFoundError:
+        raise InputError(Problem("there is no such file", name)) from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(Problem(f"cannot be read: {_reason(error)}", name)) from None
+    if len(data) > limit:
+        raise InputError(Problem(f"is larger than {limit / 2**20:g} MiB, the most that is read as text", name))
+    return data
+
+
+def sha256_of(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file's bytes, in hexadecimal.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {_reason(error)}", os.fspath(path))) from None
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write ``text`` as UTF-8, whole or not at all: to a file beside ``path``, then moved into its place.
+
+    A link is followed, an existing file keeps its permissions, and what is no plain file (a pipe, a terminal) is
+    written to directly.
+
+    Raises:
+        InputError: The folder does not exist, or it or the file may not be written.
+    """
+    name = os.fspath(path)
+    target = Path(os.path.realpath(name))
+    if target.is_dir():
+        raise InputError(Problem("is a folder; a file's name is needed to write to", name))
+    if not target.parent.is_dir():
+        raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
+    try:
+        if target.exists() and not target.is_file():
+            target.write_text(text, encoding="utf-8")
+        else:
+            _replace(target, text)
+    except OSError as error:
+        raise InputError(Problem(f"cannot be written: {_reason(error)}", name)) from None
+
+
+def _replace(target: Path, text: str) -> None:
+    mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
+    if target.exists() and not os.access(target, os.W_OK):
+        # Moving another file over it would succeed; a file that its owner protected is left alone all the same.
+        raise PermissionError(None, "the file is write-protected")
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, mode)
+        os.replace(temporary, target)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _reason(error: Exception) -> str:
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return text[:1].lower() + text[1:]

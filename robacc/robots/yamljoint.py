@@ -1,0 +1,212 @@
+"""One joint of a robot file."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Literal, cast
+
+import yaml
+
+from robacc.robots.description import (
+    DH_PARAMETERS,
+    LENGTH_PARAMETERS,
+    ORIGIN_PARAMETERS,
+    Convention,
+    Joint,
+    JointType,
+    Mimic,
+    Vector,
+)
+from robacc.robots.yamlnode import Section, Source, found
+from robacc.robots.yamlunits import Units
+
+_LINK_KEYS = ("mass", "com", "tolerance")
+_DRIVE_KEYS = ("limits", "sign", "gear_ratio")
+_FIXED_KEYS = ("name", "type", "origin", "link", *_LINK_KEYS)
+_KEYS = {
+    "standard": ("name", "type", *DH_PARAMETERS, *_DRIVE_KEYS, *_LINK_KEYS),
+    "modified": ("name", "type", *DH_PARAMETERS, *_DRIVE_KEYS, *_LINK_KEYS),
+    "urdf": (*_FIXED_KEYS, "axis", "offset", "mimic", *_DRIVE_KEYS),
+}
+_DH_TYPES = ("revolute", "prismatic", "continuous")
+_MIN_AXIS = 1e-9
+"""An axis shorter than this has no direction."""
+_UNIT_AXIS = 1e-12
+"""An axis this near to unit length is left as it is written, so that a file written and read again is the same."""
+
+
+def read_joint(source: Source, node: yaml.Node, index: int, convention: Convention, units: Units) -> Joint | None:
+    """The joint of a list entry, or None where it cannot be made out; complaints go to ``source``."""
+    path = f"joints[{index}]"
+    section = source.section(node, path, _KEYS[convention])
+    if section is None:
+        return None
+    types = (*_DH_TYPES, "fixed") if convention == "urdf" else _DH_TYPES
+    type_node = section.require("type")
+    kind = source.choice(type_node, section.at("type"), types) if type_node else None
+    if kind is None:
+        return None
+    joint_type = cast(JointType, "revolute" if kind == "continuous" else kind)
+    _check_keys_of_type(section, kind)
+    name_node = section.get("name")
+    name = source.text(name_node, section.at("name")) if name_node else f"j{index + 1}"
+    link = section.get("link")
+    mass, com = _read_mass(section, units)
+    read_parameters = _read_origin if convention == "urdf" else _read_dh
+    return Joint(
+        name=name or f"j{index + 1}",
+        type=joint_type,
+        parameters=read_parameters(section, joint_type, units),
+        axis=_read_axis(section) if convention == "urdf" and joint_type != "fixed" else (0.0, 0.0, 1.0),
+        limits=_read_limits(section, joint_type, units),
+        sign=_read_sign(section),
+        gear_ratio=_read_positive(section, "gear_ratio"),
+        mass=mass,
+        com=com,
+        tolerance=_read_tolerance(section, joint_type, convention, units),
+        mimic=_read_mimic(section),
+        link=source.text(link, section.at("link")) if link else None,
+    )
+
+
+def _check_keys_of_type(section: Section, kind: str) -> None:
+    for key in section.values:
+        if kind == "fixed" and key not in _FIXED_KEYS:
+            section.source.complain(section.values[key], section.at(key), "a fixed joint has none")
+    if kind == "continuous" and "limits" in section.values:
+        message = "a continuous joint has no limits"
+        section.source.complain(section.values["limits"], section.at("limits"), message, "make its type revolute")
+
+
+def _read_dh(section: Section, joint_type: JointType, units: Units) -> dict[str, float]:
+    # The variable's own parameter is an offset and zero by default, as is beta, which a plain table does not have.
+    optional = {"beta", "theta" if joint_type == "revolute" else "d"}
+    values = dict.fromkeys(DH_PARAMETERS, 0.0)
+    for name in DH_PARAMETERS:
+        node = section.get(name) if name in optional else section.require(name)
+        if node:
+            is_length = name in LENGTH_PARAMETERS
+            values[name] = units.parameter(section.source, node, section.at(name), is_length=is_length) or 0.0
+    return values
+
+
+def _read_origin(section: Section, joint_type: JointType, units: Units) -> dict[str, float]:
+    node = section.get("origin")
+    origin = node and section.source.section(node, section.at("origin"), ("xyz", "rpy"))
+    values = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
+    if origin:
+        frame = units.frame(origin)
+        values |= dict(zip(ORIGIN_PARAMETERS, (*frame.xyz, *frame.rpy), strict=False))
+    offset = section.get("offset")
+    if offset:
+        is_length = joint_type == "prismatic"
+        values["offset"] = units.parameter(section.source, offset, section.at("offset"), is_length=is_length) or 0.0
+    return values
+
+
+def _read_tolerance(section: Section, joint_type: JointType, convention: Convention, units: Units) -> dict[str, float]:
+    if convention != "urdf":
+        return units.tolerances(section, DH_PARAMETERS)
+    lengths = LENGTH_PARAMETERS | ({"offset"} if joint_type == "prismatic" else set())
+    return units.tolerances(section, ORIGIN_PARAMETERS, lengths)
+
+
+def _read_axis(section: Section) -> Vector:
+    node = section.require("axis")
+    values = section.source.numbers(node, section.at("axis"), 3) if node else None
+    if values is None:
+        return (0.0, 0.0, 1.0)
+    length = math.hypot(*values)
+    if length < _MIN_AXIS:
+        section.source.complain(node, section.at("axis"), "the axis is zero and has no direction")
+        return (0.0, 0.0, 1.0)
+    if abs(length - 1) < _UNIT_AXIS:
+        return cast(Vector, values)
+    return (values[0] / length, values[1] / length, values[2] / length)
+
+
+def _read_limits(section: Section, joint_type: JointType, units: Units) -> tuple[float, float] | None:
+    node = section.get("limits")
+    path = section.at("limits")
+    values = section.source.numbers(node, path, 2) if node else None
+    if values is None:
+        return None
+    if values[0] > values[1]:
+        section.source.complain(node, path, f"the lower limit {values[0]:g} is above the upper one {values[1]:g}")
+        return None
+    factor = units.length if joint_type == "prismatic" else units.angle
+    if joint_type == "prismatic":
+        for i, item in enumerate(cast(yaml.SequenceNode, node).value):
+            units.parameter(section.source, item, f"{path}[{i}]", is_length=True)
+    return values[0] * factor, values[1] * factor
+
+
+def _read_sign(section: Section) -> Literal[1, -1]:
+    node = section.get("sign")
+    value = section.source.number(node, section.at("sign")) if node else None
+    if node and value is not None and abs(value) != 1:
+        section.source.complain(node, section.at("sign"), f"expected 1 or -1, found {found(node)}")
+    return -1 if value == -1 else 1
+
+
+def _read_positive(section: Section, key: str) -> float | None:
+    node = section.get(key)
+    value = section.source.number(node, section.at(key)) if node else None
+    if node and value is not None and value <= 0:
+        fix = "write sign: -1 where the motor turns the other way" if value < 0 else None
+        section.source.complain(node, section.at(key), f"expected a positive number, found {found(node)}", fix)
+    return value
+
+
+def _read_mass(section: Section, units: Units) -> tuple[float | None, Vector | None]:
+    source, node, com_node = section.source, section.get("mass"), section.get("com")
+    mass = source.number(node, section.at("mass")) if node else None
+    if node and mass is not None and mass < 0:
+        source.complain(node, section.at("mass"), f"a mass is not negative, found {found(node)}")
+    com = units.position(source, com_node, section.at("com")) if com_node else None
+    if com_node and not node:
+        source.complain(com_node, section.at("com"), "a centre of mass without a mass", "add the link's mass in kg")
+    return mass, com
+
+
+def _read_mimic(section: Section) -> Mimic | None:
+    node = section.get("mimic")
+    inner = node and section.source.section(node, section.at("mimic"), ("joint", "multiplier", "offset"))
+    if not inner:
+        return None
+    master_node = inner.require("joint")
+    master = inner.source.text(master_node, inner.at("joint")) if master_node else None
+    values = {"multiplier": 1.0, "offset": 0.0}
+    for key in values:
+        item = inner.get(key)
+        number = inner.source.number(item, inner.at(key)) if item else None
+        values[key] = values[key] if number is None else number
+    return Mimic(master or "", values["multiplier"], values["offset"])
+
+
+def resolve_mimics(
+    source: Source, joints: Sequence[Joint], nodes: Sequence[yaml.Node], units: Units
+) -> tuple[Joint, ...]:
+    """The joints with their mimics in SI units, each checked to follow a joint that moves by itself."""
+    by_name = {joint.name: joint for joint in joints}
+    resolved = []
+    for i, joint in enumerate(joints):
+        if joint.mimic is None or not joint.mimic.master:
+            resolved.append(joint)
+            continue
+        path, master = f"joints[{i}].mimic.joint", by_name.get(joint.mimic.master)
+        if master is None:
+            message = f"{joint.name!r} follows {joint.mimic.master!r}, which is no joint of this robot"
+            source.complain(nodes[i], path, message)
+        elif not master.is_variable:
+            kind = "is fixed" if master.type == "fixed" else "follows another joint itself"
+            source.complain(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
+        else:
+            own = units.length if joint.type == "prismatic" else units.angle
+            its = units.length if master.type == "prismatic" else units.angle
+            mimic = Mimic(master.name, joint.mimic.multiplier * (own / its), joint.mimic.offset * own)
+            joint = dataclasses.replace(joint, mimic=mimic)
+        resolved.append(joint)
+    return tuple(resolved)

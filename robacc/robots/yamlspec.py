@@ -1,0 +1,199 @@
+"""The robot file: YAML read into a :class:`~robacc.robots.description.Robot`, every problem with its line and key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import yaml
+
+from robacc.robots.description import STANDARD_GRAVITY, Convention, Frame, Joint, Robot, Vector
+from robacc.robots.yamljoint import read_joint, resolve_mimics
+from robacc.robots.yamlnode import Section, Source, compose, found
+from robacc.robots.yamlunits import Units, complain_of_likely_units
+from robacc.robots.yamlwrite import robot_to_yaml
+
+__all__ = ["FORMAT_VERSION", "parse_robot", "robot_to_yaml"]
+
+FORMAT_VERSION = 1
+
+_TOP_KEYS = (
+    "robacc",
+    "name",
+    "convention",
+    "units",
+    "gravity",
+    "base",
+    "tool",
+    "payload",
+    "targets",
+    "joints",
+    "effects",
+    "base_link",
+    "tip_link",
+)
+_FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
+_MAX_GRAVITY = 50.0
+"""m/s^2: five times the earth's; above it somebody wrote mm/s^2."""
+
+
+def parse_robot(document_text: str, file: str) -> Robot:
+    """The robot that a robot file describes, in SI units.
+
+    Args:
+        document_text: The YAML document.
+        file: Its name, for messages, and for the robot's name where the file gives none.
+
+    Raises:
+        InputError: Anything is wrong with the file; every problem found is in it, with line and dotted key.
+    """
+    source = Source(file)
+    top = source.section(compose(document_text, file), "", _TOP_KEYS)
+    if top is None:
+        source.finish()
+        raise AssertionError("finish() raises where section() returned None")
+    _check_version(top)
+    units = _read_units(top)
+    convention = _read_choice(top, "convention", ("standard", "modified", "urdf"))
+    if units is None or convention is None:
+        # What follows cannot be judged without them; complaints about it would be false ones.
+        source.finish()
+    robot = _read_robot(top, cast(Units, units), cast(Convention, convention))
+    if not source.problems:
+        complain_of_likely_units(robot, cast(Units, units), top)
+    source.finish()
+    return robot
+
+
+def _read_robot(top: Section, units: Units, convention: Convention) -> Robot:
+    base, base_tolerance = _read_frame(top, "base", units)
+    tool, tool_tolerance = _read_frame(top, "tool", units)
+    return Robot(
+        name=_read_text(top, "name") or Path(top.source.file).stem,
+        convention=convention,
+        joints=_read_joints(top, convention, units),
+        base=base,
+        tool=tool,
+        gravity=_read_gravity(top),
+        payload_com=_read_payload(top, units),
+        targets=_read_targets(top, units),
+        effects=_read_effects(top),
+        effect_units=(units.length, units.angle),
+        base_tolerance=base_tolerance,
+        tool_tolerance=tool_tolerance,
+        base_link=_read_text(top, "base_link"),
+        tip_link=_read_text(top, "tip_link"),
+    )
+
+
+def _check_version(top: Section) -> None:
+    node = top.values.get("robacc")
+    if node is None:
+        fix = f"write 'robacc: {FORMAT_VERSION}' as the first line"
+        top.source.complain(None, "robacc", "the format version is missing: not a robot file of robacc", fix)
+    elif not isinstance(node, yaml.ScalarNode) or node.value != str(FORMAT_VERSION):
+        top.source.complain(node, "robacc", f"expected format version {FORMAT_VERSION}, found {found(node)}")
+
+
+def _read_units(top: Section) -> Units | None:
+    node = top.require("units")
+    section = node and top.source.section(node, "units", ("length", "angle"))
+    if not section:
+        return None
+    length = _read_choice(section, "length", ("m", "mm"))
+    angle = _read_choice(section, "angle", ("rad", "deg"))
+    return Units.of(length, angle) if length and angle else None
+
+
+def _read_choice(section: Section, key: str, options: Sequence[str]) -> str | None:
+    node = section.require(key)
+    return section.source.choice(node, section.at(key), options) if node else None
+
+
+def _read_text(section: Section, key: str) -> str | None:
+    node = section.get(key)
+    return section.source.text(node, section.at(key)) if node else None
+
+
+def _read_gravity(top: Section) -> Vector:
+    node = top.get("gravity")
+    values = top.source.numbers(node, "gravity", 3) if node else None
+    if values is None:
+        return STANDARD_GRAVITY
+    if sum(value * value for value in values) > _MAX_GRAVITY**2:
+        top.source.complain(node, "gravity", f"{list(values)} is too much", "it is in m/s^2 whatever the units")
+    return cast(Vector, values)
+
+
+def _read_frame(top: Section, key: str, units: Units) -> tuple[Frame, Mapping[str, float]]:
+    node = top.get(key)
+    section = node and top.source.section(node, key, ("xyz", "rpy", "tolerance"))
+    if not section:
+        return Frame(), {}
+    return units.frame(section), units.tolerances(section, _FRAME_TOLERANCES)
+
+
+def _read_payload(top: Section, units: Units) -> Vector | None:
+    node = top.get("payload")
+    section = node and top.source.section(node, "payload", ("com",))
+    com = section.require("com") if section else None
+    return units.position(top.source, com, "payload.com") if com else None
+
+
+def _read_targets(top: Section, units: Units) -> dict[str, Frame]:
+    node = top.get("targets")
+    if node is None:
+        return {}
+    source = top.source
+    if not isinstance(node, yaml.MappingNode) or not node.value:
+        source.complain(node, "targets", f"expected names with xyz, found {found(node)}")
+        return {}
+    if "tool" in top.values:
+        source.complain(node, "targets", "stands beside tool; a robot has one or the other", "name the tool a target")
+    targets: dict[str, Frame] = {}
+    for name, _, value in source.entries(node, "targets"):
+        section = source.section(value, f"targets.{name}", ("xyz", "rpy"))
+        if section:
+            section.require("xyz")
+            targets[name] = units.frame(section)
+    return targets
+
+
+def _read_joints(top: Section, convention: Convention, units: Units) -> tuple[Joint, ...]:
+    source = top.source
+    node = top.require("joints")
+    if node is None:
+        return ()
+    items = source.items(node, "joints", "joints")
+    if isinstance(node, yaml.SequenceNode) and not items:
+        source.complain(node, "joints", "a robot needs at least one joint")
+    joints: list[Joint] = []
+    lines: dict[str, int] = {}
+    complete = True
+    for i, item in enumerate(items):
+        joint = read_joint(source, item, i, convention, units)
+        if joint is None:
+            complete = False
+            continue
+        if joint.name in lines:
+            message = f"{joint.name!r} is taken by the joint of line {lines[joint.name]}"
+            source.complain(item, f"joints[{i}].name", message)
+        lines.setdefault(joint.name, item.start_mark.line + 1)
+        joints.append(joint)
+    if complete and items and not any(joint.is_variable for joint in joints):
+        source.complain(node, "joints", "no joint moves: all are fixed or follow another")
+    return resolve_mimics(source, joints, items, units) if complete else ()
+
+
+def _read_effects(top: Section) -> tuple[Mapping[str, Any], ...]:
+    node = top.get("effects")
+    if node is None:
+        return ()
+    effects: list[Mapping[str, Any]] = []
+    for i, item in enumerate(top.source.items(node, "effects", "effects")):
+        if isinstance(item, yaml.MappingNode):
+            effects.append(top.source.plain(item, f"effects[{i}]"))
+        else:
+            top.source.complain(item, f"effects[{i}]", f"expected keys with values, found {found(item)}")
+    return tuple(effects)

@@ -1,0 +1,127 @@
+"""Units of a robot file: every number to m and rad, and values that only make sense in another unit noticed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import yaml
+
+from robacc.robots.description import LENGTH_PARAMETERS, ZERO, Frame, Joint, Robot, Vector
+from robacc.robots.yamlnode import Section, Source, found
+
+_LENGTHS = {"m": 1.0, "mm": 1e-3}
+_ANGLES = {"rad": 1.0, "deg": math.pi / 180}
+
+MAX_LENGTH = 50.0
+"""m: no arm has a longer link and no hall a base farther from its instrument."""
+MIN_LENGTH = 5e-3
+"""m: an arm all of whose lengths are shorter was written in m and declared mm."""
+_TURN = 2 * math.pi * 1.001
+"""rad: a fixed angle beyond a turn (and rounding) was written in degrees."""
+_MANY_TURNS = 4 * math.pi
+"""rad: limits beyond two turns are rare, and of every joint of an arm unheard of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Units:
+    """The units that a robot file's numbers are in."""
+
+    length: float
+    """Its unit of length in m."""
+    angle: float
+    """Its unit of angle in rad."""
+
+    @classmethod
+    def of(cls, length: str, angle: str) -> Units:
+        """From the file's names of them."""
+        return cls(_LENGTHS[length], _ANGLES[angle])
+
+    def parameter(self, source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
+        """A length in m or an angle in rad; one beyond reason is complained of, with the likely cause."""
+        value = source.number(node, path)
+        return None if value is None else self._check(source, node, path, value, is_length)
+
+    def _check(self, source: Source, node: yaml.Node, path: str, value: float, is_length: bool) -> float | None:
+        if is_length and abs(value) * self.length > MAX_LENGTH:
+            fix = "it looks like mm: write length: mm under units" if self.length == 1.0 else None
+            source.complain(node, path, f"{value:g} is {abs(value) * self.length:g} m, too long for an arm", fix)
+            return None
+        if not is_length and abs(value) * self.angle > _TURN:
+            fix = "it looks like degrees: write angle: deg under units" if self.angle == 1.0 else None
+            source.complain(node, path, f"{value:g} {'rad' if fix else 'deg'} is more than a turn", fix)
+            return None
+        return value * (self.length if is_length else self.angle)
+
+    def position(self, source: Source, node: yaml.Node, path: str) -> Vector | None:
+        """Three lengths in m."""
+        return self._vector(source, node, path, is_length=True)
+
+    def frame(self, section: Section) -> Frame:
+        """``xyz`` and ``rpy`` of a section, each zero where absent."""
+        parts = []
+        for key in ("xyz", "rpy"):
+            node = section.get(key)
+            value = self._vector(section.source, node, section.at(key), key == "xyz") if node else None
+            parts.append(value or ZERO)
+        return Frame(*parts)
+
+    def _vector(self, source: Source, node: yaml.Node, path: str, is_length: bool) -> Vector | None:
+        values = source.numbers(node, path, 3)
+        if values is None:
+            return None
+        items = cast(yaml.SequenceNode, node).value
+        checked = [self._check(source, items[i], f"{path}[{i}]", values[i], is_length) for i in range(3)]
+        return None if None in checked else cast(Vector, tuple(checked))
+
+    def tolerances(
+        self, section: Section, names: Sequence[str], lengths: Collection[str] = LENGTH_PARAMETERS
+    ) -> dict[str, float]:
+        """The section's ``tolerance``: standard deviations of some of ``names``, m for the ``lengths``, else rad."""
+        node = section.get("tolerance")
+        inner = node and section.source.section(node, section.at("tolerance"), names)
+        if not inner:
+            return {}
+        result: dict[str, float] = {}
+        for name, item in inner.values.items():
+            value = self.parameter(section.source, item, inner.at(name), is_length=name in lengths)
+            if value is not None and value < 0:
+                message = f"a standard deviation is not negative, found {found(item)}"
+                section.source.complain(item, inner.at(name), message)
+            elif value is not None:
+                result[name] = value
+        return result
+
+
+def complain_of_likely_units(robot: Robot, units: Units, top: Section) -> None:
+    """Notice, over a whole robot that reads without fault, that it was written in units other than it says."""
+    source, node = top.source, top.values["units"]
+    limits = [joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute"]
+    if units.angle == 1.0 and limits and all(max(map(abs, pair)) > _MANY_TURNS for pair in limits):
+        message = f"the limits of every joint (the first: {limits[0]} rad) are more than two turns"
+        source.complain(node, "units.angle", message, "they look like degrees: write angle: deg")
+    angles = [abs(angle) / units.angle for joint in robot.joints for angle in _fixed_angles(joint)]
+    if units.angle != 1.0 and angles and all(_is_right_angle(value) for value in angles):
+        message = f"the joints' angles ({angles[0]:g} and so on) are multiples of a quarter turn in rad, not in deg"
+        source.complain(node, "units.angle", message, "they look like radians: write angle: rad")
+    longest = max((abs(value) for joint in robot.joints for value in _lengths(joint)), default=0.0)
+    if units.length != 1.0 and 0 < longest < MIN_LENGTH:
+        message = f"the longest length of the arm is {longest / units.length:g} mm"
+        source.complain(node, "units.length", message, "the lengths look like metres: write length: m")
+
+
+def _fixed_angles(joint: Joint) -> list[float]:
+    names = [name for name in joint.parameters if name not in LENGTH_PARAMETERS and name != "offset"]
+    return [joint.parameters[name] for name in names if joint.parameters[name] != 0.0]
+
+
+def _is_right_angle(value: float) -> bool:
+    quarter = math.pi / 2
+    return abs(value - quarter) < 1e-3 or abs(value - 2 * quarter) < 1e-3
+
+
+def _lengths(joint: Joint) -> list[float]:
+    travel = list(joint.limits or ()) if joint.type == "prismatic" else []
+    return [value for name, value in joint.parameters.items() if name in LENGTH_PARAMETERS] + travel

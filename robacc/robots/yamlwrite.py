@@ -1,0 +1,97 @@
+"""A robot written back as a robot file: m and rad, every digit kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import yaml
+
+from robacc.robots.description import ZERO, Frame, Joint, Robot
+
+
+def robot_to_yaml(robot: Robot, comments: Sequence[str] = ()) -> str:
+    """The robot file of a robot; reading it gives the same numbers, bit for bit.
+
+    Args:
+        robot: What to write. Its effects are written as they are.
+        comments: Lines put at the top, each behind a ``#``.
+
+    Raises:
+        ValueError: The robot's effects are in units other than m and rad.
+    """
+    if robot.effects and robot.effect_units != (1.0, 1.0):
+        raise ValueError("effects in other units than m and rad must be converted before they are written")
+    document: dict[str, Any] = {
+        "robacc": 1,
+        "name": robot.name,
+        "convention": robot.convention,
+        "units": {"length": "m", "angle": "rad"},
+        "gravity": _floats(robot.gravity),
+        "base": _frame(robot.base, robot.base_tolerance),
+    }
+    if robot.targets:
+        document["targets"] = {name: _frame(frame, {}) for name, frame in robot.targets.items()}
+    else:
+        document["tool"] = _frame(robot.tool, robot.tool_tolerance)
+    if robot.payload_com is not None:
+        document["payload"] = {"com": _floats(robot.payload_com)}
+    if robot.base_link:
+        document["base_link"] = robot.base_link
+    if robot.tip_link:
+        document["tip_link"] = robot.tip_link
+    document["joints"] = [_joint(joint, robot.convention == "urdf") for joint in robot.joints]
+    if robot.effects:
+        document["effects"] = [_plain(effect) for effect in robot.effects]
+    head = "".join(f"# {line}\n" for comment in comments for line in comment.splitlines())
+    # default_flow_style None: what holds no further list or mapping stands on one line.
+    return head + yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+def _frame(frame: Frame, tolerance: Mapping[str, float]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"xyz": _floats(frame.xyz), "rpy": _floats(frame.rpy)}
+    if tolerance:
+        entry["tolerance"] = _plain(tolerance)
+    return entry
+
+
+def _joint(joint: Joint, is_urdf: bool) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": joint.name, "type": joint.type}
+    values = {name: float(value) for name, value in joint.parameters.items()}
+    if is_urdf:
+        entry["origin"] = {
+            "xyz": [values[name] for name in ("x", "y", "z")],
+            "rpy": [values[name] for name in ("roll", "pitch", "yaw")],
+        }
+        if joint.type != "fixed":
+            entry |= {"axis": _floats(joint.axis), "offset": values.get("offset", 0.0)}
+    else:
+        entry |= {name: value for name, value in values.items() if name != "beta" or value != 0.0}
+    optional = {
+        "limits": joint.limits and _floats(joint.limits),
+        "sign": -1 if joint.sign < 0 else None,
+        "gear_ratio": None if joint.gear_ratio is None else float(joint.gear_ratio),
+        "mass": None if joint.mass is None else float(joint.mass),
+        "com": _floats(joint.com or ZERO) if joint.mass is not None else None,
+        "tolerance": _plain(joint.tolerance) or None,
+        "link": joint.link,
+    }
+    entry |= {key: value for key, value in optional.items() if value is not None}
+    if joint.mimic is not None:
+        multiplier, offset = float(joint.mimic.multiplier), float(joint.mimic.offset)
+        entry["mimic"] = {"joint": joint.mimic.master, "multiplier": multiplier, "offset": offset}
+    return entry
+
+
+def _floats(values: Sequence[float]) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _plain(value: Any) -> Any:
+    """Built-in types, each list and mapping an object of its own: NumPy's have no YAML, shared ones become aliases."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple) or hasattr(value, "tolist"):
+        items = value.tolist() if hasattr(value, "tolist") else value
+        return [_plain(item) for item in items] if isinstance(items, list | tuple) else items
+    return value

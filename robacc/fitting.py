@@ -26,8 +26,6 @@ from robacc.model import BoundModel, Model
 from robacc.observation import Noise, observed_jacobian, residuals, weights
 
 _STEPS = 40
-_CONVERGED = 1e-11
-"""A step that changes the whitened prediction by less than this share of the residual's length is the last."""
 _HALVINGS = 12
 _REWEIGHTINGS = 6
 _PRIOR_ROUNDS = 60
@@ -43,6 +41,8 @@ class Options:
     """``(P,)`` prior standard deviation of each coefficient about zero; inf or NaN for none."""
     misfit: tuple[float, float] | None = None
     """Misfit of position (m) and orientation (rad), where known; else estimated."""
+    tolerance: float = 1e-8
+    """A step that changes the whitened prediction by less than this share of the residual is the last."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +221,7 @@ class _Solver:
     def _gauss_newton(self, kept: NDArray[np.bool_]) -> None:
         columns = self.identifiability.kept
         cost = self._cost(self.residual, self.theta, kept)
+        previous: Array | None = None
         for _ in range(_STEPS):
             gram, gradient = self._normal(self.theta, kept)
             self.gram, self.gradient = gram, gradient
@@ -232,8 +233,9 @@ class _Solver:
             step = scale * np.linalg.solve(matrix, scale * (gradient - precision * self.theta[columns]))
             self.steps += 1
             length = float(np.sqrt(max(step @ gram @ step, 0.0)))
+            step, previous = _extrapolated(step, previous, gram)
             cost, moved = self._line_search(step, cost, kept)
-            if not moved or length <= _CONVERGED * (1.0 + np.sqrt(cost)):
+            if not moved or length <= self.options.tolerance * (1.0 + np.sqrt(cost)):
                 break
         self._effective()
 
@@ -367,6 +369,23 @@ def _limit(rows: int, n: int) -> float:
     tail = 5.2 + 0.2 * np.log10(max(n, 10))
     spread = 2.0 / (9.0 * rows)
     return float((1 - spread + tail * np.sqrt(spread)) ** 3)
+
+
+def _extrapolated(step: Array, previous: Array | None, gram: Array) -> tuple[Array, Array | None]:
+    """Along a weak direction with curvature steps shrink by a constant ratio rho and stay parallel: sum the series.
+
+    Aitken's delta-squared in the metric of the data; the line search still judges the result.
+    """
+    if previous is None:
+        return step, step
+    energy, shared = float(previous @ gram @ previous), float(step @ gram @ previous)
+    length = float(step @ gram @ step)
+    if energy <= 0 or length <= 0:
+        return step, step
+    ratio = shared / energy
+    if abs(shared) < 0.95 * np.sqrt(energy * length) or not 0.05 < abs(ratio) < 0.97:
+        return step, step
+    return step / (1 - ratio), None
 
 
 def _groups(terms: Sequence[Term]) -> dict[str, list[int]]:

@@ -26,6 +26,8 @@ class AxisWobble(Effect):
     """alpha_j and the rotation about y, each with cosine and sine of n q_j."""
 
     orders: tuple[float, ...] = (1.0, 2.0)
+    tilts: tuple[str, ...] = ()
+    """Which of the two directions tilt; empty: both."""
 
     name = "axis_wobble"
     about = About(
@@ -45,9 +47,10 @@ class AxisWobble(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Once per turn, twice, and both."""
+        """Once per turn, twice, and both; in one direction and in both."""
         for joint in cls.possible_joints(arm):
-            yield from (cls((joint,), orders) for orders in ((1.0,), (2.0,), (1.0, 2.0)))
+            for orders in ((1.0,), (2.0,), (1.0, 2.0)):
+                yield from (cls((joint,), orders, tilts) for tilts in (*((t,) for t in tilt_motions(arm, joint)), ()))
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Four terms a joint and order."""
@@ -57,16 +60,24 @@ class AxisWobble(Effect):
             angle = q[arm.number(joint)]
             for order in self.orders:
                 for label, motion in tilt_motions(arm, joint).items():
+                    if self.tilts and label not in self.tilts:
+                        continue
                     for kind, wave in (("cos", np.cos), ("sin", np.sin)):
                         name = f"{self.name}.{joint}.{label}_{kind}{order:g}"
                         terms.append(Term(name, "rad", 1e-4, (Part(motion, wave(order * angle)),)))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
-        """The orders."""
-        return {"orders": list(self.orders)}
+        """The orders, and the directions where not both."""
+        return {"orders": list(self.orders), **({"tilts": list(self.tilts)} if self.tilts else {})}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``orders: [1, 2]``."""
-        return cls(joints, orders_setting(cls.name, settings, (1.0, 2.0)))
+        """``orders: [1, 2]``, ``tilts: [alpha]``."""
+        rest = dict(settings)
+        tilts = rest.pop("tilts", [])
+        if not isinstance(tilts, list) or not set(tilts) <= {"alpha", "beta", *FLEXURES}:
+            raise ValueError(
+                f"{cls.name}: tilts must be a list of alpha, beta (a URDF's flex_x, flex_y), found {tilts!r}"
+            )
+        return cls(joints, orders_setting(cls.name, rest, (1.0, 2.0)), tuple(tilts))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from robacc.effects.base import About, Effect, Part, Term, register
 from robacc.loads import own_weight, unit_loads
@@ -17,11 +18,12 @@ from robacc.robots.arm import Arm
 class JointCompliance(Effect):
     """Each joint turned by c times the moment of gravity about its axis, in equilibrium.
 
-    With ``masses_known`` False the masses are unknown or not trusted: the torque's base regressors are fitted, and what
-    is identified is compliance x mass and compliance x first moment.
+    With masses ``unknown`` the torque's base regressors are fitted, and what is identified is compliance x mass and
+    compliance x first moment. With masses ``uncertain`` the file's are a start, and the same regressors, shrunk by a
+    prior in proportion to each link's own mass, correct them.
     """
 
-    masses_known: bool = True
+    masses: Literal["known", "uncertain", "unknown"] = "known"
 
     name = "joint_compliance"
     about = About(
@@ -37,12 +39,15 @@ class JointCompliance(Effect):
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Any = None) -> Effect:
         """With the robot's masses where it has them."""
-        return cls(tuple(joints) if joints is not None else arm.names, bool(arm.chain.bodies))
+        return cls(tuple(joints) if joints is not None else arm.names, "known" if arm.chain.bodies else "unknown")
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """One joint at a time."""
-        yield from (cls.default(arm, data, (joint,)) for joint in arm.names)
+        """One joint at a time, with the file's masses and with uncertain ones."""
+        for joint in arm.names:
+            yield cls.default(arm, data, (joint,))
+            if arm.chain.bodies:
+                yield cls((joint,), "uncertain")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint, or one for each base regressor."""
@@ -51,24 +56,43 @@ class JointCompliance(Effect):
         for joint in self.joints:
             motion = arm.axis_motion(joint)
             unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"
-            if self.masses_known:
+            if self.masses != "unknown":
                 terms.append(Term(f"{self.name}.{joint}", unit, 1e-6, (Part(motion, 1.0, weight),)))
+            if self.masses == "known":
                 continue
+            sizes = _sizes(arm) if self.masses == "uncertain" else {}
             for label, loads in unit_loads(arm, arm.owners[arm.number(joint)]).items():
                 name = f"{self.name}.{joint}.{label}"
                 by = "kg" if label.startswith("m") else "kg m"
-                terms.append(Term(name, f"{unit} {by}", 1e-6, (Part(motion, 1.0, loads),)))
+                size = sizes.get(label, 5.0 if by == "kg" else 1.0)
+                part = Part(motion, 1.0, loads)
+                terms.append(Term(name, f"{unit} {by}", 1e-6, (part,), f"{self.name}.{joint}", size))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
         """Whether base regressors stand for the masses."""
-        return {} if self.masses_known else {"masses": "unknown"}
+        return {} if self.masses == "known" else {"masses": self.masses}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``masses: known`` or ``masses: unknown``."""
+        """``masses: known``, ``uncertain`` or ``unknown``."""
         rest = dict(settings)
         masses = rest.pop("masses", "known")
-        if rest or masses not in ("known", "unknown"):
-            raise ValueError(f"{cls.name} knows the setting masses: known or unknown, found {dict(settings)!r}")
-        return cls(joints=joints, masses_known=masses == "known")
+        if rest or masses not in ("known", "uncertain", "unknown"):
+            raise ValueError(f"{cls.name} knows masses: known, uncertain or unknown, found {dict(settings)!r}")
+        return cls(joints, masses)
+
+
+def _sizes(arm: Arm) -> dict[str, float]:
+    """How far each base regressor may be off: a quarter of the link's mass, and of its moment at its own extent."""
+    sizes = {}
+    for body in arm.chain.bodies:
+        reach = max(math.hypot(*body.com), 0.05)
+        sizes[f"m{body.owner + 1}"] = 0.25 * body.mass
+        sizes |= {f"{label}{body.owner + 1}": 0.25 * body.mass * reach for label in ("hx", "hy", "hz")}
+    smallest = min(sizes.values())
+    return {
+        f"{label}{i + 1}": sizes.get(f"{label}{i + 1}", 0.1 * smallest)
+        for i in range(len(arm.robot.joints))
+        for label in ("m", "hx", "hy", "hz")
+    }

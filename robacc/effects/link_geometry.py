@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from robacc.effects.base import About, Effect, Part, Term, register
 from robacc.effects.joint_offset import with_parameters
@@ -28,7 +29,9 @@ def geometry_labels(arm: Arm, joint: Joint) -> tuple[str, ...]:
 @register
 @dataclass(frozen=True)
 class LinkGeometry(Effect):
-    """Every constant length and angle of the links."""
+    """Constant lengths and angles of the links: all of them, or those of ``labels``."""
+
+    labels: tuple[str, ...] = ()
 
     name = "link_geometry"
     is_constant = True
@@ -42,11 +45,26 @@ class LinkGeometry(Effect):
         source="Wu and Lee 1984, eq. (6), M2, M3, M4; Hayati 1983 for beta",
     )
 
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """One constant at a time, and a joint's whole row."""
+        for joint in arm.names:
+            yield from (cls((joint,), (label,)) for label in geometry_labels(arm, arm.joint(joint)))
+            yield cls((joint,))
+
+    def settings(self) -> dict[str, Any]:
+        """The constants, where not all."""
+        return {"labels": list(self.labels)} if self.labels else {}
+
+    def _labels(self, arm: Arm, joint: str) -> tuple[str, ...]:
+        labels = geometry_labels(arm, arm.joint(joint))
+        return tuple(label for label in labels if label in self.labels) if self.labels else labels
+
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """The constants of each joint's row; what the poses cannot tell apart is found by the fit."""
         terms = []
         for joint in self.joints:
-            for label in geometry_labels(arm, arm.joint(joint)):
+            for label in self._labels(arm, joint):
                 motion = arm.motion(joint, label)
                 unit = arm.chain.motions[motion].unit
                 terms.append(Term(f"{self.name}.{joint}.{label}", unit, 1e-3, (Part(motion),)))
@@ -56,6 +74,6 @@ class LinkGeometry(Effect):
         """The robot with its table changed."""
         changes = {}
         for joint in self.joints:
-            for label in geometry_labels(arm, arm.joint(joint)):
+            for label in self._labels(arm, joint):
                 changes[arm.owners[arm.number(joint)], label] = values.get(f"{self.name}.{joint}.{label}", 0.0)
         return with_parameters(arm, changes)

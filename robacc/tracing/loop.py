@@ -1,0 +1,242 @@
+"""The loop: fit what is declared, linearise, choose, refit everything together, and again until nothing changes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.effects.base import Effect, Part, Term
+from robacc.effects.transmission_error import TransmissionError
+from robacc.fitting import Fit, Options, fit
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.model import Model
+from robacc.observation import observed_jacobian, residuals
+from robacc.tracing.candidates import (
+    ORDER_STEP,
+    Candidate,
+    Waves,
+    corrections,
+    named_candidates,
+    profiles,
+    waves,
+)
+from robacc.tracing.evidence import Columns
+from robacc.tracing.selection import FALSE_ALARM, Chosen, Selection, Step
+
+_ROUNDS = 4
+_BETTER = 10.0
+"""Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
+SEARCH = Options(tolerance=1e-5)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One linearisation of a model over all poses, from which any subset of poses can choose."""
+
+    model: Model
+    data: Measurements
+    base: Array
+    """``(M, p, N)`` whitened columns of the present model's coefficients."""
+    pool_columns: Array
+    """``(M, P, N)`` whitened columns of the pool."""
+    pool: tuple[Candidate, ...]
+    places: tuple[NDArray[np.int64], ...]
+    joint_columns: Array
+    residual: Array
+    kept: NDArray[np.bool_]
+    missing: dict[str, str]
+    only: tuple[str, ...] | None
+
+    def selection(self, rows: NDArray[np.bool_], start: Sequence[Effect] = ()) -> Selection:
+        """A choice on some of the poses, from nothing or from effects already found."""
+        at = np.flatnonzero(rows & self.kept)
+        count = self.base.shape[1]
+        system = Columns(
+            np.concatenate((self.base[:, :, at], self.pool_columns[:, :, at]), axis=1), self.residual[:, at]
+        )
+        data = self.data.subset(at)
+        arm = self.model.arm
+
+        def expand(candidate: Candidate) -> Array:
+            terms = candidate.terms or candidate.effect.terms(arm, self.data)
+            return self._columns_of(terms)[:, :, at]
+
+        choice = Selection(
+            system,
+            tuple(range(count)),
+            self.pool,
+            [place + count for place in self.places],
+            waves(arm, data, self.only),
+            self.joint_columns[:, :, at],
+            expand,
+        )
+        for effect in start:
+            choice.start_with(self._candidate(effect))
+        return choice
+
+    def _candidate(self, effect: Effect) -> Candidate:
+        """The candidate that an effect is, with the prior it competes by."""
+        for candidate in self.pool:
+            if candidate.effect.key() == effect.key():
+                return candidate
+        terms = effect.terms(self.model.arm, self.data)
+        if any(term.group for term in terms):
+            return Candidate(effect, terms, math.log(1e-3 / 20.0 / len(self.model.arm.names)))
+        searched = waves(self.model.arm, self.data, self.only)
+        return Candidate(effect, terms, next((w.log_prior for w in searched if (w.joint,) == effect.joints), -8.0))
+
+    def _columns_of(self, terms: Sequence[Term]) -> Array:
+        """Columns of terms that act on joint variables alone: the joint's column times the regressor."""
+        number = {motion: i for i, motion in enumerate(self.model.arm.chain.joint_axis)}
+        result = np.zeros((self.residual.shape[0], len(terms), self.data.n))
+        for i, term in enumerate(terms):
+            for part in term.parts:
+                result[:, i] += self.joint_columns[:, number[part.motion]] * part.factor
+        return result
+
+
+def linearise(found: Fit, data: Measurements, declared: Sequence[Effect], only: Sequence[str] | None = None) -> Scene:
+    """Columns of the declared effects and of everything that competes, at a fit that may hold findings besides.
+
+    What the findings explain is put back into the residual, to first order, so that they compete again like the rest.
+    """
+    model = found.model
+    arm = model.arm
+    pool, missing = named_candidates(arm, data, declared, only)
+    # Terms that several forms share (order 1 alone and with order 2) stand once.
+    unique: dict[str, Term] = {}
+    for candidate in pool:
+        for term in candidate.terms:
+            unique.setdefault(_identity(candidate.effect, term), term)
+    joints = tuple(Term(f"joint {i}", "", 1.0, (Part(motion),)) for i, motion in enumerate(arm.chain.joint_axis))
+    bound = model.bind(data)
+    count = len(bound.terms)
+    extended = dataclasses.replace(bound, terms=(*bound.terms, *joints, *unique.values()))
+    poses, jacobian = extended.linearise(np.concatenate((found.theta, np.zeros(len(joints) + len(unique)))))
+    residual = residuals(data, poses)
+    columns = observed_jacobian(jacobian, residual) * found.weight[:, None, :]
+    own = sum(len(effect.terms(arm, data)) for effect in declared)
+    whitened = residual * found.weight + np.einsum("mpn,p->mn", columns[:, own:count], found.theta[own:])
+    kept = found.identifiability.kept
+    number = {key: i for i, key in enumerate(unique)}
+    places = tuple(
+        np.array([number[_identity(candidate.effect, term)] for term in candidate.terms]) for candidate in pool
+    )
+    return Scene(
+        model,
+        data,
+        columns[:, kept[kept < own]],
+        columns[:, count + len(joints) :],
+        tuple(pool),
+        places,
+        columns[:, count : count + len(joints)],
+        whitened,
+        found.kept,
+        missing,
+        None if only is None else tuple(only),
+    )
+
+
+def _identity(effect: Effect, term: Term) -> str:
+    """What makes two terms of the pool the same column."""
+    scope = "" if effect.name in ("transmission_error", "axis_wobble", "link_geometry") else str(effect.key())
+    return f"{term.name}|{scope}"
+
+
+def choose(scene: Scene, rows: NDArray[np.bool_], start: Sequence[Effect] = (), empirical: bool = True) -> Selection:
+    """Named effects first; where they leave structure, or take many to explain it, a correction may do better."""
+    named = scene.selection(rows, start)
+    blocks = _blocks(scene) if empirical else []
+    named.blocks = blocks
+    if any(one.candidate.is_correction for one in named.chosen):
+        named.run(with_blocks=True)
+        return named
+    named.run()
+    if not blocks:
+        return named
+    left = named.rank(named.condition(), with_blocks=True)
+    structured = bool(left) and left[0].p_value <= FALSE_ALARM
+    if not structured and len(named.chosen) < 3:
+        return named
+    mixed = scene.selection(rows)
+    mixed.blocks = blocks
+    mixed.run(with_blocks=True)
+    if structured:
+        named.run(with_blocks=True)
+    return mixed if mixed.total() > named.total() + (0.0 if structured else _BETTER) else named
+
+
+def _blocks(scene: Scene) -> list[Candidate]:
+    data = scene.data
+    only = scene.only
+    blocks = profiles(scene.model.arm, data, only)
+    if only is None or "joint_correction" in only:
+        blocks += corrections(scene.model.arm, data)
+    return blocks
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What the loop found on one set of poses."""
+
+    declared: Fit
+    final: Fit
+    effects: tuple[Effect, ...]
+    steps: tuple[Step, ...]
+    scene: Scene
+    selection: Selection
+
+
+def close_loop(
+    model: Model,
+    data: Measurements,
+    options: Options = SEARCH,
+    only: Sequence[str] | None = None,
+    empirical: bool = True,
+) -> Loop:
+    """Fit, choose, refit, until the choice stands."""
+    declared = fit(model, data, options)
+    everything = np.ones(data.n, dtype=bool)
+    first = scene = linearise(declared, data, model.free, only)
+    selection = choose(scene, everything, empirical=empirical)
+    steps = list(selection.steps)
+    present, effects = declared, ()
+    for _ in range(_ROUNDS):
+        chosen = tuple(refined(selection, one) for one in selection.chosen)
+        if [coarse(effect) for effect in chosen] == [coarse(effect) for effect in effects]:
+            break
+        effects = chosen
+        present = fit(declared.model.with_free(*effects), data, options)
+        scene = linearise(present, data, model.free, only)
+        selection = choose(scene, everything, effects, empirical)
+        steps.extend(selection.steps)
+    return Loop(declared, present, effects, tuple(steps), first, selection)
+
+
+def coarse(effect: Effect) -> tuple[object, ...]:
+    """An effect's key with searched orders rounded to the grid: the same line found again has the same."""
+    if isinstance(effect, TransmissionError) and not effect.shrunk:
+        return (effect.name, effect.joints, tuple(round(order / ORDER_STEP) for order in effect.orders))
+    return effect.key()
+
+
+def refined(selection: Selection, one: Chosen) -> Effect:
+    """A finding with its order improved off the grid, where it is a single searched order."""
+    effect = one.candidate.effect
+    if not isinstance(effect, TransmissionError) or effect.shrunk or len(effect.orders) != 1:
+        return effect
+    order = effect.orders[0]
+    if order in (1.0, 2.0):
+        return effect
+    wave = next((w for w in selection.waves if w.joint == effect.joints[0]), None)
+    if wave is None:
+        return effect
+    for span in (ORDER_STEP, ORDER_STEP / 8):
+        order = selection.best_order(one, wave, order, span)
+    return TransmissionError(effect.joints, (round(order, 4),))

@@ -97,7 +97,8 @@ class Source:
             if key in known:
                 values[key] = value
             else:
-                self.complain(key_node, join(path, key), "unknown key", suggestion(key, known))
+                fix = nearest(key, known) or f"known here: {', '.join(known)}"
+                self.complain(key_node, join(path, key), "unknown key", fix)
         return Section(self, node, path, values)
 
     def entries(self, node: yaml.MappingNode, path: str) -> Iterator[tuple[str, yaml.Node, yaml.Node]]:
@@ -157,7 +158,7 @@ class Source:
         """One of ``options``."""
         if isinstance(node, yaml.ScalarNode) and node.value in options:
             return str(node.value)
-        fix = suggestion(str(node.value), options) if isinstance(node, yaml.ScalarNode) else None
+        fix = nearest(str(node.value), options) if isinstance(node, yaml.ScalarNode) else None
         self.complain(node, path, f"expected {' or '.join(options)}, found {found(node)}", fix)
         return None
 
@@ -225,10 +226,7 @@ def found(node: yaml.Node) -> str:
     return repr(text if len(text) <= 40 else text[:39] + "…")
 
 
-def suggestion(name: str, known: Sequence[str]) -> str:
-    """The nearest known name, or all of them where none is near."""
+def nearest(name: str, known: Sequence[str]) -> str | None:
+    """A question that offers the nearest known name; None where none is near."""
     near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], 1, 0.6)
-    for other in known:
-        if near and other.lower() == near[0]:
-            return f"did you mean {other!r}?"
-    return f"known here: {', '.join(known)}"
+    return next((f"did you mean {other!r}?" for other in known if near and other.lower() == near[0]), None)

@@ -180,6 +180,8 @@ def _read_joints(top: Section, convention: Convention, units: Units) -> tuple[Jo
             message = f"{joint.name!r} is taken by the joint of line {lines[joint.name]}"
             source.complain(item, f"joints[{i}].name", message)
         lines.setdefault(joint.name, item.start_mark.line + 1)
+        if joint.link and any(joint.link == other.link for other in joints):
+            source.complain(item, f"joints[{i}].link", f"{joint.link!r} is moved by an earlier joint already")
         joints.append(joint)
     if complete and items and not any(joint.is_variable for joint in joints):
         source.complain(node, "joints", "no joint moves: all are fixed or follow another")

@@ -1,0 +1,36 @@
+"""``robacc show``: what a robot file or URDF says, in mm and degrees."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from robacc.cli.options import BaseLinkOption, Format, FormatOption, OutputOption, TipLinkOption
+
+
+def show(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
+    base_link: BaseLinkOption = None,
+    tip_link: TipLinkOption = None,
+    form: FormatOption = Format.table,
+    output: OutputOption = "-",
+) -> None:
+    """The chain, joints, limits, reach and masses of a robot file or URDF."""
+    from robacc import results
+    from robacc.cli.output import emit
+    from robacc.io.files import sha256_of
+    from robacc.io.robot_file import read_robot
+    from robacc.report.console import console_for
+    from robacc.report.robot import render_robot
+    from robacc.robots.summary import robot_document, summarise
+
+    summary = summarise(read_robot(robot, base_link=base_link, tip_link=tip_link))
+    inputs = (results.InputFile.at(robot, sha256_of(robot), "robot"),)
+    options = {"base_link": base_link, "tip_link": tip_link}
+    emit(
+        form,
+        output,
+        table=lambda stream: console_for(stream).print(render_robot(summary)),
+        document=lambda: results.envelope("show", robot_document(summary), options=options, inputs=inputs, seed=None),
+    )

@@ -1,0 +1,145 @@
+"""A robot as a table to read: mm and degrees, one row a joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint, Robot
+from robacc.robots.summary import Reach, Summary
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+_CHAINS = {
+    "standard": "standard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha)",
+    "modified": "modified DH (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d)",
+    "urdf": "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis",
+}
+
+
+def render_robot(summary: Summary) -> RenderableType:
+    """Everything ``robacc show`` prints, as something a rich console draws."""
+    from rich.console import Group
+    from rich.text import Text
+
+    robot = summary.robot
+    parts: list[RenderableType] = [Text(robot.name, style="bold"), Text(_chain_line(robot)), Text("")]
+    parts.append(_geometry_table(robot))
+    parts.append(_drive_table(robot))
+    if robot.has_masses or any(joint.mass is not None for joint in robot.joints):
+        parts.append(_mass_table(robot))
+    parts.extend(Text(line) for line in _facts(summary))
+    return Group(*parts)
+
+
+def _chain_line(robot: Robot) -> str:
+    ends = f", {robot.base_link} to {robot.tip_link}" if robot.base_link and robot.tip_link else ""
+    count = len(robot.variables)
+    return f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}"
+
+
+def _table(title: str, columns: Iterable[str]) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in columns:
+        table.add_column(column, justify="left" if column in ("joint", "type", "follows", "axis") else "right")
+    return table
+
+
+def _geometry_table(robot: Robot) -> Table:
+    names = DH_PARAMETERS if robot.convention != "urdf" else ORIGIN_PARAMETERS
+    # A column that says nothing is left out: beta of a plain table, offsets of a plain URDF.
+    shown = [name for name in names if name not in ("beta", "offset") or any(_value(j, name) for j in robot.joints)]
+    is_urdf = robot.convention == "urdf"
+    units = ["" if name == "offset" else " mm" if name in LENGTH_PARAMETERS else "°" for name in shown]
+    headings = [f"{name}{unit}" for name, unit in zip(shown, units, strict=True)]
+    table = _table("Geometry", ["joint", "type", *headings, *(["axis"] if is_urdf else [])])
+    for joint in robot.joints:
+        cells = [_parameter(joint, name) for name in shown]
+        axis = "" if joint.type == "fixed" else _numbers(joint.axis, 1.0)
+        table.add_row(joint.name, joint.type, *cells, *([axis] if is_urdf else []))
+    return table
+
+
+def _drive_table(robot: Robot) -> Table:
+    follows = any(joint.mimic for joint in robot.joints)
+    table = _table("Drives", ["joint", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else [])])
+    for joint in robot.joints:
+        if joint.type == "fixed":
+            continue
+        factor, unit = (1e3, "mm") if joint.type == "prismatic" else (180 / math.pi, "°")
+        limits = ["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]
+        gear = "-" if joint.gear_ratio is None else _number(joint.gear_ratio)
+        mimic = f"{_number(joint.mimic.multiplier)} x {joint.mimic.master}" if joint.mimic else ""
+        table.add_row(joint.name, *limits, unit, f"{joint.sign:+d}", gear, *([mimic] if follows else []))
+    return table
+
+
+def _mass_table(robot: Robot) -> Table:
+    table = _table("Links", ["joint", "mass kg", "com x mm", "y mm", "z mm"])
+    for joint in robot.joints:
+        if joint.mass is None:
+            table.add_row(joint.name, "-", "", "", "")
+        else:
+            table.add_row(joint.name, _number(joint.mass), *(_number(value * 1e3) for value in joint.com or (0, 0, 0)))
+    return table
+
+
+def _facts(summary: Summary) -> list[str]:
+    robot = summary.robot
+    lines = [f"base     {_frame(robot.base)}"]
+    if robot.targets:
+        lines += [f"target   {name}: {_frame(frame)}" for name, frame in robot.targets.items()]
+    else:
+        lines.append(f"tool     {_frame(robot.tool)}")
+    if robot.payload_com is not None:
+        lines.append(f"payload  at ({_numbers(robot.payload_com, 1e3)}) mm in the last link's frame")
+    lines.append(f"gravity  ({_numbers(robot.gravity, 1.0)}) m/s^2")
+    lines += [f"reach    {_reach(name, reach, len(summary.reach) > 1)}" for name, reach in summary.reach.items()]
+    mass = "not known" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in all"
+    lines.append(f"masses   {mass}")
+    effects = ", ".join(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
+    lines.append(f"effects  {effects or 'none'}")
+    return lines
+
+
+def _reach(name: str, reach: Reach, several: bool) -> str:
+    of = f"{name}: " if several else ""
+    if reach.sampled is None or reach.bound is None:
+        return f"{of}not known: a slide has no limits"
+    return (
+        f"{of}{reach.sampled * 1e3:.0f} mm from the base's origin within the limits; lengths {reach.bound * 1e3:.0f} mm"
+    )
+
+
+def _value(joint: Joint, name: str) -> float:
+    return joint.parameters.get(name, 0.0)
+
+
+def _parameter(joint: Joint, name: str) -> str:
+    """A parameter's value; that of the joint's variable carries a q, to which it is added."""
+    is_length = name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")
+    value = _number(_value(joint, name) * (1e3 if is_length else 180 / math.pi))
+    if joint.type == "fixed" or name != joint.offset_parameter or name == "offset":
+        return value
+    variable = "q" if joint.sign > 0 else "-q"
+    return variable if value == "0" else f"{variable} {'-' if value.startswith('-') else '+'} {value.lstrip('-')}"
+
+
+def _frame(frame: Frame) -> str:
+    return f"({_numbers(frame.xyz, 1e3)}) mm, rpy ({_numbers(frame.rpy, 180 / math.pi)})°"
+
+
+def _numbers(values: Sequence[float], factor: float) -> str:
+    return ", ".join(_number(value * factor) for value in values)
+
+
+def _number(value: float) -> str:
+    """Up to four decimals (0.1 µm, 0.0001°), without the zeros behind."""
+    text = f"{value:.4f}".rstrip("0").rstrip(".")
+    return "0" if text in ("-0", "") else text

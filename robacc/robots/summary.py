@@ -1,0 +1,160 @@
+"""What can be said of an arm without measuring it: how far it reaches, what it weighs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from robacc.chain import Chain
+from robacc.geometry import Array
+from robacc.robots.assembly import build_chain
+from robacc.robots.description import Frame, Joint, Robot
+
+SAMPLES = 8192
+"""Joint configurations that the reach is looked for in, before the best is refined."""
+_STEPS = 65
+"""Places tried along each joint's range in one step of the refinement."""
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Greatest distance of a target from the robot's base, m."""
+
+    sampled: float | None
+    """Largest found within the joint limits: the reach or a little less. None where a slide has no limits."""
+    bound: float | None
+    """Sum of the lengths: the reach or more. None where a slide has no limits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A robot and the figures that follow from it."""
+
+    robot: Robot
+    reach: Mapping[str, Reach]
+    """By target; the one target of a robot that names none is ``tool``."""
+    moved_mass: float | None
+    """kg, of all links that have a mass; None where none has."""
+
+
+def summarise(robot: Robot) -> Summary:
+    """Reach and masses of a robot."""
+    targets = dict(robot.targets) or {"tool": robot.tool}
+    masses = [joint.mass for joint in robot.joints if joint.mass is not None]
+    return Summary(
+        robot, {name: find_reach(robot, frame) for name, frame in targets.items()}, sum(masses) if masses else None
+    )
+
+
+def find_reach(robot: Robot, target: Frame, samples: int = SAMPLES) -> Reach:
+    """Reach of a target from the base's origin within the joint limits (a turn for a joint without).
+
+    Low-discrepancy samples, then the best of them improved one joint at a time. The bound adds up the lengths between
+    the axes, each slide at its longest.
+    """
+    chain = build_chain(replace(robot, base=Frame(), tool=target))
+    ranges = [_range(joint) for joint in robot.variables]
+    if any(pair is None for pair in ranges):
+        return Reach(None, None)
+    low, high = np.array([pair for pair in ranges if pair is not None]).T
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(len(ranges), samples)
+    distance = _distance(chain, q)
+    best = q[:, [int(np.argmax(distance))]]
+    for _ in range(_ROUNDS):
+        for i in range(len(ranges)):
+            trial = np.repeat(best, _STEPS + 1, axis=1)
+            # The best so far stays among the trials, so a step never loses ground.
+            trial[i, 1:] = np.linspace(low[i], high[i], _STEPS)
+            best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
+    return Reach(float(_distance(chain, best)[0]), _bound(chain, low, high))
+
+
+def low_discrepancy(dimensions: int, count: int) -> Array:
+    """``(dimensions, count)`` points that fill the unit cube evenly: the additive recurrence of the plastic numbers.
+
+    Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018: steps g^-1 … g^-D with
+    g^(D+1) = g + 1.
+    """
+    g = 2.0
+    for _ in range(64):
+        g = (1.0 + g) ** (1.0 / (dimensions + 1))
+    steps = g ** -np.arange(1.0, dimensions + 1)
+    result: Array = (0.5 + steps[:, None] * np.arange(1, count + 1)) % 1.0
+    return result
+
+
+def robot_document(summary: Summary) -> dict[str, Any]:
+    """The keys of ``robacc.show/1``: m, rad, kg."""
+    robot = summary.robot
+    return {
+        "robot": {
+            "name": robot.name,
+            "convention": robot.convention,
+            "base_link": robot.base_link,
+            "tip_link": robot.tip_link,
+            "gravity_m_s2": list(robot.gravity),
+            "base": _frame_document(robot.base),
+            "tool": None if robot.targets else _frame_document(robot.tool),
+            "targets": {name: _frame_document(frame) for name, frame in robot.targets.items()},
+            "payload_com_m": None if robot.payload_com is None else list(robot.payload_com),
+            "effects": [dict(effect) for effect in robot.effects],
+        },
+        "n_joints": len(robot.variables),
+        "joints": [_joint_document(joint) for joint in robot.joints],
+        "moved_mass_kg": summary.moved_mass,
+        "reach": {name: {"sampled_m": reach.sampled, "bound_m": reach.bound} for name, reach in summary.reach.items()},
+    }
+
+
+def _frame_document(frame: Frame) -> dict[str, Any]:
+    return {"xyz_m": list(frame.xyz), "rpy_rad": list(frame.rpy)}
+
+
+def _joint_document(joint: Joint) -> dict[str, Any]:
+    mimic = joint.mimic
+    follows = mimic and {"joint": mimic.master, "multiplier": mimic.multiplier, "offset": mimic.offset}
+    return {
+        "name": joint.name,
+        "type": joint.type,
+        "unit": "m" if joint.type == "prismatic" else "rad",
+        "parameters": dict(joint.parameters),
+        "axis": list(joint.axis),
+        "limits": None if joint.limits is None else list(joint.limits),
+        "sign": joint.sign,
+        "gear_ratio": joint.gear_ratio,
+        "mass_kg": joint.mass,
+        "com_m": None if joint.com is None else list(joint.com),
+        "tolerance": dict(joint.tolerance),
+        "mimic": follows,
+        "link": joint.link,
+    }
+
+
+def _range(joint: Joint) -> tuple[float, float] | None:
+    if joint.limits is not None:
+        return joint.limits
+    return (-np.pi, np.pi) if joint.type == "revolute" else None
+
+
+def _distance(chain: Chain, q: Array) -> Array:
+    result: Array = np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0))
+    return result
+
+
+def _bound(chain: Chain, low: Array, high: Array) -> float:
+    """Lengths between turns added up; what stands between two turns is one vector, its slides at their longest."""
+    travel: dict[int, list[float]] = {}
+    for drive in chain.drives:
+        ends = (drive.coefficient * low[drive.joint], drive.coefficient * high[drive.joint])
+        travel[drive.motion] = [float(value) for value in ends]
+    total, run = 0.0, np.zeros(3)
+    for k, motion in enumerate(chain.motions):
+        if motion.kind == "translation":
+            run[motion.axis] += max(abs(motion.value + end) for end in travel.get(k, [0.0]))
+        elif motion.value != 0.0 or k in travel:
+            total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
+    return total + float(np.hypot.reduce(run))

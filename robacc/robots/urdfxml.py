@@ -1,0 +1,172 @@
+"""A URDF's XML: guarded, its numbers checked, and cut down to what a chain needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element, TreeBuilder, tostring
+from xml.parsers import expat
+
+from robacc.errors import InputError, Problem
+
+_KEPT: Mapping[str, tuple[str, ...]] = {
+    "": ("robot",),
+    "robot": ("link", "joint"),
+    "link": ("inertial",),
+    "inertial": ("origin", "mass"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
+}
+"""Which elements are kept below which; meshes, colours, transmissions and simulators' own say nothing of the chain."""
+_NAMES: Mapping[str, tuple[str, ...]] = {
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "parent": ("link",),
+    "child": ("link",),
+    "mimic": ("joint",),
+}
+"""Attributes that an element must have."""
+_NUMBERS: Mapping[str, Mapping[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "limit": {"lower": 1, "upper": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+}
+"""How many numbers each numeric attribute holds."""
+_OTHER_MODELS = {"sdf": "an SDF model", "mujoco": "a MuJoCo model", "COLLADA": "a mesh", "robot_model": "no URDF"}
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """The part of a URDF that describes its links and joints."""
+
+    file: str
+    root: Element
+    lines: Mapping[Element, int]
+    """1-based line of each element's opening tag."""
+    problems: list[Problem] = field(default_factory=list)
+
+    def complain(self, element: Element | None, name: str, message: str, fix: str | None = None) -> None:
+        """Note a problem of the joint or link ``name``."""
+        line = None if element is None else self.lines[element]
+        self.problems.append(Problem(message, self.file, line, name or None, fix))
+
+    def finish(self) -> None:
+        """Raise everything found.
+
+        Raises:
+            InputError: There was a problem.
+        """
+        if self.problems:
+            raise InputError(sorted(self.problems, key=lambda problem: problem.line or 0))
+
+    def text(self) -> bytes:
+        """The kept elements as XML, without a document type, entities or names of other files."""
+        return bytes(tostring(self.root))
+
+
+def read_document(text: str, file: str) -> Document:
+    """The kept part of a URDF with every number in it checked.
+
+    A document type is refused before anything is expanded: a URDF has none, and entities can swallow the memory or
+    read other files.
+
+    Raises:
+        InputError: The text is not well-formed XML, not a URDF, still xacro, or names and numbers in it are wrong.
+    """
+    reader = _Reader(file)
+    reader.read(text)
+    document = Document(file, reader.builder.close(), reader.lines)
+    _check(document)
+    document.finish()
+    return document
+
+
+class _Reader:
+    """Expat's handlers: what is kept goes to a tree, with the line it stands on."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.lines: dict[Element, int] = {}
+        self.builder = TreeBuilder()
+        self.parents = [""]
+        self.skipped = 0
+        self.parser = expat.ParserCreate()
+        self.parser.StartDoctypeDeclHandler = self._doctype
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+
+    def read(self, text: str) -> None:
+        try:
+            self.parser.Parse(text, True)
+        except expat.ExpatError as error:
+            reason = expat.ErrorString(error.code)
+            raise InputError(Problem(f"not well-formed XML: {reason}", self.file, error.lineno)) from None
+        except UnicodeEncodeError:
+            raise InputError(Problem("not well-formed XML: it holds a lone surrogate", self.file)) from None
+
+    def _refuse(self, message: str, fix: str | None = None) -> None:
+        raise InputError(Problem(message, self.file, self.parser.CurrentLineNumber, fix=fix))
+
+    def _doctype(self, name: str, *_: object) -> None:
+        self._refuse(f"a document type (<!DOCTYPE {name}>) is not taken in a URDF", "remove it and its entities")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        if tag.startswith("xacro:") or any("${" in value or "$(" in value for value in attributes.values()):
+            self._refuse("this is xacro, not yet URDF", "run xacro on it first: xacro robot.xacro > robot.urdf")
+        parent = self.parents[-1]
+        if not parent and tag != "robot":
+            what = _OTHER_MODELS.get(tag, "no URDF")
+            self._refuse(f"the root element is <{tag}>, so this is {what}; a URDF's is <robot>")
+        if self.skipped or tag not in _KEPT[parent]:
+            self.skipped += 1
+            return
+        known = {key: value for key, value in attributes.items() if ":" not in key and not key.startswith("xmlns")}
+        element = self.builder.start(tag, known)
+        self.lines[element] = self.parser.CurrentLineNumber
+        self.parents.append(tag if tag in _KEPT else "leaf")
+
+    def _end(self, tag: str) -> None:
+        if self.skipped:
+            self.skipped -= 1
+            return
+        self.builder.end(tag)
+        self.parents.pop()
+
+
+def _check(document: Document) -> None:
+    document.root.attrib.setdefault("name", "robot")
+    seen: dict[tuple[str, str], int] = {}
+    for owner in document.root:
+        name = owner.get("name", "")
+        if name and (owner.tag, name) in seen:
+            message = f"there is already a {owner.tag} {name!r} in line {seen[owner.tag, name]}"
+            document.complain(owner, name, message)
+        seen.setdefault((owner.tag, name), document.lines[owner])
+        for element in owner.iter():
+            _check_element(document, owner, element)
+        if owner.tag == "joint":
+            for tag in ("parent", "child"):
+                if owner.find(tag) is None:
+                    document.complain(owner, name, f"the joint has no <{tag}>")
+
+
+def _check_element(document: Document, owner: Element, element: Element) -> None:
+    name = owner.get("name", "")
+    for attribute in _NAMES.get(element.tag, ()):
+        if not element.get(attribute, "").strip():
+            document.complain(element, name, f"<{element.tag}> needs the attribute {attribute!r}")
+    for attribute, count in _NUMBERS.get(element.tag, {}).items():
+        given = element.get(attribute)
+        if given is None:
+            continue
+        try:
+            values = [float(part) for part in given.split()]
+        except ValueError:
+            values = []
+        # An infinite limit is a way of saying that there is none.
+        finite = all(math.isfinite(value) or (element.tag == "limit" and math.isinf(value)) for value in values)
+        if len(values) != count or not finite:
+            wanted = "a number" if count == 1 else f"{count} numbers"
+            document.complain(element, name, f"<{element.tag} {attribute}>: expected {wanted}, found {given!r}")

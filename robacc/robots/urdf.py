@@ -130,7 +130,8 @@ def _choose_base(tree: _Tree, base_link: str | None) -> str:
     if len(roots) == 1:
         return roots[0]
     if not roots:
-        raise InputError(Problem("the joints form a circle: there is no link to start from", tree.document.file))
+        message = "the joints form a circle: there is no link to start from" if tree.parent_joint else "has no links"
+        raise InputError(Problem(message, tree.document.file))
     message = f"{len(roots)} links could be the base: {_some(roots)}"
     raise InputError(Problem(message, tree.document.file, fix="choose one with --base-link"))
 

@@ -109,12 +109,15 @@ class _Reader:
     def _refuse(self, message: str, fix: str | None = None) -> None:
         raise InputError(Problem(message, self.file, self.parser.CurrentLineNumber, fix=fix))
 
+    def _refuse_xacro(self) -> None:
+        self._refuse("this is xacro, not yet URDF", "run xacro on it first: xacro robot.xacro > robot.urdf")
+
     def _doctype(self, name: str, *_: object) -> None:
         self._refuse(f"a document type (<!DOCTYPE {name}>) is not taken in a URDF", "remove it and its entities")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        if tag.startswith("xacro:") or any("${" in value or "$(" in value for value in attributes.values()):
-            self._refuse("this is xacro, not yet URDF", "run xacro on it first: xacro robot.xacro > robot.urdf")
+        if tag.startswith("xacro:"):
+            self._refuse_xacro()
         parent = self.parents[-1]
         if not parent and tag != "robot":
             what = _OTHER_MODELS.get(tag, "no URDF")
@@ -122,6 +125,8 @@ class _Reader:
         if self.skipped or tag not in _KEPT[parent]:
             self.skipped += 1
             return
+        if any("${" in value or "$(" in value for value in attributes.values()):
+            self._refuse_xacro()
         known = {key: value for key, value in attributes.items() if ":" not in key and not key.startswith("xmlns")}
         element = self.builder.start(tag, known)
         self.lines[element] = self.parser.CurrentLineNumber

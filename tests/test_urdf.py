@@ -1,0 +1,459 @@
+"""URDF: every chain of real robots against yourdfpy's own kinematics, what is refused, and the way back."""
+
+from __future__ import annotations
+
+import logging
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robacc.chain import TOOL
+from robacc.errors import InputError, RobaccError, UsageError
+from robacc.geometry import Array, rotation_from_rpy
+from robacc.io.robot_file import read_robot
+from robacc.robots.assembly import build_chain
+from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic, Robot
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
+from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+
+PROJECT = Path(__file__).resolve().parents[1]
+CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))
+
+ARMS = (
+    "panda_description/urdf/panda.urdf",
+    "z1_description/urdf/z1.urdf",
+    "kinova_description/robots/kinova.urdf",
+    "xarm_description/urdf/xarm7.urdf",
+    "ur_description/urdf/ur3_robot.urdf",
+    "ur_description/urdf/ur3_gripper.urdf",
+    "ur_description/urdf/ur5_robot.urdf",
+    "ur_description/urdf/ur5_gripper.urdf",
+    "ur_description/urdf/ur10_robot.urdf",
+    "ur_description/urdf/ur10_joint_limited_robot.urdf",
+    "so_arm_description/urdf/so100.urdf",
+    "so_arm_description/urdf/so101.urdf",
+    "baxter_description/urdf/baxter.urdf",
+    "talos_data/robots/talos_left_arm.urdf",
+    "tiago_description/robots/tiago_no_hand.urdf",
+    "tiago_description/robots/tiago.urdf",
+    "tiago_description/robots/tiago_dual.urdf",
+    "tiago_pro_description/robots/tiago_pro.urdf",
+    "pr2_description/urdf/pr2.urdf",
+    "icub_description/robots/icub.urdf",
+    "romeo_description/urdf/romeo.urdf",
+    "b1_description/urdf/b1-z1.urdf",
+    "anymal_b_simple_description/robots/anymal-kinova.urdf",
+    "alex_description/urdf/alex_psyonic_hands.urdf",
+    "allegro_hand_description/urdf/allegro_right_hand.urdf",
+    "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
+)
+"""Under the package's folder of robots: arms, arms on mobile bases, hands with mimic joints, long chains."""
+
+
+@pytest.fixture(scope="session")
+def robots_folder() -> Path:
+    try:
+        listed = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    urdf = next(file for file in listed if file.name == "panda.urdf")
+    return Path(urdf.locate()).parents[2]
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str, robots_folder: Path) -> None:
+    yourdfpy = pytest.importorskip("yourdfpy")
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
+    path = robots_folder / arm
+    reference = yourdfpy.URDF.load(str(path), load_meshes=False)
+    rng = np.random.default_rng(0)
+    configurations = [{name: rng.uniform(-2, 2) for name in reference.actuated_joint_names} for _ in range(2)]
+    parents = {joint.parent for joint in reference.robot.joints}
+    leaves = [link.name for link in reference.robot.links if link.name not in parents]
+    text = path.read_text()
+    robots = {}
+    for leaf in leaves:
+        try:
+            robots[leaf] = parse_urdf(text, arm, None, leaf)
+        except InputError as error:
+            # The only chains that are none: nothing moves in them, or a finger follows one of another chain.
+            problems = {problem.message for problem in error.problems}
+            assert all("moves" in problem or "which is not in the chain" in problem for problem in problems)
+    assert robots, "no chain of this robot could be read"
+    for configuration in configurations:
+        reference.update_cfg(np.array([configuration[name] for name in reference.actuated_joint_names]))
+        for leaf, robot in robots.items():
+            q = np.array([[configuration[name]] for name in robot.variable_names])
+            expected = reference.get_transform(leaf, robot.base_link)
+            np.testing.assert_allclose(build_chain(robot).forward(q).matrices()[0], expected, atol=1e-10, err_msg=leaf)
+
+
+def test_there_are_at_least_fifteen_robots(robots_folder: Path) -> None:
+    assert sum((robots_folder / arm).is_file() for arm in ARMS) >= 15
+
+
+def test_our_panda_is_the_urdfs_panda(robots_folder: Path) -> None:
+    # Two descriptions of one arm by different hands, modified DH and URDF.
+    text = (robots_folder / ARMS[0]).read_text()
+    theirs = parse_urdf(text, "panda.urdf", "panda_link0", "panda_link8")
+    ours = read_robot(PROJECT / "configs" / "robots" / "panda.yaml")
+    q = np.random.default_rng(1).uniform(-1, 1, (7, 20))
+    np.testing.assert_allclose(
+        build_chain(ours).forward(q).matrices(), build_chain(theirs).forward(q).matrices(), atol=1e-12
+    )
+    moving = [joint for joint in theirs.joints if joint.is_variable]
+    assert [joint.name for joint in ours.joints] == [joint.name for joint in moving]
+    for our, their in zip(ours.joints, moving, strict=True):
+        # The file's figures are rounded to a tenth of a gram; the frames behind the joints are the same.
+        assert our.mass == pytest.approx(their.mass, abs=1e-3)
+        assert our.com == pytest.approx(their.com, abs=1e-4)
+
+
+def test_our_ur10_is_the_urdfs_ur10(robots_folder: Path) -> None:
+    # The URDF is in metres to four digits and puts its tool frame's axes elsewhere, so points are compared.
+    text = (robots_folder / "ur_description/urdf/ur10_robot.urdf").read_text()
+    theirs = build_chain(parse_urdf(text, "ur10.urdf", None, "tool0"))
+    ours = build_chain(read_robot(PROJECT / "configs" / "robots" / "ur10.yaml"))
+    q = np.random.default_rng(1).uniform(-2, 2, (6, 20))
+    our, their = ours.forward(q).translation, theirs.forward(q).translation
+    turned = rotation_from_rpy(np.array([0, 0, np.pi])) @ our  # base_link looks the other way than base
+    np.testing.assert_allclose(turned, their, atol=1e-3)
+
+
+TREE = """<robot name="tree">
+  <link name="world"/>
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.1 0.2 0.3" rpy="1 1 1"/><mass value="2.5"/></inertial></link>
+  <link name="lower"><visual><geometry><mesh filename="package://nowhere/absent.stl"/></geometry></visual></link>
+  <link name="finger"/><link name="thumb"/><link name="flange"/>
+  <joint name="stand" type="fixed"><origin xyz="0 0 1"/><parent link="world"/><child link="base"/></joint>
+  <joint name="one" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 0 2"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="two" type="continuous"><origin xyz="0.5 0 0" rpy="0 1.5707963 0.3"/>
+    <parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/></joint>
+  <joint name="slide" type="prismatic"><parent link="lower"/><child link="finger"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/></joint>
+  <joint name="follow" type="prismatic"><parent link="finger"/><child link="thumb"/>
+    <axis xyz="1 0 0"/><mimic joint="slide" multiplier="-2" offset="0.01"/></joint>
+  <joint name="end" type="fixed"><parent link="lower"/><child link="flange"/></joint>
+</robot>
+"""
+
+
+def test_default_chain_runs_from_the_root_to_the_leaf_with_most_joints() -> None:
+    robot = parse_urdf(TREE, "tree.urdf")
+    assert (robot.base_link, robot.tip_link) == ("world", "thumb")
+    assert [joint.name for joint in robot.joints] == ["stand", "one", "two", "slide", "follow"]
+    assert robot.variable_names == ("one", "two", "slide")
+    assert [joint.type for joint in robot.joints] == ["fixed", "revolute", "revolute", "prismatic", "prismatic"]
+    assert [joint.limits for joint in robot.variables] == [(-1, 2), None, (0, 0.1)]
+    assert robot.joints[1].axis == (0, 0, 1)  # normalised
+    assert (robot.joints[1].mass, robot.joints[1].com) == (2.5, (0.1, 0.2, 0.3))
+    assert robot.joints[2].parameters["pitch"] == 1.5707963  # as written: not through a matrix
+    assert robot.joints[4].mimic == Mimic("slide", -2.0, 0.01)
+    assert [joint.link for joint in robot.joints] == ["base", "upper", "lower", "finger", "thumb"]
+
+
+def test_links_choose_the_chain() -> None:
+    robot = parse_urdf(TREE, "tree.urdf", "base", "flange")
+    assert [joint.name for joint in robot.joints] == ["one", "two", "end"]
+
+
+def test_a_mimic_of_a_mimic_follows_the_joint_that_moves() -> None:
+    text = TREE.replace(
+        '<parent link="base"/><child link="upper"/>',
+        '<parent link="base"/><child link="upper"/><mimic joint="follow"/>',
+    )
+    robot = parse_urdf(text, "tree.urdf")
+    assert robot.variable_names == ("two", "slide")
+    assert robot.joints[1].mimic == Mimic("slide", -2.0, 0.01)
+
+
+def test_infinite_limits_are_none_and_a_missing_one_is_zero() -> None:
+    text = TREE.replace('lower="-1" upper="2"', 'lower="-inf" upper="inf"').replace(
+        'lower="0" upper="0.1"', 'upper="0.1"'
+    )
+    assert [joint.limits for joint in parse_urdf(text, "t").variables] == [None, None, (0, 0.1)]
+
+
+def test_a_name_is_made_up_where_the_robot_has_none_and_namespaces_are_ignored() -> None:
+    text = TREE.replace('<robot name="tree">', '<robot xmlns:xacro="http://ros.org/wiki/xacro">')
+    assert parse_urdf(text, "tree.urdf").name == "robot"
+
+
+def problems_of(text: str, base: str | None = None, tip: str | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        parse_urdf(text, "tree.urdf", base, tip)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'type="prismatic"><parent link="lower"/>',
+            'type="floating"><parent link="lower"/>',
+            "tree.urdf:12, slide: a floating joint is not one of a serial chain",
+        ),
+        (
+            'type="prismatic"><parent link="lower"/>',
+            'type="planar"><parent link="lower"/>',
+            "slide: a planar joint is not one of a serial chain; choose a chain without it",
+        ),
+        (
+            'type="prismatic"><parent link="lower"/>',
+            'type="screw"><parent link="lower"/>',
+            "slide: unknown joint type 'screw'",
+        ),
+        (
+            '<axis xyz="0 0 2"/>',
+            '<axis xyz="0 0 0"/>',
+            "tree.urdf:8, one: the joint's axis is zero and has no direction",
+        ),
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0"/>', "tree.urdf:9, one: <axis xyz>: expected 3 numbers, found '0 0'"),
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 nan"/>', "one: <axis xyz>: expected 3 numbers, found '0 0 nan'"),
+        ('xyz="0.5 0 0"', 'xyz="0.5 0 inf"', "two: <origin xyz>: expected 3 numbers, found '0.5 0 inf'"),
+        ('multiplier="-2"', 'multiplier="two"', "follow: <mimic multiplier>: expected a number, found 'two'"),
+        ('lower="-1" upper="2"', 'lower="3" upper="2"', "one: the lower limit 3 is above the upper one 2"),
+        ('lower="-1" upper="2"', 'lower="-inf" upper="2"', "one: one limit is infinite, the other is not (-inf, 2)"),
+        ('<mass value="2.5"/>', '<mass value="-2.5"/>', "tree.urdf:4, upper: the link's mass is negative (-2.5 kg)"),
+        ('mimic joint="slide"', 'mimic joint="spin"', "follow: follows 'spin', which is not in the chain"),
+        ('mimic joint="slide"', 'mimic joint="stand"', "follow: follows 'stand', which is fixed"),
+        (
+            'mimic joint="slide"',
+            'mimic joint="follow"',
+            "follow: follows 'follow', and that one it: none of them moves by itself",
+        ),
+        ('mimic joint="slide"', "mimic", "follow: <mimic> needs the attribute 'joint'"),
+        ('<child link="upper"/>', '<child link="uper"/>', "one: its child link 'uper' does not exist"),
+        (
+            '<child link="thumb"/>',
+            '<child link="upper"/>',
+            "follow: moves the link 'upper', as 'one' does: not a serial chain",
+        ),
+        ('<child link="thumb"/>', "", "follow: the joint has no <child>"),
+        ('joint name="two"', 'joint name="one"', "one: there is already a joint 'one' in line 8"),
+        ('link name="thumb"', 'link name="base"', "base: there is already a link 'base' in line 3"),
+        ('joint name="two" type="continuous"', 'joint type="continuous"', "<joint> needs the attribute 'name'"),
+        (
+            '<joint name="stand"',
+            '<xacro:macro/><joint name="stand"',
+            "tree.urdf:7: this is xacro, not yet URDF; run xacro",
+        ),
+        ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 ${height}"/>', "this is xacro, not yet URDF"),
+        ("</robot>", "", "tree.urdf:18: not well-formed XML: no element found"),
+        ("<robot name", "<sdf/><robot name", "the root element is <sdf>, so this is an SDF model; a URDF's is <robot>"),
+        (
+            "<robot name",
+            '<!DOCTYPE robot [<!ENTITY a "b">]><robot name',
+            "tree.urdf:1: a document type (<!DOCTYPE robot>) is not taken",
+        ),
+    ],
+)
+def test_each_error_names_the_joint_and_says_what_is_wrong(old: str, new: str, message: str) -> None:
+    assert TREE.count(old) >= 1
+    assert message in problems_of(TREE.replace(old, new, 1))
+
+
+def test_all_problems_come_at_once() -> None:
+    text = (
+        TREE.replace('xyz="0 0 2"', 'xyz="x"').replace('xyz="0 0 1"', 'xyz=""').replace('value="2.5"', 'value="heavy"')
+    )
+    assert len(problems_of(text).splitlines()) == 3
+
+
+def test_entities_are_refused_before_they_are_expanded() -> None:
+    bomb = '<!DOCTYPE robot [<!ENTITY a0 "aaaaaaaaaa">' + "".join(
+        f'<!ENTITY a{i + 1} "{f"&a{i};" * 10}">' for i in range(12)
+    )
+    assert "is not taken" in problems_of(bomb + ']><robot name="&a12;"/>')
+    secret = '<!DOCTYPE robot [<!ENTITY s SYSTEM "file:///etc/hostname">]><robot name="&s;"/>'
+    assert "is not taken" in problems_of(secret)
+
+
+def test_what_a_chain_cannot_be_chosen_from() -> None:
+    equal = TREE.replace('<parent link="finger"/><child link="thumb"/>', '<parent link="lower"/><child link="thumb"/>')
+    equal = equal.replace('<mimic joint="slide" multiplier="-2" offset="0.01"/>', "")
+    text = problems_of(equal)
+    assert "2 chains are equally long; the tree ends at finger, thumb, flange; choose one with --tip-link" in text
+    roots = TREE.replace('<joint name="stand"', '<link name="island"/><joint name="stand"')
+    assert "2 links could be the base: world, island; choose one with --base-link" in problems_of(roots)
+    assert parse_urdf(roots, "t", "world").tip_link == "thumb"
+    circle = TREE.replace('<parent link="world"/><child link="base"/>', '<parent link="flange"/><child link="base"/>')
+    circle = circle.replace('<link name="world"/>', "")
+    assert "the joints form a circle" in problems_of(circle)
+    with pytest.raises(UsageError, match="is not behind link"):
+        parse_urdf(circle, "t", "thumb", "flange")
+    assert "has no links" in problems_of('<robot name="r"/>')
+    assert "no joint stands behind the link 'thumb'" in problems_of(TREE, "thumb")
+    assert "no joint between 'world' and 'base' moves; choose a longer chain" in problems_of(TREE, None, "base")
+
+
+def test_links_that_do_not_exist_or_do_not_follow_are_wrong_usage() -> None:
+    with pytest.raises(UsageError, match=r"--tip-link: t.urdf has no link 'flang'; it has flange"):
+        parse_urdf(TREE, "t.urdf", None, "flang")
+    with pytest.raises(UsageError, match=r"--base-link: t.urdf has no link '1'; it has world, base, "):
+        parse_urdf(TREE, "t.urdf", "1")
+    with pytest.raises(UsageError, match="link 'base' is not behind link 'upper'"):
+        parse_urdf(TREE, "t.urdf", "upper", "base")
+
+
+def random_joint(rng: np.random.Generator, i: int, convention: str) -> Joint:
+    kind = ("revolute", "prismatic", "revolute")[i % 3]
+    names = (
+        ("x", "y", "z", "roll", "pitch", "yaw", "offset")
+        if convention == "urdf"
+        else ("theta", "d", "a", "alpha", "beta")
+    )
+    axis = rng.normal(size=3) if convention == "urdf" else np.array([0.0, 0, 1])
+    return Joint(
+        f"j{i}",
+        "fixed" if convention == "urdf" and i == 4 else kind,
+        dict(zip(names, rng.normal(size=len(names)), strict=True)),
+        axis=tuple(axis / np.linalg.norm(axis)),
+        limits=(-1.5, 2.0) if i % 2 else None,
+        sign=-1 if i in (1, 2) else 1,
+        mass=float(i + 1),
+        com=tuple(rng.normal(size=3)),
+        mimic=Mimic("j0", -1.5, 0.2) if convention == "urdf" and i == 2 else None,
+    )
+
+
+def assert_same_arm(robot: Robot, again: Robot, target: Frame | None = None) -> None:
+    chains = build_chain(robot if target is None else replace(robot, tool=target)), build_chain(again)
+    assert robot.variable_names == again.variable_names
+    q = np.random.default_rng(4).uniform(-2, 2, (len(robot.variables), 20))
+    ours, theirs = (chain.forward(q).matrices() for chain in chains)
+    np.testing.assert_allclose(theirs, ours, atol=1e-9)
+    for one, other in zip(*(centres(chain, q) for chain in chains), strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-9)
+
+
+def centres(chain, q: Array) -> list[Array]:
+    """Where each body's centre of mass is over the poses."""
+    frames = chain.sweep(chain.scalars(q), q.shape[1], (), tuple(body.after for body in chain.bodies)).frames
+    return [
+        np.einsum("ijn,j->in", frame.rotation, body.com) + frame.translation
+        for frame, body in zip(frames, chain.bodies, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified", "urdf"])
+@pytest.mark.parametrize("seed", range(4))
+def test_written_and_read_again_gives_the_same_poses(convention: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    frames = [Frame(tuple(rng.normal(size=3)), tuple(rng.normal(size=3))) for _ in range(2)]
+    joints = tuple(random_joint(rng, i, convention) for i in range(6))
+    robot = Robot("arm", convention, joints, base=frames[0], tool=frames[1])  # type: ignore[arg-type]
+    text, losses = robot_to_urdf(robot)
+    again = parse_urdf(text, "again.urdf")
+    assert (again.base_link, again.tip_link) == ("measuring_frame", "tool0")
+    assert_same_arm(robot, again)
+    assert [joint.limits for joint in again.variables] == [joint.limits for joint in robot.variables]
+    assert [line for line in losses if "no limits" not in line] == []
+    # And once more: nothing is added to what is already a URDF.
+    assert robot_to_urdf(again)[0].count("<link") == text.count("<link")
+    assert_same_arm(robot, parse_urdf(robot_to_urdf(again)[0], "third.urdf"))
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_the_projects_arms_go_to_urdf_and_back(path: Path) -> None:
+    robot = read_robot(path)
+    assert_same_arm(robot, parse_urdf(robot_to_urdf(robot)[0], "again.urdf"))
+
+
+@pytest.mark.parametrize("alpha", [np.pi / 2, -1.5707963268, 1.5708, 1.570796])
+def test_poses_survive_a_pitch_near_ninety_degrees(alpha: float) -> None:
+    # Roll and yaw are each almost undetermined there; only what they do together counts.
+    table = [{"theta": 1.5707963, "d": 0.3, "a": 0.2, "alpha": alpha, "beta": b} for b in (0.0, 1.5707963, -1.5708)]
+    joints = tuple(Joint(f"j{i}", "revolute", values) for i, values in enumerate(table))
+    robot = Robot("pole", "standard", joints, base=Frame((0, 0, 0), (0.3, 1.5707963267, -0.4)))
+    assert_same_arm(robot, parse_urdf(robot_to_urdf(robot)[0], "again.urdf"))
+
+
+def test_targets_become_links() -> None:
+    targets = {"left": Frame((0.1, 0, 0)), "right": Frame((-0.1, 0, 0), (0, 0, 1))}
+    robot = replace(read_robot(CONFIGS[0]), targets=targets)
+    text, losses = robot_to_urdf(robot)
+    for name, frame in targets.items():
+        assert_same_arm(robot, parse_urdf(text, "again.urdf", None, name), frame)
+    assert "that targets are targets: each is a link" in losses
+
+
+def test_what_a_urdf_cannot_carry_is_listed() -> None:
+    robot = replace(
+        read_robot(PROJECT / "configs" / "robots" / "puma560.yaml"),
+        effects=({"effect": "backlash"}, {"other": 1}),
+        base_tolerance={"x": 1e-3},
+        tool_tolerance={"x": 1e-3},
+        gravity=(0.0, 9.81, 0.0),
+    )
+    slide = Joint("slide", "prismatic", {"theta": 0.0, "d": 0.0, "a": 0.0, "alpha": 0.0})
+    losses = robot_to_urdf(replace(robot, joints=(*robot.joints, slide)))[1]
+    assert losses == (
+        "effect backlash",
+        "effect ?",
+        "tolerances of j1, j2, j3, j4, j5, j6",
+        "tolerances of the base",
+        "tolerances of the tool",
+        "gear ratio of j1, j2, j3, j4, j5, j6",
+        "gravity other than 9.81 m/s^2 downwards",
+        "where a payload sits",
+        "that there are no limits (a URDF wants some) of slide",
+    )
+
+
+def test_names_that_the_robot_uses_are_left_to_it() -> None:
+    joint = Joint("measuring_frame_to_base", "revolute", dict.fromkeys(ORIGIN_PARAMETERS, 0.1), link="tool0")
+    robot = Robot("r", "urdf", (joint,), base=Frame((1, 0, 0)), tool=Frame((0, 1, 0)), base_link="measuring_frame")
+    again = parse_urdf(robot_to_urdf(robot)[0], "again.urdf")
+    assert [item.name for item in again.joints] == ["measuring_frame_to_base_2", "measuring_frame_to_base", "to_tool0"]
+    assert_same_arm(robot, again)
+
+
+def test_urdf_to_robot_file_and_back_is_the_same_robot() -> None:
+    robot = parse_urdf(TREE, "tree.urdf")
+    assert parse_robot(robot_to_yaml(robot), "robot.yaml") == robot
+
+
+def test_the_tool_of_a_chain_is_empty_and_motions_have_owners() -> None:
+    chain = build_chain(parse_urdf(TREE, "tree.urdf"))
+    assert chain.index(TOOL, "x") > chain.index(4, "offset") > chain.index(1, "x")
+
+
+def test_reading_opens_no_other_file_and_importing_is_cheap(tmp_path: Path) -> None:
+    code = """
+import sys, pathlib, robacc.robots.urdf, robacc.robots.yamlspec, robacc.io.robot_file
+assert not {"yourdfpy", "lxml", "trimesh", "scipy"} & set(sys.modules)
+text = pathlib.Path("tree.urdf").read_text()
+import yourdfpy
+opened = []
+sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
+robacc.robots.urdf.parse_urdf(text, "tree.urdf")
+assert not [name for name in opened if not name.endswith((".py", ".pyc", ".so"))], opened
+"""
+    (tmp_path / "tree.urdf").write_text(TREE)
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env={"PYTHONPATH": str(PROJECT)}, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+
+
+def test_every_error_is_one_of_ours_for_any_mutilation() -> None:
+    # Cut anywhere, or without any one tag, the file is a robot or one of our errors and never a crash.
+    tags = list(re.finditer(r"<[^<>]*>", TREE))
+    cases = [TREE[:k] for k in range(0, len(TREE), 37)] + [TREE[: m.start()] + TREE[m.end() :] for m in tags]
+    outcomes = set()
+    for text in cases:
+        try:
+            parse_urdf(text, "cut.urdf")
+            outcomes.add("read")
+        except RobaccError:
+            outcomes.add("refused")
+    assert outcomes == {"read", "refused"}

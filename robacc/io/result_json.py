@@ -91,5 +91,7 @@ def _array(array: NDArray[Any], indent: str) -> Iterator[str]:
 def _dumps(array: NDArray[Any]) -> str:
     """An array's rows on one line; what is not finite is null."""
     if array.dtype.kind == "f" and not np.all(np.isfinite(array)):
-        array = np.where(np.isfinite(array), array.astype(object), None)
+        finite = np.isfinite(array)
+        array = array.astype(object)
+        array[~finite] = None
     return json.dumps(array.tolist(), ensure_ascii=False)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 from robacc.errors import InputError, RobaccError
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
 _RED, _YELLOW, _DIM, _RESET = "\033[31m", "\033[33m", "\033[2m", "\033[0m"
 
@@ -68,3 +68,12 @@ def console_for(stream: TextIO, width: int | None = None) -> Console:
     if not stream.isatty():
         width = width or PLAIN_WIDTH
     return Console(file=stream, highlight=False, width=width, color_system=None, force_terminal=False)
+
+
+def draw(parts: Iterable[RenderableType], stream: TextIO) -> None:
+    """Draw ``parts`` one below the other, all at once, without the blanks that tables leave at the ends of lines."""
+    console = console_for(stream)
+    with console.capture() as capture:
+        for part in parts:
+            console.print(part)
+    stream.writelines(f"{line.rstrip()}\n" for line in capture.get().splitlines())

@@ -1,0 +1,134 @@
+"""``robacc estimate``: measured poses in, their errors and what they say of the arm out."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robacc.cli.options import (
+    BaseLinkOption,
+    ConfidenceOption,
+    Format,
+    FormatOption,
+    OrderedOption,
+    OutputOption,
+    PosesArgument,
+    RobotOption,
+    SeedOption,
+    TipLinkOption,
+    split_list,
+)
+
+if TYPE_CHECKING:
+    from robacc.measurements import Measurements
+    from robacc.results import InputFile
+    from robacc.robots.description import Robot
+
+
+class FrameName(StrEnum):
+    """The axes that errors are written in."""
+
+    tool = "tool"
+    base = "base"
+
+
+def estimate(
+    poses: PosesArgument,
+    robot: RobotOption = None,
+    align: Annotated[
+        str | None,
+        typer.Option("--align", metavar="EFFECT,…", help="Fit base_frame, tool_frame or both to the poses first."),
+    ] = None,
+    frame: Annotated[
+        FrameName | None,
+        typer.Option("--frame", help="Axes of the errors: the commanded target's, or the measuring frame's."),
+    ] = None,
+    scale: Annotated[
+        str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML); default is the package's own.")
+    ] = None,
+    confidence: ConfidenceOption = 0.95,
+    per_pose: Annotated[
+        str | None, typer.Option("--per-pose", metavar="FILE", help="Write each pose's error there, as CSV.")
+    ] = None,
+    ordered: OrderedOption = False,
+    base_link: BaseLinkOption = None,
+    tip_link: TipLinkOption = None,
+    seed: SeedOption = 0,
+    form: FormatOption = Format.table,
+    output: OutputOption = "-",
+) -> None:
+    """Cartesian error at each measured pose, its covariances, and an accuracy grade.
+
+    The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns.
+    """
+    from robacc import estimation, results
+    from robacc.cli.output import emit
+    from robacc.grading import load_scale
+    from robacc.io.estimate_json import payload, per_pose_csv
+    from robacc.io.files import sha256_of, write_text
+    from robacc.report.console import say_warnings
+    from robacc.report.estimate import draw_estimate
+
+    arm, data, inputs = _load(poses, robot, base_link, tip_link, ordered)
+    if scale is not None:
+        inputs = (*inputs, results.InputFile.at(scale, sha256_of(scale), "scale"))
+    found = estimation.estimate(
+        data,
+        arm,
+        frame=frame.value if frame is not None else None,
+        what=split_list(align),
+        scale=None if scale is None else load_scale(scale),
+        confidence=confidence,
+        seed=seed,
+    )
+    options = {
+        "poses": poses,
+        "robot": robot,
+        "align": list(split_list(align)),
+        "frame": found.errors.frame,
+        "scale": scale,
+        "confidence": confidence,
+        "ordered": ordered,
+        "base_link": base_link,
+        "tip_link": tip_link,
+    }
+    if per_pose is not None:
+        write_text(per_pose, per_pose_csv(found, data))
+    say_warnings(found.warnings)
+    emit(
+        form,
+        output,
+        table=lambda stream: draw_estimate(found, poses, robot, stream),
+        document=lambda: results.envelope("estimate", payload(found), options=options, inputs=inputs, seed=seed),
+    )
+
+
+def _load(
+    poses: str, robot: str | None, base_link: str | None, tip_link: str | None, ordered: bool
+) -> tuple[Robot | None, Measurements, tuple[InputFile, ...]]:
+    """The robot, where one is named, the poses read for it, and the record of both files."""
+    from robacc.errors import UsageError
+    from robacc.io.files import sha256_of
+    from robacc.io.poses_csv import read_poses
+    from robacc.results import InputFile
+
+    if robot is None:
+        if base_link or tip_link:
+            raise UsageError("--base-link and --tip-link choose a chain of the URDF that --robot names")
+        data = read_poses(poses, ordered=ordered)
+        return None, data, (InputFile.at(poses, data.sha256 or "", "poses"),)
+    from robacc.io.robot_file import read_robot
+
+    arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
+    data = read_poses(
+        poses,
+        joint_names=arm.variable_names,
+        joint_types=[joint.type for joint in arm.variables],
+        limits=[joint.limits for joint in arm.variables],
+        target_names=tuple(arm.targets),
+        ordered=ordered,
+    )
+    record = InputFile.at(robot, sha256_of(robot), "robot")
+    return arm, data, (InputFile.at(poses, data.sha256 or "", "poses"), record)

@@ -1,0 +1,55 @@
+"""How a number is printed: as many digits as its uncertainty leaves meaning to."""
+
+from __future__ import annotations
+
+import math
+
+_MOST_DECIMALS = 9
+_DIGITS_OF_UNCERTAINTY = 2
+"""Digits of an interval's half width that are shown (JCGM 100:2008, 7.2.6)."""
+_DIGITS_WITHOUT = 3
+"""Digits of a number of unknown uncertainty."""
+
+
+def decimals(value: float, lower: float | None, upper: float | None) -> int:
+    """Decimals of a value whose interval is ``lower … upper``; without one, those of three significant digits."""
+    if lower is not None and upper is not None and upper > lower:
+        return _places(0.5 * (upper - lower), _DIGITS_OF_UNCERTAINTY)
+    return _places(abs(value), _DIGITS_WITHOUT)
+
+
+def fixed(value: float | None, places: int) -> str:
+    """The number with ``places`` decimals, zero without a sign; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    text = f"{value:.{places}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def three_digits(value: float) -> str:
+    """Three significant digits, without an exponent where that is readable."""
+    if 1e-4 <= abs(value) < 1e6:
+        return fixed(value, decimals(value, None, None))
+    return "0" if abs(value) < 1e-12 else f"{value:.2e}"
+
+
+def exponent_of_thousand(size: float) -> int:
+    """The power of ten, a multiple of three, that brings ``size`` to between 0.1 and 100, or 0 where it need not be."""
+    if size <= 0.0 or not math.isfinite(size) or 0.05 <= size < 1e5:
+        return 0
+    return 3 * math.floor((math.log10(size) + 1.0) / 3.0)
+
+
+def p_value(probability: float | None) -> str:
+    """``p = 0.032``, or ``p < 1e-6`` where the exact figure says no more."""
+    if probability is None:
+        return "–"
+    return "p < 1e-6" if probability < 1e-6 else f"p = {probability:.2g}"
+
+
+def _places(size: float, digits: int) -> int:
+    if size <= 0.0 or not math.isfinite(size):
+        return _DIGITS_WITHOUT
+    # Rounded first, so that 0.0996 counts as 0.10.
+    exponent = math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
+    return min(max(digits - 1 - exponent, 0), _MOST_DECIMALS)

@@ -1,0 +1,110 @@
+"""Imports point one way: each module may use its own layer and those below it, and nothing above."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "robacc"
+
+LAYERS = (
+    ("robacc", "robacc.errors"),
+    ("robacc.geometry",),
+    ("robacc.chain", "robacc.measurements", "robacc.statistics"),
+    ("robacc.robots",),
+    ("robacc.elasticity", "robacc.loads", "robacc.effects"),
+    ("robacc.model", "robacc.observation"),
+    ("robacc.closed_form", "robacc.fitting", "robacc.folding", "robacc.identifiability", "robacc.registration"),
+    ("robacc.tracing",),
+    ("robacc.covariance",),
+    ("robacc.grading",),
+    ("robacc.pose_errors",),
+    ("robacc.estimation",),
+    ("robacc.results",),
+    ("robacc.io", "robacc.report"),
+    ("robacc.cli",),
+    ("robacc.__main__",),
+)
+"""From the ground up. A package stands for all of its modules."""
+FILE_CALLS = {"open", "read_text", "write_text", "read_bytes", "write_bytes"}
+
+
+def modules() -> dict[str, Path]:
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(path: Path, known: dict[str, Path]) -> set[str]:
+    """Modules of this package that a file imports, inside functions and for type checking too."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            for alias in node.names:
+                member = f"{node.module}.{alias.name}"
+                found.add(member if member in known else str(node.module))
+    return {name for name in found if name == "robacc" or name.startswith("robacc.")}
+
+
+def layer(module: str) -> int:
+    if module == "robacc":
+        return 0
+    for number, names in enumerate(LAYERS):
+        if any(module == name or module.startswith(f"{name}.") for name in names if name != "robacc"):
+            return number
+    raise AssertionError(f"{module} has no layer; give it one in {__name__}.LAYERS")
+
+
+@pytest.mark.parametrize("module", modules())
+def test_imports_point_down(module: str) -> None:
+    known = modules()
+    above = {name for name in imports(known[module], known) if layer(name) > layer(module)}
+    assert not above, f"{module} imports {', '.join(sorted(above))} from a layer above its own"
+
+
+def test_no_import_goes_round_in_a_circle() -> None:
+    known = modules()
+    graph = {name: imports(path, known) - {name} for name, path in known.items()}
+    TopologicalSorter(graph).prepare()
+
+
+def test_reports_and_files_leave_each_other_alone() -> None:
+    known = modules()
+    for module, path in known.items():
+        for one, other in (("robacc.io", "robacc.report"), ("robacc.report", "robacc.io")):
+            if module.startswith(f"{one}."):
+                assert not any(name.startswith(other) for name in imports(path, known)), module
+
+
+def test_the_checks_see_a_wrong_import(tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text("def f():\n    from robacc.cli import main\n", encoding="utf-8")
+    assert imports(wrong, modules()) == {"robacc.cli.main"}
+    assert layer("robacc.cli.main") > layer("robacc.report.console") > layer("robacc.chain")
+
+
+def test_only_io_opens_files() -> None:
+    for module, path in modules().items():
+        if module.startswith(("robacc.io.", "robacc.cli.")):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+                assert name not in FILE_CALLS, f"{module} line {node.lineno} opens a file"
+
+
+def test_the_command_line_starts_without_numpy() -> None:
+    names = [f"robacc.cli.{path.stem}" for path in sorted((PACKAGE / "cli").glob("*.py")) if path.stem != "__init__"]
+    code = f"import sys, {', '.join(names)}; print([m for m in ('numpy', 'yaml', 'scipy') if m in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=PACKAGE.parent, check=True)
+    assert run.stdout.strip() == "[]"

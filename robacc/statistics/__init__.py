@@ -1,0 +1,1 @@
+"""Statistics of error vectors: distributions, quadratic forms, intervals, multivariate tests, dependence of poses."""

@@ -1,0 +1,108 @@
+"""Intervals of a covariance's elements and of its principal standard deviations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from robacc.geometry import Array
+from robacc.statistics.intervals import Interval, PoseSampling, chi2_interval, covariance_element
+from robacc.statistics.multivariate import principal_axes
+from robacc.statistics.records import Ellipsoid, MatrixInterval
+
+ONE_POSE = "one commanded pose shows no scatter between poses"
+_APART = 2.5
+"""Two neighbouring principal variances count as different if their logarithms differ by so many standard errors."""
+
+
+def matrix_interval(
+    errors: Array, covariance: Array, dof: float | None, sampling: PoseSampling, confidence: float
+) -> MatrixInterval:
+    """Intervals of the elements of ``covariance``, the mean of d d^T over ``errors`` ``(3, N)``.
+
+    Args:
+        errors: About zero or about their mean, as the covariance was.
+        covariance: ``(3, 3)``, divisor N.
+        dof: N for Gaussian errors about their known mean, N - 1 about the estimated one; None where the errors are
+            not Gaussian or poses were repeated.
+        sampling: Of the poses.
+        confidence: Of each interval.
+    """
+    if sampling.n_groups < 2:
+        return MatrixInterval(None, None, confidence, "none", ONE_POSE)
+    lower, upper = np.empty((3, 3)), np.empty((3, 3))
+    method = "Wishart (chi-square)"
+    for i in range(3):
+        for j in range(i, 3):
+            if dof is None:
+                interval = sampling.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
+                method, limits = interval.method, (interval.lower, interval.upper)
+            elif i == j:
+                interval = chi2_interval(_unbiased(covariance[i, i], sampling.n, dof), dof, confidence, method)
+                limits = (interval.lower, interval.upper)
+            else:
+                first, second, cross = (_unbiased(covariance[k], sampling.n, dof) for k in ((i, i), (j, j), (i, j)))
+                limits = covariance_element(first, second, cross, dof, confidence)
+            lower[i, j], upper[i, j] = lower[j, i], upper[j, i] = limits
+    return MatrixInterval(lower, upper, confidence, method)
+
+
+def _unbiased(value: float, n: int, dof: float) -> float:
+    return float(value) * n / dof
+
+
+def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float) -> Ellipsoid:
+    """Principal axes of ``covariance`` about zero, with intervals of the standard deviations along them.
+
+    The estimated variances of two axes that are nearly alike are drawn apart by chance, and no interval around either
+    keeps its confidence; such axes share one, from the lower limit of the least to the upper limit of the greatest
+    of them, which holds each with at least the confidence. The interval of an axis that stands apart is freed of the
+    bias that all principal variances of a sample have, the smallest too small and the largest too large (D. N.
+    Lawley, "Tests of significance for the latent roots of covariance and correlation matrices", Biometrika 43, 1956).
+    """
+    variances, axes = principal_axes(covariance)
+    n = sampling.n_groups
+    if n < 2:
+        missing = Interval.missing(confidence, ONE_POSE)
+        return Ellipsoid(axes, np.sqrt(variances), (missing, missing, missing))
+    single, runs = [], _alike(variances, n)
+    for k in range(3):
+        unbias = _without_bias(variances, k, n) if [k] in runs else 1.0
+        if gaussian:
+            value = unbias * float(variances[k])
+            single.append(chi2_interval(value, n, confidence, "chi-square along a principal axis"))
+        else:
+            squares = unbias * np.square(axes[:, k] @ errors)
+            single.append(sampling.mean_interval(squares, confidence, positive=True))
+    intervals = [_shared([single[i] for i in run]).root() for run in runs for _ in run]
+    return Ellipsoid(axes, np.sqrt(variances), (intervals[0], intervals[1], intervals[2]))
+
+
+def _alike(variances: Array, n: int) -> list[list[int]]:
+    """Runs of neighbouring axes whose variances the sample cannot tell apart."""
+    runs = [[0]]
+    for k in (1, 2):
+        large, small = float(variances[k - 1]), float(variances[k])
+        # The logarithm of a variance estimated from n has a standard error of sqrt(2 / n).
+        apart = small <= 0.0 < large or (small > 0.0 and math.log(large / small) > _APART * math.sqrt(4.0 / n))
+        if apart:
+            runs.append([k])
+        else:
+            runs[-1].append(k)
+    return runs
+
+
+def _without_bias(variances: Array, k: int, n: int) -> float:
+    """Factor that frees the k-th principal variance, which stands apart from the others, of its bias of order 1/n."""
+    others = np.delete(variances, k)
+    return 1.0 / (1.0 + float(np.sum(others / (variances[k] - others))) / n)
+
+
+def _shared(intervals: list[Interval]) -> Interval:
+    """One interval for axes that cannot be told apart: a run is in falling order."""
+    first, last = intervals[0], intervals[-1]
+    if len(intervals) == 1:
+        return first
+    method = f"{first.method}, {len(intervals)} axes that cannot be told apart put together: at least"
+    return Interval(last.lower, first.upper, first.upper_bound, first.confidence, method)

@@ -1,0 +1,214 @@
+"""Confidence intervals, each with the name of its method; where none can be had, the reason in its place.
+
+Three kinds, used as the assumptions allow:
+
+- chi-square intervals, exact for variances of Gaussian errors (the diagonal of a Wishart matrix) and, with Welch and
+  Satterthwaite's effective degrees of freedom, very nearly so for sums of variances (RMS, radius);
+- the studentised bootstrap over poses (P. Hall, The Bootstrap and Edgeworth Expansion, 1992, ch. 3), for the mean of
+  anything over poses, whatever its distribution; repetitions of one commanded pose are drawn together;
+- fractional order statistics for a percentile (A. D. Hutson, "Calculating nonparametric confidence intervals for
+  quantiles using fractional order statistics", J. Applied Statistics 26, 1999), distribution-free.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.geometry import Array
+from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
+
+FEWEST_FOR_BOOTSTRAP = 10
+"""With fewer poses the resamples are too few and too much alike for their quantiles to mean anything."""
+MOST_FOR_BOOTSTRAP = 1000
+"""With more poses the mean is Gaussian to within the bootstrap's own noise, and Student's t costs nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A confidence interval in the unit of its quantity."""
+
+    lower: float | None
+    upper: float | None
+    """Two-sided: the true value lies between ``lower`` and ``upper`` with ``confidence``."""
+    upper_bound: float | None
+    """One-sided: the true value lies below it with ``confidence``."""
+    confidence: float
+    method: str
+    why: str | None = None
+    """Why a limit is missing."""
+
+    @classmethod
+    def missing(cls, confidence: float, why: str) -> Interval:
+        """No interval, and the reason."""
+        return cls(None, None, None, confidence, "none", why)
+
+    def root(self) -> Interval:
+        """The interval of the square root of a quantity that cannot be negative."""
+        lower, upper, bound = (
+            None if value is None else math.sqrt(max(value, 0.0))
+            for value in (self.lower, self.upper, self.upper_bound)
+        )
+        return Interval(lower, upper, bound, self.confidence, self.method, self.why)
+
+
+def tails(confidence: float) -> tuple[float, float, float]:
+    """Probabilities below the lower limit, the upper limit and the one-sided upper bound."""
+    return 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence), confidence
+
+
+def chi2_interval(value: float, dof: float, confidence: float, method: str) -> Interval:
+    """Interval of a variance-like quantity with dof * estimate / truth ~ chi-square(dof)."""
+    low, high, bound = (dof * value / chi2_quantile(1.0 - p, dof) for p in tails(confidence))
+    return Interval(low, high, bound, confidence, method)
+
+
+def covariance_element(first: float, second: float, cross: float, dof: float, confidence: float) -> tuple[float, float]:
+    """Interval of a covariance from the variances and covariance of Gaussian data.
+
+    The covariance of two variables scaled to unit variance is a quarter of the difference between the variances of
+    their sum and of their difference, which are uncorrelated; the two chi-square intervals are put together by the
+    method of variance estimates recovery (G. Y. Zou, A. Donner, "Construction of confidence limits about effect
+    measures", Statistics in Medicine 27, 2008).
+    """
+    scale = math.sqrt(first * second)
+    if scale == 0.0:
+        return 0.0, 0.0
+    # Rounding may carry a perfect correlation past one.
+    correlation = min(1.0, max(-1.0, cross / scale))
+    plus, minus = 0.5 * (1.0 + correlation), 0.5 * (1.0 - correlation)
+    below, above = (dof / chi2_quantile(1.0 - p, dof) - 1.0 for p in tails(confidence)[:2])
+    return (
+        scale * (correlation - math.hypot(plus * below, minus * above)),
+        scale * (correlation + math.hypot(plus * above, minus * below)),
+    )
+
+
+def share_below_maximum(n: int, confidence: float) -> float:
+    """The share of all poses that lies below the largest of ``n`` with ``confidence``: (1 - confidence)^(1/n)."""
+    return float((1.0 - confidence) ** (1.0 / n))
+
+
+def percentile_levels(n: int, p: float, confidence: float) -> tuple[float | None, float | None, float | None]:
+    """Ranks, as fractions of n + 1, of the order statistics that bound the ``p`` quantile; None where n is too small.
+
+    The k-th of n order statistics lies below the quantile with probability P(Beta(k, n + 1 - k) <= p), a formula that
+    is read for fractions of k too; above 5000 poses by the normal approximation of the binomial distribution.
+    """
+
+    def level(below: float) -> float | None:
+        if n > 5000:
+            return p + normal_quantile(1.0 - below) * math.sqrt(p * (1.0 - p) / n)
+        if beta_cdf(p, n, 1.0) > below:
+            return None
+        low, high = 0.0, float(n)
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if beta_cdf(p, middle, n + 1.0 - middle) > below else (low, middle)
+        rank = 0.5 * (low + high)
+        return rank / (n + 1.0) if rank >= 1.0 else None
+
+    lower, upper, bound = (level(1.0 - probability) for probability in tails(confidence))
+    return lower, upper, bound
+
+
+@dataclass(frozen=True)
+class PoseSampling:
+    """Which errors are repetitions of one commanded pose, and the resampling of poses that follows from it."""
+
+    n: int
+    groups: NDArray[np.int64] | None
+    """``(n,)`` index of each error's commanded pose, or None where each error is of a pose of its own."""
+    draws: int = 2000
+    seed: int = 0
+    _cache: dict[str, Any] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    @property
+    def n_groups(self) -> int:
+        """Number of commanded poses."""
+        return self.n if self.groups is None else int(self.sizes().size)
+
+    def sizes(self) -> Array:
+        """Repetitions of each commanded pose, ``(n_groups,)``."""
+        if "sizes" not in self._cache:
+            sizes = np.ones(self.n) if self.groups is None else np.bincount(self.groups).astype(float)
+            self._cache["sizes"] = sizes
+        result: Array = self._cache["sizes"]
+        return result
+
+    def sums(self, values: Array) -> Array:
+        """Sum of ``values`` ``(n,)`` over each commanded pose, ``(n_groups,)``."""
+        if self.groups is None:
+            return values
+        return np.bincount(self.groups, weights=values).astype(float)
+
+    def counts(self) -> Array:
+        """How often each pose was drawn, ``(draws, n_groups)``; the same draws for every quantity."""
+        if "counts" not in self._cache:
+            size = self.n_groups
+            drawn = np.random.default_rng(self.seed).integers(size, size=(self.draws, size))
+            drawn += size * np.arange(self.draws)[:, None]
+            counts = np.bincount(drawn.ravel(), minlength=self.draws * size)
+            self._cache["counts"] = counts.reshape(self.draws, size).astype(float)
+        result: Array = self._cache["counts"]
+        return result
+
+    def standard_error(self, values: Array) -> float:
+        """Standard error of the mean of ``values`` ``(n,)``, poses independent, repetitions of one pose not."""
+        size, mean = self.n_groups, float(np.mean(values))
+        rest = self.sums(values - mean)
+        return math.sqrt(size / (size - 1.0) * float(rest @ rest)) / self.n
+
+    def mean_interval(self, values: Array, confidence: float, *, positive: bool) -> Interval:
+        """Interval of the mean of ``values`` ``(n,)`` over poses.
+
+        Args:
+            values: One number for each error.
+            confidence: Of the interval.
+            positive: The quantity cannot be negative: studentised on the scale of its square root, which keeps the
+                limits from being negative and evens out the skewness of squares.
+        """
+        size, mean = self.n_groups, float(np.mean(values))
+        if size < 2:
+            return Interval.missing(confidence, "one commanded pose shows no scatter between poses")
+        error = self.standard_error(values)
+        if error <= 1e-13 * float(np.max(np.abs(values))):
+            return Interval(mean, mean, mean, confidence, "no scatter")
+        below, above, bound = tails(confidence)
+        if FEWEST_FOR_BOOTSTRAP <= size <= MOST_FOR_BOOTSTRAP:
+            t = self._studentised(values, mean, positive)
+            t_below, t_above, t_bound = np.quantile(t, (below, above, 1.0 - bound)).tolist()
+            method = f"studentised bootstrap over {size} poses, {self.draws} draws"
+        else:
+            t_above = student_quantile(above, size - 1.0)
+            t_below, t_bound = -t_above, -student_quantile(bound, size - 1.0)
+            method = f"Student's t over {size} poses"
+        if positive:
+            root = math.sqrt(mean)
+            low, high, top = (max(root - 0.5 * t * error / root, 0.0) ** 2 for t in (t_above, t_below, t_bound))
+        else:
+            low, high, top = (mean - t * error for t in (t_above, t_below, t_bound))
+        return Interval(low, high, top, confidence, method)
+
+    def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
+        """(resampled mean - mean) / its own standard error, ``(draws,)``."""
+        counts, sizes = self.counts(), self.sizes()
+        sums = self.sums(values - mean)
+        size = self.n_groups
+        drawn = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
+        total, squares, cross, square_sizes, number = drawn.T
+        shift = total / number
+        variance = squares - 2.0 * shift * cross + shift * shift * square_sizes
+        error = np.sqrt(np.maximum(variance, 0.0) * (size / (size - 1.0))) / number
+        usable = error > 0.0
+        shift, error = shift[usable], error[usable]
+        if not positive:
+            result: Array = shift / error
+            return result
+        root = np.sqrt(np.maximum(mean + shift, 0.0))
+        result = 2.0 * root * (root - math.sqrt(mean)) / error
+        return result

@@ -1,0 +1,130 @@
+"""Moments of error vectors, and the tests of what Wu and Lee's equation (13) assumes: zero mean and Gaussian.
+
+Errors are ``(3, N)``, components first.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.geometry import Array
+from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf
+
+BLOCK = 16384
+NIL = 1e-12
+"""An eigenvalue smaller than this part of the largest is rounding: an axis a million times thinner than the longest."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssumptionTest:
+    """One statistical test; the statistic and its p-value are None where ``why`` says so."""
+
+    method: str
+    statistic: float | None
+    p_value: float | None
+    dimension: int
+    """Number of directions in which the errors scatter, 3 unless they are flat or collinear."""
+    why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AssumptionTests:
+    """The assumptions of a zero-mean Gaussian, one test for each."""
+
+    zero_mean: AssumptionTest
+    skewness: AssumptionTest
+    kurtosis: AssumptionTest
+
+
+def second_moment(errors: Array) -> Array:
+    """Mean of d d^T ``(3, 3)`` over errors ``(3, N)``: equations (13) and (14) of Wu and Lee."""
+    result: Array = errors @ errors.T / errors.shape[1]
+    return result
+
+
+def principal_axes(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues ``(3,)`` from large to small, none negative, and unit eigenvectors ``(3, 3)`` as columns.
+
+    Each axis points so that its largest component is positive, and they are the same on every machine.
+    """
+    values, vectors = np.linalg.eigh(matrix)
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    signs = np.sign(vectors[np.argmax(np.abs(vectors), axis=0), np.arange(3)])
+    return np.where(values > NIL * values[0], values, 0.0), vectors * signs
+
+
+def assumption_tests(errors: Array) -> AssumptionTests:
+    """Hotelling's and Mardia's tests on independent errors ``(3, N)``."""
+    n = errors.shape[1]
+    mean = np.mean(errors, axis=1)
+    about_zero, _ = principal_axes(second_moment(errors))
+    rank = int(np.count_nonzero(about_zero))
+    values, axes = principal_axes(second_moment(errors - mean[:, None]))
+    scatter = int(np.count_nonzero(values > NIL * about_zero[0]))
+    return AssumptionTests(
+        _hotelling(mean, values[:scatter], axes[:, :scatter], rank, n),
+        *_mardia(errors, mean, values[:scatter], axes[:, :scatter]),
+    )
+
+
+def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> AssumptionTest:
+    """T^2 = n m' S^-1 m, S with divisor n - 1; (n - p) / (p (n - 1)) T^2 ~ F(p, n - p) (Hotelling 1931)."""
+    method = "Hotelling's T-squared: the mean is zero"
+    p = values.size
+    if n <= rank or n < 2:
+        return AssumptionTest(method, None, None, p, f"{_poses(n)} cannot show scatter in {rank or 3} directions")
+    if rank == 0:
+        return AssumptionTest(method, None, None, 0, "every error is zero")
+    if p < rank:
+        return AssumptionTest(method, None, None, p, "the errors do not scatter along every direction of their mean")
+    statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
+    return AssumptionTest(method, statistic, f_sf((n - p) / (p * (n - 1)) * statistic, p, n - p), p)
+
+
+def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[AssumptionTest, AssumptionTest]:
+    """Mardia's b1 and b2, with his small-sample corrections.
+
+    Sources: K. V. Mardia, "Measures of multivariate skewness and kurtosis with applications", Biometrika 57 (1970);
+    "Applications of some measures of multivariate skewness and kurtosis in testing normality and robustness studies",
+    Sankhya B 36 (1974): exact mean of b1 and exact mean and variance of b2 for Gaussian data.
+    """
+    methods = "Mardia's skewness: the errors are Gaussian", "Mardia's kurtosis: the errors are Gaussian"
+    n, p = errors.shape[1], values.size
+    if p == 0 or n < p + 2:
+        why = "the errors do not scatter" if p == 0 and n > 1 else f"{_poses(n)} cannot show a distribution's shape"
+        return AssumptionTest(methods[0], None, None, p, why), AssumptionTest(methods[1], None, None, p, why)
+    skewness, kurtosis = _standardised_moments(errors, mean, axes / np.sqrt(values))
+    correction = (p + 1) * (n + 1) * (n + 3) / (n * ((n + 1) * (p + 1) - 6))
+    p_skewness = chi2_sf(n * correction * skewness / 6.0, p * (p + 1) * (p + 2) / 6)
+    expected = p * (p + 2) * (n - 1) / (n + 1)
+    variance = 8 * p * (p + 2) * (n - 3) / (n + 1) ** 2 * (n - p - 1) / (n + 3) * (n - p + 1) / (n + 5)
+    if variance <= 0.0:
+        why = f"{_poses(n)} cannot show a distribution's shape"
+        return AssumptionTest(methods[0], skewness, p_skewness, p), AssumptionTest(methods[1], None, None, p, why)
+    p_kurtosis = 2.0 * normal_cdf(-abs(kurtosis - expected) / math.sqrt(variance))
+    return AssumptionTest(methods[0], skewness, p_skewness, p), AssumptionTest(methods[1], kurtosis, p_kurtosis, p)
+
+
+def _standardised_moments(errors: Array, mean: Array, whiten: Array) -> tuple[float, float]:
+    """b1 and b2 of Mardia.
+
+    b1, the mean of (z_i . z_j)^3 over all pairs, is the squared norm of the mean of z (x) z (x) z, so it takes one
+    pass over the poses and not one over their pairs.
+    """
+    p = whiten.shape[1]
+    third = np.zeros((p, p * p))
+    fourth = 0.0
+    for start in range(0, errors.shape[1], BLOCK):
+        z = whiten.T @ (errors[:, start : start + BLOCK] - mean[:, None])
+        third += z @ (z[:, None] * z[None]).reshape(p * p, -1).T
+        square = np.einsum("in,in->n", z, z)
+        fourth += float(square @ square)
+    n = errors.shape[1]
+    return float(np.sum(np.square(third / n))), fourth / n
+
+
+def _poses(n: int) -> str:
+    return "one pose" if n == 1 else f"{n} poses"

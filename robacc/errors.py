@@ -46,6 +46,10 @@ class UsageError(RobaccError):
     exit_status = 2
 
 
+class EquilibriumError(UsageError):
+    """A compliance is so large that the arm has no elastic equilibrium under its weight."""
+
+
 class InputError(RobaccError):
     """A file, or the data in it, cannot be used (exit 3). Carries every problem found, not only the first."""
 

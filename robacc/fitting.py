@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from robacc.chain import BLOCK
 from robacc.closed_form import register
 from robacc.effects.base import Term
-from robacc.errors import InputError
+from robacc.errors import EquilibriumError, InputError
 from robacc.geometry import Array, Poses
 from robacc.identifiability import Dropped, Identifiability, identify
 from robacc.measurements import Measurements
@@ -168,6 +168,8 @@ class _Solver:
 
     def _identify(self) -> Identifiability:
         triangle = np.zeros((0, len(self.terms)))
+        if not self.terms:
+            return identify(triangle, (), self.data.n)
         for index in range(len(self.slices)):
             _, jacobian = self._whitened(self.theta, index)
             rows = np.moveaxis(jacobian, 1, 2).reshape(-1, len(self.terms))
@@ -244,7 +246,10 @@ class _Solver:
         for halving in range(_HALVINGS):
             theta = self.theta.copy()
             theta[columns] += step * 0.5**halving
-            residual = self._residuals(theta)
+            try:
+                residual = self._residuals(theta)
+            except EquilibriumError:
+                continue
             new = self._cost(residual, theta, kept)
             # At the minimum rounding decides which of two equal costs is the lower; a full step is then still taken.
             if new <= cost * (1 + 1e-12) + 1e-300:
@@ -282,7 +287,7 @@ class _Solver:
         for _ in range(_PRIOR_ROUNDS):
             previous = dict(self.widths)
             for name, members in self.groups.items():
-                width = self.widths.setdefault(name, 1e-4)
+                width = self.widths.setdefault(name, self.terms[members[0]].typical)
                 for i in members:
                     self.precision[i] = noise / (width * self.terms[i].weight) ** 2
             posterior = self._posterior()
@@ -397,7 +402,8 @@ def _groups(terms: Sequence[Term]) -> dict[str, list[int]]:
 
 
 def _fixed_precision(terms: Sequence[Term], priors: Array | None) -> Array:
-    precision = np.zeros(len(terms))
+    # A group starts at its terms' usual size; its width is then estimated.
+    precision = np.array([1.0 / (term.typical * term.weight) ** 2 if term.group else 0.0 for term in terms])
     if priors is not None:
         known = np.isfinite(priors) & (priors > 0)
         precision[known] = 1.0 / np.square(priors[known])

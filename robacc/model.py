@@ -19,7 +19,7 @@ from robacc.chain import TOOL, Scalar, Sweep
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.specification import Known, known_effects
 from robacc.elasticity import Weights, force, force_derivatives
-from robacc.errors import UsageError
+from robacc.errors import EquilibriumError, UsageError
 from robacc.geometry import Array, Poses
 from robacc.loads import Load
 from robacc.measurements import Measurements
@@ -204,7 +204,7 @@ class BoundModel:
         """Sweep until the deflections reproduce themselves.
 
         Raises:
-            UsageError: they do not, because the arm is softer than its weight allows.
+            EquilibriumError: they do not, because the arm is softer than its weight allows.
         """
         motions = tuple(sorted({entry.part.motion for entry in elastic}))
         slot = {k: i for i, k in enumerate(motions)}
@@ -226,7 +226,7 @@ class BoundModel:
             if change < _EQUILIBRIUM:
                 break
         else:
-            raise UsageError(
+            raise EquilibriumError(
                 "the elastic equilibrium does not converge: a compliance is too large for the arm's weight"
             )
         for motion, deflection in zip(motions, previous, strict=True):

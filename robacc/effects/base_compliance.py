@@ -37,4 +37,4 @@ class BaseCompliance(Effect):
         """One term."""
         loads = own_weight(arm)
         parts = tuple(Part(arm.chain.index(BASE, label), 1.0, loads) for label in ("turn_x", "turn_y"))
-        return (Term(self.name, "rad/(N m)", 1e-7, parts),)
+        return (Term(self.name, "rad/(N m)", 1e-6, parts),)

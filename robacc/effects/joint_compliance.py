@@ -57,7 +57,7 @@ class JointCompliance(Effect):
             motion = arm.axis_motion(joint)
             unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"
             if self.masses != "unknown":
-                terms.append(Term(f"{self.name}.{joint}", unit, 1e-6, (Part(motion, 1.0, weight),)))
+                terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (Part(motion, 1.0, weight),)))
             if self.masses == "known":
                 continue
             sizes = _sizes(arm) if self.masses == "uncertain" else {}
@@ -66,7 +66,7 @@ class JointCompliance(Effect):
                 by = "kg" if label.startswith("m") else "kg m"
                 size = sizes.get(label, 5.0 if by == "kg" else 1.0)
                 part = Part(motion, 1.0, loads)
-                terms.append(Term(name, f"{unit} {by}", 1e-6, (part,), f"{self.name}.{joint}", size))
+                terms.append(Term(name, f"{unit} {by}", 1e-5, (part,), f"{self.name}.{joint}", size))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:

@@ -36,7 +36,7 @@ class JointCoupling(Effect):
             Term(
                 f"{self.name}.{joint}.{driver}",
                 _unit(arm, joint, driver),
-                1e-4,
+                1e-3,
                 (Part(arm.axis_motion(joint), q[arm.number(driver)]),),
             )
             for joint in self.joints

@@ -39,7 +39,7 @@ class LateralCompliance(Effect):
             Term(
                 f"{self.name}.{joint}",
                 "rad/(N m)",
-                1e-6,
+                1e-5,
                 tuple(Part(arm.motion(joint, label), 1.0, weight) for label in FLEXURES),
             )
             for joint in self.joints

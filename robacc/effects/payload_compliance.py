@@ -40,7 +40,7 @@ class PayloadCompliance(Effect):
             Term(
                 f"{self.name}.{joint}",
                 "rad/(N m)" if arm.is_revolute(joint) else "m/N",
-                1e-6,
+                1e-5,
                 (Part(arm.axis_motion(joint), 1.0, loads),),
             )
             for joint in self.joints

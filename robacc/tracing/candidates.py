@@ -1,8 +1,9 @@
-"""What competes: every effect of the catalogue in every form, periodic errors of any order, corrections of any driver."""
+"""What competes: every effect of the catalogue in every form, periodic errors of any order, empirical corrections."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,8 @@ from robacc.robots.arm import Arm
 ORDER_STEP = 0.25
 HIGHEST_ORDER = 40.0
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
+_UNITS = 80.0
+"""Effects times joints that compete on a six-axis arm: what a searched order or a block has against it."""
 _SHRUNK_AGAINST_NAMED = 1e-3
 """Prior odds of a rich block against a named term of its own family: asked for only where the data insist."""
 
@@ -31,15 +34,13 @@ class Candidate:
     effect: Effect
     terms: tuple[Term, ...]
     log_prior: float
-    """Log of its prior probability: families share it evenly, and the members of each."""
+    """Log of its prior probability."""
 
     @property
     def weights(self) -> Array:
-        """``(q,)`` prior standard deviation of each coefficient relative to the others."""
-        block = any(term.group is not None for term in self.terms)
-        return np.array([term.weight if term.group or not block else 4.0 for term in self.terms]) * np.array(
-            [1.0 if block else term.typical for term in self.terms]
-        )
+        """``(q,)`` usual size of each coefficient: its prior's standard deviation up to a common factor."""
+        free = 4.0 if self.is_block else 1.0
+        return np.array([term.typical * (term.weight if term.group else free) for term in self.terms])
 
     @property
     def is_block(self) -> bool:
@@ -64,6 +65,16 @@ class Waves:
     angle: Array
     """``(N,)`` rad"""
     log_prior: float
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Rich blocks of one joint and one size, which are judged together and without building their columns."""
+
+    number: int
+    candidates: tuple[Candidate, ...]
+    basis: Array
+    """``(B, Q, N)`` regressors times weights."""
 
 
 def named_candidates(
@@ -92,7 +103,8 @@ def named_candidates(
         ]
         if forms:
             families[name] = forms
-    count = max(len(families), 1) + 1
+    # Every effect on every joint is as likely as any other; the forms of one share its part.
+    units = Counter((effect.name, effect.joints) for forms in families.values() for effect in forms)
     candidates = []
     for forms in families.values():
         for effect in forms:
@@ -101,10 +113,8 @@ def named_candidates(
             except UsageError as error:
                 missing[effect.name] = str(error)
                 continue
-            odds = math.log(_SHRUNK_AGAINST_NAMED) if any(term.group for term in terms) else 0.0
-            if effect.settings().get("masses") in ("uncertain", "unknown"):
-                odds = 0.0
-            candidates.append(Candidate(effect, terms, -math.log(count * len(forms)) + odds))
+            share = len(units) * units[effect.name, effect.joints]
+            candidates.append(Candidate(effect, terms, -math.log(share)))
     return candidates, missing
 
 
@@ -124,7 +134,7 @@ def waves(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> li
         basis = np.concatenate((np.cos(phase), np.sin(phase)))
         # Neighbours of the grid say the same: what counts as independent are orders one period of the range apart.
         independent = max(1.0, float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
-        result.append(Waves(joint, arm.number(joint), orders, basis, angle, -math.log(20.0 * len(names) * independent)))
+        result.append(Waves(joint, arm.number(joint), orders, basis, angle, -math.log(_UNITS * independent)))
     return result
 
 
@@ -157,7 +167,7 @@ def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) ->
         if len(orders) < 3:
             continue
         effect = TransmissionError((joint,), orders, True)
-        prior = -math.log(20.0 * len(names)) + math.log(_SHRUNK_AGAINST_NAMED)
+        prior = -math.log(_UNITS) + math.log(_SHRUNK_AGAINST_NAMED)
         result.append(Candidate(effect, effect.terms(arm, data), prior))
     return result
 
@@ -165,8 +175,25 @@ def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) ->
 def corrections(arm: Arm, data: Measurements) -> list[Candidate]:
     """Empirical corrections: every joint, every driver and pair of drivers."""
     effects = list(JointCorrection.candidates(arm, data))
-    prior = -math.log(20.0 * max(len(effects), 1)) + math.log(_SHRUNK_AGAINST_NAMED)
+    prior = -math.log(_UNITS * max(len(effects), 1) / len(arm.names)) + math.log(_SHRUNK_AGAINST_NAMED)
     return [Candidate(effect, effect.terms(arm, data), prior) for effect in effects]
+
+
+def batches(arm: Arm, candidates: Sequence[Candidate], rows: Array) -> list[Batch]:
+    """Blocks sorted by joint and size, on the poses ``rows``."""
+    sorted_out: dict[tuple[int, int], list[Candidate]] = {}
+    for candidate in candidates:
+        sorted_out.setdefault((arm.number(candidate.effect.joints[0]), len(candidate.terms)), []).append(candidate)
+    result = []
+    for (number, _), members in sorted_out.items():
+        basis = np.stack(
+            [
+                np.stack([term.parts[0].factor[rows] * w for term, w in zip(one.terms, one.weights, strict=True)])  # type: ignore[index]
+                for one in members
+            ]
+        )
+        result.append(Batch(number, tuple(members), basis))
+    return result
 
 
 def _is_whole(effect: Effect) -> bool:

@@ -21,6 +21,8 @@ from robacc.geometry import Array
 from robacc.statistics.distributions import chi2_sf, f_sf
 
 _WIDTHS = np.exp(np.linspace(math.log(1e-3), math.log(1e10), 66))
+_PLAUSIBLE = 300.0
+"""A coefficient's prior is at most this many times its usual size: what only an absurd value would explain is not."""
 _NEW = 1e-10
 """A candidate's direction whose new part has less than this share of its squared length is no new direction."""
 
@@ -119,7 +121,8 @@ def judge(
     """Scores of B candidates of Q columns each.
 
     Args:
-        blocks: ``(B, Q, Q)`` Gram matrices of the new parts of the columns, scaled by the candidates' weights.
+        blocks: ``(B, Q, Q)`` Gram matrices of the new parts of the columns, scaled by the candidates' weights, that is
+            in units of their coefficients' usual sizes.
         moments: ``(B, Q)`` the same times the residual.
         lengths: ``(B, Q)`` squared lengths of the whole columns.
         energy: whitened sum of squares of what is left.
@@ -133,7 +136,7 @@ def judge(
     safe = np.where(new, values, 1.0)
     gains = np.minimum(np.sum(np.square(projected) / safe, axis=1), 0.999999999 * energy)
     top = np.where(values.max(axis=1) > 0, values.max(axis=1), 1.0)
-    widths = _WIDTHS[None, :] / top[:, None]
+    widths = np.minimum(_WIDTHS[None, :] / top[:, None], _PLAUSIBLE**2 * freedom / energy)
     share = widths[:, :, None] / (1.0 + widths[:, :, None] * values[:, None, :])
     left = energy - np.sum(np.square(projected)[:, None, :] * share, axis=2)
     left = np.maximum(left, 1e-9 * energy)

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from robacc.observation import observed_jacobian, residuals
 from robacc.tracing.candidates import (
     ORDER_STEP,
     Candidate,
-    Waves,
+    batches,
     corrections,
     named_candidates,
     profiles,
@@ -32,6 +33,7 @@ from robacc.tracing.selection import FALSE_ALARM, Chosen, Selection, Step
 _ROUNDS = 4
 _BETTER = 10.0
 """Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
+REGISTERED = ("base_frame", "tool_frame")
 SEARCH = Options(tolerance=1e-5)
 
 
@@ -52,6 +54,15 @@ class Scene:
     kept: NDArray[np.bool_]
     missing: dict[str, str]
     only: tuple[str, ...] | None
+
+    @cached_property
+    def blocks(self) -> list[Candidate]:
+        """Rich blocks: periodic profiles and empirical corrections."""
+        arm = self.model.arm
+        found = profiles(arm, self.data, self.only)
+        if self.only is None or "joint_correction" in self.only:
+            found += corrections(arm, self.data)
+        return found
 
     def selection(self, rows: NDArray[np.bool_], start: Sequence[Effect] = ()) -> Selection:
         """A choice on some of the poses, from nothing or from effects already found."""
@@ -87,7 +98,7 @@ class Scene:
                 return candidate
         terms = effect.terms(self.model.arm, self.data)
         if any(term.group for term in terms):
-            return Candidate(effect, terms, math.log(1e-3 / 20.0 / len(self.model.arm.names)))
+            return Candidate(effect, terms, math.log(1e-3 / 80.0))
         searched = waves(self.model.arm, self.data, self.only)
         return Candidate(effect, terms, next((w.log_prior for w in searched if (w.joint,) == effect.joints), -8.0))
 
@@ -152,7 +163,7 @@ def _identity(effect: Effect, term: Term) -> str:
 def choose(scene: Scene, rows: NDArray[np.bool_], start: Sequence[Effect] = (), empirical: bool = True) -> Selection:
     """Named effects first; where they leave structure, or take many to explain it, a correction may do better."""
     named = scene.selection(rows, start)
-    blocks = _blocks(scene) if empirical else []
+    blocks = batches(scene.model.arm, scene.blocks, np.flatnonzero(rows & scene.kept)) if empirical else []
     named.blocks = blocks
     if any(one.candidate.is_correction for one in named.chosen):
         named.run(with_blocks=True)
@@ -170,15 +181,6 @@ def choose(scene: Scene, rows: NDArray[np.bool_], start: Sequence[Effect] = (), 
     if structured:
         named.run(with_blocks=True)
     return mixed if mixed.total() > named.total() + (0.0 if structured else _BETTER) else named
-
-
-def _blocks(scene: Scene) -> list[Candidate]:
-    data = scene.data
-    only = scene.only
-    blocks = profiles(scene.model.arm, data, only)
-    if only is None or "joint_correction" in only:
-        blocks += corrections(scene.model.arm, data)
-    return blocks
 
 
 @dataclass(frozen=True)
@@ -206,15 +208,20 @@ def close_loop(
     first = scene = linearise(declared, data, model.free, only)
     selection = choose(scene, everything, empirical=empirical)
     steps = list(selection.steps)
-    present, effects = declared, ()
+    present: Fit = declared
+    effects: tuple[Effect, ...] = ()
+    frames: tuple[Effect, ...] = ()
     for _ in range(_ROUNDS):
-        chosen = tuple(refined(selection, one) for one in selection.chosen)
+        chosen = frames + tuple(refined(selection, one) for one in selection.chosen)
         if [coarse(effect) for effect in chosen] == [coarse(effect) for effect in effects]:
             break
         effects = chosen
-        present = fit(declared.model.with_free(*effects), data, options)
-        scene = linearise(present, data, model.free, only)
-        selection = choose(scene, everything, effects, empirical)
+        # A frame that was found is registered anew by every fit, so it does not compete again.
+        frames = tuple(effect for effect in effects if effect.name in REGISTERED)
+        rest = tuple(effect for effect in effects if effect.name not in REGISTERED)
+        present = fit(declared.model.with_free(*frames, *rest), data, options)
+        scene = linearise(present, data, (*model.free, *frames), only)
+        selection = choose(scene, everything, rest, empirical)
         steps.extend(selection.steps)
     return Loop(declared, present, effects, tuple(steps), first, selection)
 

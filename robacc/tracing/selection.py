@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.transmission_error import TransmissionError
 from robacc.geometry import Array
-from robacc.tracing.candidates import Candidate, Waves
+from robacc.tracing.candidates import Batch, Candidate, Waves
 from robacc.tracing.evidence import Columns, Conditioned, Scores, judge
 
 FALSE_ALARM = 0.01
@@ -20,7 +20,8 @@ FALSE_ALARM = 0.01
 RIVAL = 5.0
 """A rival within this many nats of the finding's own evidence (odds of 150 to 1) is named as an alternative."""
 _SWAP = 1.0
-"""A rival takes a finding's place where it is better by more than this, so that equals do not change places for ever."""
+"""A rival takes a finding's place where it is better by more than this: equals do not change places for ever."""
+_FRAMES = ("base_frame", "tool_frame")
 _MOST = 12
 _SWEEPS = 4
 
@@ -77,12 +78,11 @@ class Selection:
     """``(M, J, N)`` whitened columns of each joint's variable."""
     expand: Expand
     """Whitened ``(M, Q, N)`` columns of a candidate that has none in the system yet."""
-    blocks: Sequence[Candidate] = ()
+    blocks: Sequence[Batch] = ()
     """Rich blocks, scored only where the caller asks for them."""
     chosen: list[Chosen] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     _batches: list[tuple[list[int], NDArray[np.int64], Array]] = field(default_factory=list)
-    _block_places: dict[int, NDArray[np.int64]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Sort the pool into batches of equal size, which are judged together."""
@@ -173,26 +173,20 @@ class Selection:
 
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
         result = []
-        for number, block in enumerate(self.blocks):
-            if number not in self._block_places:
-                self._block_places[number] = self.system.append(self.expand(block))
-        # The system has grown: condition again with the same model.
-        if conditioned.moment.size != self.system.moment.size:
-            conditioned = self.condition()
-        for number, block in enumerate(self.blocks):
-            columns, weight = self._block_places[number], block.weights
-            blocks = conditioned.block(columns) * weight[:, None] * weight
-            moments = conditioned.moment[columns] * weight
-            lengths = np.diag(self.system.gram)[columns] * np.square(weight)
-            scores = judge(
-                blocks[None],
-                moments[None],
-                lengths[None],
-                conditioned.energy,
-                conditioned.freedom,
-                np.array([True]),
-            )
-            result.append(_ranked(block, scores, 0))
+        residual = self._residual(conditioned)
+        for batch in self.blocks:
+            column = self.joint_columns[:, batch.number]
+            collapsed = np.einsum("mcn,mn->cn", self.system.columns[:, conditioned.active], column)
+            square = np.einsum("mn,mn->n", column, column)
+            count, size, n = batch.basis.shape
+            reduced = ((conditioned.root.T @ collapsed) @ batch.basis.reshape(-1, n).T).reshape(-1, count, size)
+            whole = np.matmul(batch.basis * square, np.swapaxes(batch.basis, 1, 2))
+            blocks = whole - np.einsum("rbi,rbj->bij", reduced, reduced)
+            moments = batch.basis @ np.einsum("mn,mn->n", column, residual)
+            lengths = np.diagonal(whole, axis1=1, axis2=2)
+            shrunk = np.ones(count, dtype=bool)
+            scores = judge(blocks, moments, lengths, conditioned.energy, conditioned.freedom, shrunk)
+            result.extend(_ranked(one, scores, i) for i, one in enumerate(batch.candidates))
         return result
 
     # -- choosing
@@ -213,9 +207,6 @@ class Selection:
         for i, other in enumerate(self.pool):
             if other is candidate:
                 return self.places[i]
-        for number, other in enumerate(self.blocks):
-            if other is candidate and number in self._block_places:
-                return self._block_places[number]
         return self.system.append(self.expand(candidate))
 
     def _precision(self, ranked: Ranked) -> Array:
@@ -229,23 +220,50 @@ class Selection:
         """Forward until nothing is significant, each time putting every earlier finding to the test again."""
         if self.chosen:
             self._revise(with_blocks)
-        for _ in range(most):
+        self._forward(with_blocks, most)
+        if not with_blocks:
+            self._rebuild(most)
+
+    def _forward(self, with_blocks: bool, most: int, without: tuple[object, ...] | None = None) -> None:
+        seen: set[frozenset[tuple[object, ...]]] = set()
+        while len(self.chosen) < most:
+            # A set of findings that comes back would come back for ever.
+            present = frozenset(one.candidate.effect.key() for one in self.chosen)
+            if present in seen:
+                return
+            seen.add(present)
             ranking = self.rank(self.condition(), with_blocks)
+            if without is not None:
+                ranking = [one for one in ranking if one.candidate.effect.key() != without]
             best = ranking[0] if ranking else None
             if best is None or best.p_value > FALSE_ALARM:
                 self.steps.append(Step("stop", None, ranking[:40]))
                 return
             self.add(best)
             self.steps.append(Step("add", str(best.candidate.effect), ranking[:40]))
-            self._revise(with_blocks)
+            self._revise(with_blocks, without)
 
-    def _revise(self, with_blocks: bool) -> None:
+    def _rebuild(self, most: int) -> None:
+        """Forbid each finding in turn and choose again: what greed took first may have stood in for two others."""
+        for one in sorted(self.chosen, key=lambda item: -item.columns.size):
+            if one not in self.chosen or one.candidate.effect.name in _FRAMES:
+                continue
+            before, total, steps = list(self.chosen), self.total(), list(self.steps)
+            self.chosen = [other for other in before if other is not one]
+            self._forward(False, most, one.candidate.effect.key())
+            if self.total() > total + _SWAP:
+                steps.append(Step("rebuild", f"without {one.candidate.effect}", []))
+                self.steps = steps
+            else:
+                self.chosen, self.steps = before, steps
+
+    def _revise(self, with_blocks: bool, without: tuple[object, ...] | None = None) -> None:
         """Drop what is no longer needed, and give a finding's place to a rival that does better in it."""
         for _ in range(_SWEEPS):
-            if not any([self._revise_one(one, with_blocks) for one in list(self.chosen)]):
+            if not any([self._revise_one(one, with_blocks, without) for one in list(self.chosen)]):
                 return
 
-    def _revise_one(self, one: Chosen, with_blocks: bool) -> bool:
+    def _revise_one(self, one: Chosen, with_blocks: bool, without: tuple[object, ...] | None) -> bool:
         if one not in self.chosen or len(self.chosen) < 2:
             return False
         own, ranking = self.contest(one, with_blocks)
@@ -253,6 +271,7 @@ class Selection:
             self.chosen.remove(one)
             self.steps.append(Step("drop", str(one.candidate.effect), ranking[:10]))
             return True
+        ranking = [rival for rival in ranking if rival.candidate.effect.key() != without]
         best = ranking[0] if ranking else own
         if best.total > own.total + _SWAP:
             at = self.chosen.index(one)

@@ -1,130 +1,22 @@
-"""URDF: every chain of real robots against yourdfpy's own kinematics, what is refused, and the way back."""
+"""URDF: which chain is read, what comes along, and what is refused."""
 
 from __future__ import annotations
 
-import logging
 import re
 import subprocess
 import sys
-from dataclasses import replace
-from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from robacc.chain import TOOL
 from robacc.errors import InputError, RobaccError, UsageError
-from robacc.geometry import Array, rotation_from_rpy
-from robacc.io.robot_file import read_robot
 from robacc.robots.assembly import build_chain
-from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic, Robot
-from robacc.robots.urdf import parse_urdf, robot_to_urdf
+from robacc.robots.description import Mimic
+from robacc.robots.urdf import parse_urdf
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 
 PROJECT = Path(__file__).resolve().parents[1]
-CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))
-
-ARMS = (
-    "panda_description/urdf/panda.urdf",
-    "z1_description/urdf/z1.urdf",
-    "kinova_description/robots/kinova.urdf",
-    "xarm_description/urdf/xarm7.urdf",
-    "ur_description/urdf/ur3_robot.urdf",
-    "ur_description/urdf/ur3_gripper.urdf",
-    "ur_description/urdf/ur5_robot.urdf",
-    "ur_description/urdf/ur5_gripper.urdf",
-    "ur_description/urdf/ur10_robot.urdf",
-    "ur_description/urdf/ur10_joint_limited_robot.urdf",
-    "so_arm_description/urdf/so100.urdf",
-    "so_arm_description/urdf/so101.urdf",
-    "baxter_description/urdf/baxter.urdf",
-    "talos_data/robots/talos_left_arm.urdf",
-    "tiago_description/robots/tiago_no_hand.urdf",
-    "tiago_description/robots/tiago.urdf",
-    "tiago_description/robots/tiago_dual.urdf",
-    "tiago_pro_description/robots/tiago_pro.urdf",
-    "pr2_description/urdf/pr2.urdf",
-    "icub_description/robots/icub.urdf",
-    "romeo_description/urdf/romeo.urdf",
-    "b1_description/urdf/b1-z1.urdf",
-    "anymal_b_simple_description/robots/anymal-kinova.urdf",
-    "alex_description/urdf/alex_psyonic_hands.urdf",
-    "allegro_hand_description/urdf/allegro_right_hand.urdf",
-    "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
-)
-"""Under the package's folder of robots: arms, arms on mobile bases, hands with mimic joints, long chains."""
-
-
-@pytest.fixture(scope="session")
-def robots_folder() -> Path:
-    try:
-        listed = metadata.files("example-robot-data") or []
-    except metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
-    urdf = next(file for file in listed if file.name == "panda.urdf")
-    return Path(urdf.locate()).parents[2]
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str, robots_folder: Path) -> None:
-    yourdfpy = pytest.importorskip("yourdfpy")
-    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
-    path = robots_folder / arm
-    reference = yourdfpy.URDF.load(str(path), load_meshes=False)
-    rng = np.random.default_rng(0)
-    configurations = [{name: rng.uniform(-2, 2) for name in reference.actuated_joint_names} for _ in range(2)]
-    parents = {joint.parent for joint in reference.robot.joints}
-    leaves = [link.name for link in reference.robot.links if link.name not in parents]
-    text = path.read_text()
-    robots = {}
-    for leaf in leaves:
-        try:
-            robots[leaf] = parse_urdf(text, arm, None, leaf)
-        except InputError as error:
-            # The only chains that are none: nothing moves in them, or a finger follows one of another chain.
-            problems = {problem.message for problem in error.problems}
-            assert all("moves" in problem or "which is not in the chain" in problem for problem in problems)
-    assert robots, "no chain of this robot could be read"
-    for configuration in configurations:
-        reference.update_cfg(np.array([configuration[name] for name in reference.actuated_joint_names]))
-        for leaf, robot in robots.items():
-            q = np.array([[configuration[name]] for name in robot.variable_names])
-            expected = reference.get_transform(leaf, robot.base_link)
-            np.testing.assert_allclose(build_chain(robot).forward(q).matrices()[0], expected, atol=1e-10, err_msg=leaf)
-
-
-def test_there_are_at_least_fifteen_robots(robots_folder: Path) -> None:
-    assert sum((robots_folder / arm).is_file() for arm in ARMS) >= 15
-
-
-def test_our_panda_is_the_urdfs_panda(robots_folder: Path) -> None:
-    # Two descriptions of one arm by different hands, modified DH and URDF.
-    text = (robots_folder / ARMS[0]).read_text()
-    theirs = parse_urdf(text, "panda.urdf", "panda_link0", "panda_link8")
-    ours = read_robot(PROJECT / "configs" / "robots" / "panda.yaml")
-    q = np.random.default_rng(1).uniform(-1, 1, (7, 20))
-    np.testing.assert_allclose(
-        build_chain(ours).forward(q).matrices(), build_chain(theirs).forward(q).matrices(), atol=1e-12
-    )
-    moving = [joint for joint in theirs.joints if joint.is_variable]
-    assert [joint.name for joint in ours.joints] == [joint.name for joint in moving]
-    for our, their in zip(ours.joints, moving, strict=True):
-        # The file's figures are rounded to a tenth of a gram; the frames behind the joints are the same.
-        assert our.mass == pytest.approx(their.mass, abs=1e-3)
-        assert our.com == pytest.approx(their.com, abs=1e-4)
-
-
-def test_our_ur10_is_the_urdfs_ur10(robots_folder: Path) -> None:
-    # The URDF is in metres to four digits and puts its tool frame's axes elsewhere, so points are compared.
-    text = (robots_folder / "ur_description/urdf/ur10_robot.urdf").read_text()
-    theirs = build_chain(parse_urdf(text, "ur10.urdf", None, "tool0"))
-    ours = build_chain(read_robot(PROJECT / "configs" / "robots" / "ur10.yaml"))
-    q = np.random.default_rng(1).uniform(-2, 2, (6, 20))
-    our, their = ours.forward(q).translation, theirs.forward(q).translation
-    turned = rotation_from_rpy(np.array([0, 0, np.pi])) @ our  # base_link looks the other way than base
-    np.testing.assert_allclose(turned, their, atol=1e-3)
-
 
 TREE = """<robot name="tree">
   <link name="world"/>
@@ -304,124 +196,6 @@ def test_links_that_do_not_exist_or_do_not_follow_are_wrong_usage() -> None:
         parse_urdf(TREE, "t.urdf", "upper", "base")
 
 
-def random_joint(rng: np.random.Generator, i: int, convention: str) -> Joint:
-    kind = ("revolute", "prismatic", "revolute")[i % 3]
-    names = (
-        ("x", "y", "z", "roll", "pitch", "yaw", "offset")
-        if convention == "urdf"
-        else ("theta", "d", "a", "alpha", "beta")
-    )
-    axis = rng.normal(size=3) if convention == "urdf" else np.array([0.0, 0, 1])
-    return Joint(
-        f"j{i}",
-        "fixed" if convention == "urdf" and i == 4 else kind,
-        dict(zip(names, rng.normal(size=len(names)), strict=True)),
-        axis=tuple(axis / np.linalg.norm(axis)),
-        limits=(-1.5, 2.0) if i % 2 else None,
-        sign=-1 if i in (1, 2) else 1,
-        mass=float(i + 1),
-        com=tuple(rng.normal(size=3)),
-        mimic=Mimic("j0", -1.5, 0.2) if convention == "urdf" and i == 2 else None,
-    )
-
-
-def assert_same_arm(robot: Robot, again: Robot, target: Frame | None = None) -> None:
-    chains = build_chain(robot if target is None else replace(robot, tool=target)), build_chain(again)
-    assert robot.variable_names == again.variable_names
-    q = np.random.default_rng(4).uniform(-2, 2, (len(robot.variables), 20))
-    ours, theirs = (chain.forward(q).matrices() for chain in chains)
-    np.testing.assert_allclose(theirs, ours, atol=1e-9)
-    for one, other in zip(*(centres(chain, q) for chain in chains), strict=True):
-        np.testing.assert_allclose(other, one, atol=1e-9)
-
-
-def centres(chain, q: Array) -> list[Array]:
-    """Where each body's centre of mass is over the poses."""
-    frames = chain.sweep(chain.scalars(q), q.shape[1], (), tuple(body.after for body in chain.bodies)).frames
-    return [
-        np.einsum("ijn,j->in", frame.rotation, body.com) + frame.translation
-        for frame, body in zip(frames, chain.bodies, strict=True)
-    ]
-
-
-@pytest.mark.parametrize("convention", ["standard", "modified", "urdf"])
-@pytest.mark.parametrize("seed", range(4))
-def test_written_and_read_again_gives_the_same_poses(convention: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    frames = [Frame(tuple(rng.normal(size=3)), tuple(rng.normal(size=3))) for _ in range(2)]
-    joints = tuple(random_joint(rng, i, convention) for i in range(6))
-    robot = Robot("arm", convention, joints, base=frames[0], tool=frames[1])  # type: ignore[arg-type]
-    text, losses = robot_to_urdf(robot)
-    again = parse_urdf(text, "again.urdf")
-    assert (again.base_link, again.tip_link) == ("measuring_frame", "tool0")
-    assert_same_arm(robot, again)
-    assert [joint.limits for joint in again.variables] == [joint.limits for joint in robot.variables]
-    assert [line for line in losses if "no limits" not in line] == []
-    # And once more: nothing is added to what is already a URDF.
-    assert robot_to_urdf(again)[0].count("<link") == text.count("<link")
-    assert_same_arm(robot, parse_urdf(robot_to_urdf(again)[0], "third.urdf"))
-
-
-@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
-def test_the_projects_arms_go_to_urdf_and_back(path: Path) -> None:
-    robot = read_robot(path)
-    assert_same_arm(robot, parse_urdf(robot_to_urdf(robot)[0], "again.urdf"))
-
-
-@pytest.mark.parametrize("alpha", [np.pi / 2, -1.5707963268, 1.5708, 1.570796])
-def test_poses_survive_a_pitch_near_ninety_degrees(alpha: float) -> None:
-    # Roll and yaw are each almost undetermined there; only what they do together counts.
-    table = [{"theta": 1.5707963, "d": 0.3, "a": 0.2, "alpha": alpha, "beta": b} for b in (0.0, 1.5707963, -1.5708)]
-    joints = tuple(Joint(f"j{i}", "revolute", values) for i, values in enumerate(table))
-    robot = Robot("pole", "standard", joints, base=Frame((0, 0, 0), (0.3, 1.5707963267, -0.4)))
-    assert_same_arm(robot, parse_urdf(robot_to_urdf(robot)[0], "again.urdf"))
-
-
-def test_targets_become_links() -> None:
-    targets = {"left": Frame((0.1, 0, 0)), "right": Frame((-0.1, 0, 0), (0, 0, 1))}
-    robot = replace(read_robot(CONFIGS[0]), targets=targets)
-    text, losses = robot_to_urdf(robot)
-    for name, frame in targets.items():
-        assert_same_arm(robot, parse_urdf(text, "again.urdf", None, name), frame)
-    assert "that targets are targets: each is a link" in losses
-
-
-def test_what_a_urdf_cannot_carry_is_listed() -> None:
-    robot = replace(
-        read_robot(PROJECT / "configs" / "robots" / "puma560.yaml"),
-        effects=({"effect": "backlash"}, {"other": 1}),
-        base_tolerance={"x": 1e-3},
-        tool_tolerance={"x": 1e-3},
-        gravity=(0.0, 9.81, 0.0),
-    )
-    slide = Joint("slide", "prismatic", {"theta": 0.0, "d": 0.0, "a": 0.0, "alpha": 0.0})
-    losses = robot_to_urdf(replace(robot, joints=(*robot.joints, slide)))[1]
-    assert losses == (
-        "effect backlash",
-        "effect ?",
-        "tolerances of j1, j2, j3, j4, j5, j6",
-        "tolerances of the base",
-        "tolerances of the tool",
-        "gear ratio of j1, j2, j3, j4, j5, j6",
-        "gravity other than 9.81 m/s^2 downwards",
-        "where a payload sits",
-        "that there are no limits (a URDF wants some) of slide",
-    )
-
-
-def test_names_that_the_robot_uses_are_left_to_it() -> None:
-    joint = Joint("measuring_frame_to_base", "revolute", dict.fromkeys(ORIGIN_PARAMETERS, 0.1), link="tool0")
-    robot = Robot("r", "urdf", (joint,), base=Frame((1, 0, 0)), tool=Frame((0, 1, 0)), base_link="measuring_frame")
-    again = parse_urdf(robot_to_urdf(robot)[0], "again.urdf")
-    assert [item.name for item in again.joints] == ["measuring_frame_to_base_2", "measuring_frame_to_base", "to_tool0"]
-    assert_same_arm(robot, again)
-
-
-def test_urdf_to_robot_file_and_back_is_the_same_robot() -> None:
-    robot = parse_urdf(TREE, "tree.urdf")
-    assert parse_robot(robot_to_yaml(robot), "robot.yaml") == robot
-
-
 def test_the_tool_of_a_chain_is_empty_and_motions_have_owners() -> None:
     chain = build_chain(parse_urdf(TREE, "tree.urdf"))
     assert chain.index(TOOL, "x") > chain.index(4, "offset") > chain.index(1, "x")
@@ -457,3 +231,8 @@ def test_every_error_is_one_of_ours_for_any_mutilation() -> None:
         except RobaccError:
             outcomes.add("refused")
     assert outcomes == {"read", "refused"}
+
+
+def test_urdf_to_robot_file_and_back_is_the_same_robot() -> None:
+    robot = parse_urdf(TREE, "tree.urdf")
+    assert parse_robot(robot_to_yaml(robot), "robot.yaml") == robot

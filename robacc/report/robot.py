@@ -47,7 +47,9 @@ def _table(title: str, columns: Iterable[str]) -> Table:
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
-        table.add_column(column, justify="left" if column in ("joint", "type", "follows", "axis") else "right")
+        is_text = column in ("joint", "type", "follows", "axis")
+        # A name is what a reader looks for and what options take, so it is never cut.
+        table.add_column(column, justify="left" if is_text else "right", no_wrap=column == "joint", overflow="fold")
     return table
 
 
@@ -58,17 +60,19 @@ def _geometry_table(robot: Robot) -> Table:
     is_urdf = robot.convention == "urdf"
     units = ["" if name == "offset" else " mm" if name in LENGTH_PARAMETERS else "°" for name in shown]
     headings = [f"{name}{unit}" for name, unit in zip(shown, units, strict=True)]
-    table = _table("Geometry", ["joint", "type", *headings, *(["axis"] if is_urdf else [])])
+    table = _table("Geometry", ["joint", *headings, *(["axis"] if is_urdf else [])])
     for joint in robot.joints:
         cells = [_parameter(joint, name) for name in shown]
-        axis = "" if joint.type == "fixed" else _numbers(joint.axis, 1.0)
-        table.add_row(joint.name, joint.type, *cells, *([axis] if is_urdf else []))
+        axis = "fixed" if joint.type == "fixed" else _numbers(joint.axis, 1.0)
+        table.add_row(joint.name, *cells, *([axis] if is_urdf else []))
     return table
 
 
 def _drive_table(robot: Robot) -> Table:
     follows = any(joint.mimic for joint in robot.joints)
-    table = _table("Drives", ["joint", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else [])])
+    table = _table(
+        "Drives", ["joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else [])]
+    )
     for joint in robot.joints:
         if joint.type == "fixed":
             continue
@@ -76,7 +80,7 @@ def _drive_table(robot: Robot) -> Table:
         limits = ["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]
         gear = "-" if joint.gear_ratio is None else _number(joint.gear_ratio)
         mimic = f"{_number(joint.mimic.multiplier)} x {joint.mimic.master}" if joint.mimic else ""
-        table.add_row(joint.name, *limits, unit, f"{joint.sign:+d}", gear, *([mimic] if follows else []))
+        table.add_row(joint.name, joint.type, *limits, unit, f"{joint.sign:+d}", gear, *([mimic] if follows else []))
     return table
 
 

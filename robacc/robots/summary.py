@@ -74,16 +74,18 @@ def find_reach(robot: Robot, target: Frame, samples: int = SAMPLES) -> Reach:
 
 
 def low_discrepancy(dimensions: int, count: int) -> Array:
-    """``(dimensions, count)`` points that fill the unit cube evenly: the additive recurrence of the plastic numbers.
+    """``(dimensions, count)`` points that fill the unit cube evenly: multiples of the square roots of primes, modulo 1.
 
-    Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018: steps g^-1 … g^-D with
-    g^(D+1) = g + 1.
+    Source: R. D. Richtmyer, "The evaluation of definite integrals, and a quasi-Monte-Carlo method based on the
+    properties of algebraic numbers", Los Alamos report LA-1342, 1951.
     """
-    g = 2.0
-    for _ in range(64):
-        g = (1.0 + g) ** (1.0 / (dimensions + 1))
-    steps = g ** -np.arange(1.0, dimensions + 1)
-    result: Array = (0.5 + steps[:, None] * np.arange(1, count + 1)) % 1.0
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < dimensions:
+        if all(candidate % prime for prime in primes):
+            primes.append(candidate)
+        candidate += 1
+    result: Array = (np.sqrt(np.array(primes, dtype=float))[:, None] * np.arange(1, count + 1)) % 1.0
     return result
 
 

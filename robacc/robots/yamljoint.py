@@ -136,11 +136,9 @@ def _read_limits(section: Section, joint_type: JointType, units: Units) -> tuple
     if values[0] > values[1]:
         section.source.complain(node, path, f"the lower limit {values[0]:g} is above the upper one {values[1]:g}")
         return None
-    factor = units.length if joint_type == "prismatic" else units.angle
-    if joint_type == "prismatic":
-        for i, item in enumerate(cast(yaml.SequenceNode, node).value):
-            units.parameter(section.source, item, f"{path}[{i}]", is_length=True)
-    return values[0] * factor, values[1] * factor
+    if node and joint_type == "prismatic":
+        return units.travel(section.source, node, path, (values[0], values[1]))
+    return values[0] * units.angle, values[1] * units.angle
 
 
 def _read_sign(section: Section) -> Literal[1, -1]:

@@ -55,7 +55,7 @@ def compose(text: str, file: str) -> yaml.Node:
         node = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        message = f"not readable as YAML: {error.problem or error.context}"
+        message = f"not readable as YAML: {', '.join(part for part in (error.context, error.problem) if part)}"
         raise InputError(Problem(message, file, mark.line + 1 if mark else None)) from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1

@@ -21,8 +21,10 @@ MIN_LENGTH = 5e-3
 """m: an arm all of whose lengths are shorter was written in m and declared mm."""
 _TURN = 2 * math.pi * 1.001
 """rad: a fixed angle beyond a turn (and rounding) was written in degrees."""
-_MANY_TURNS = 4 * math.pi
-"""rad: limits beyond two turns are rare, and of every joint of an arm unheard of."""
+_LIMITS_IN_DEGREES = (4 * math.pi, 1000.0)
+"""rad: limits beyond two turns are rare, and of every joint of an arm unheard of; much larger ones mean "no limit"."""
+_TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
+"""m: a slide's travel between these was written in mm; a longer one means "no limit"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +56,14 @@ class Units:
             source.complain(node, path, f"{value:g} {'rad' if fix else 'deg'} is more than a turn", fix)
             return None
         return value * (self.length if is_length else self.angle)
+
+    def travel(self, source: Source, node: yaml.Node, path: str, limits: tuple[float, float]) -> tuple[float, float]:
+        """A slide's limits in m; such as only make sense in mm are complained of."""
+        longest = max(map(abs, limits)) * self.length
+        if self.length == 1.0 and _TRAVEL_IN_MM[0] < longest < _TRAVEL_IN_MM[1]:
+            fix = "it looks like mm: write length: mm under units"
+            source.complain(node, path, f"a travel to {longest:g} m is too long for an arm", fix)
+        return limits[0] * self.length, limits[1] * self.length
 
     def position(self, source: Source, node: yaml.Node, path: str) -> Vector | None:
         """Three lengths in m."""
@@ -99,7 +109,8 @@ def complain_of_likely_units(robot: Robot, units: Units, top: Section) -> None:
     """Notice, over a whole robot that reads without fault, that it was written in units other than it says."""
     source, node = top.source, top.values["units"]
     limits = [joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute"]
-    if units.angle == 1.0 and limits and all(max(map(abs, pair)) > _MANY_TURNS for pair in limits):
+    low, high = _LIMITS_IN_DEGREES
+    if units.angle == 1.0 and limits and all(low < max(map(abs, pair)) < high for pair in limits):
         message = f"the limits of every joint (the first: {limits[0]} rad) are more than two turns"
         source.complain(node, "units.angle", message, "they look like degrees: write angle: deg")
     angles = [abs(angle) / units.angle for joint in robot.joints for angle in _fixed_angles(joint)]

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from robacc.robots.description import ZERO, Frame, Joint, Robot
+from robacc.robots.description import Frame, Joint, Robot
 
 
 def robot_to_yaml(robot: Robot, comments: Sequence[str] = ()) -> str:
@@ -72,7 +72,7 @@ def _joint(joint: Joint, is_urdf: bool) -> dict[str, Any]:
         "sign": -1 if joint.sign < 0 else None,
         "gear_ratio": None if joint.gear_ratio is None else float(joint.gear_ratio),
         "mass": None if joint.mass is None else float(joint.mass),
-        "com": _floats(joint.com or ZERO) if joint.mass is not None else None,
+        "com": joint.com and _floats(joint.com),
         "tolerance": _plain(joint.tolerance) or None,
         "link": joint.link,
     }

@@ -221,4 +221,7 @@ def _p95_interval(
     limits = iter(np.quantile(lengths, known, method="weibull").tolist())
     lower, upper, bound = (None if level is None else next(limits) for level in levels)
     why = None if upper is not None else f"{n} poses: too few for an upper limit without assuming a distribution"
-    return Interval(lower, upper, bound, confidence, f"order statistics of {n} poses", why)
+    method = f"order statistics of {n} poses"
+    if sampling.groups is not None:
+        method += ", all repetitions of a pose counted as one: at least"
+    return Interval(lower, upper, bound, confidence, method, why)

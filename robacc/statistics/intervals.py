@@ -179,14 +179,14 @@ class PoseSampling:
         if error <= 1e-13 * float(np.max(np.abs(values))):
             return Interval(mean, mean, mean, confidence, "no scatter")
         below, above, bound = tails(confidence)
+        t_above, t_bound = student_quantile(above, size - 1.0), -student_quantile(bound, size - 1.0)
+        t_below, method = -t_above, f"Student's t over {size} poses"
         if FEWEST_FOR_BOOTSTRAP <= size <= MOST_FOR_BOOTSTRAP:
             t = self._studentised(values, mean, positive)
-            t_below, t_above, t_bound = np.quantile(t, (below, above, 1.0 - bound)).tolist()
-            method = f"studentised bootstrap over {size} poses, {self.draws} draws"
-        else:
-            t_above = student_quantile(above, size - 1.0)
-            t_below, t_bound = -t_above, -student_quantile(bound, size - 1.0)
-            method = f"Student's t over {size} poses"
+            drawn_below, drawn_above, drawn_bound = np.quantile(t, (below, above, 1.0 - bound)).tolist()
+            # Resampled standard errors vary less than true ones do where the tails are long; Student's t is a floor.
+            t_below, t_above, t_bound = min(t_below, drawn_below), max(t_above, drawn_above), min(t_bound, drawn_bound)
+            method = f"studentised bootstrap over {size} poses, {self.draws} draws, no narrower than Student's t"
         if positive:
             root = math.sqrt(mean)
             low, high, top = (max(root - 0.5 * t * error / root, 0.0) ** 2 for t in (t_above, t_below, t_bound))

@@ -1,0 +1,229 @@
+"""Scales of accuracy grades: the record, and its reading from YAML with every problem found at its line."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, cast, get_args
+
+from robacc.errors import InputError, Problem
+from robacc.statistics.records import Statistic
+
+if TYPE_CHECKING:
+    import yaml
+
+VERSION = "1"
+STATISTICS: tuple[str, ...] = get_args(Statistic)
+_KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise")
+_STEP_KEYS = ("grade", "position", "orientation")
+_UNITS = {"length": {"m": 1.0, "mm": 1e-3}, "angle": {"rad": 1.0, "deg": math.pi / 180.0}}
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One grade and the limits that its statistic must meet."""
+
+    grade: str
+    position: float
+    """m"""
+    orientation: float | None
+    """rad; None leaves orientation free"""
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Grades from the best to the widest, and the statistic of the error's length that they are judged by."""
+
+    name: str
+    statistic: Statistic
+    confidence: float
+    """Of the upper bound that demonstrates a grade."""
+    steps: tuple[Step, ...]
+    otherwise: str
+    """Grade of errors that meet no step."""
+
+
+def default_scale() -> Scale:
+    """The scale that comes with the package: A within 0.1 mm and 0.1 degree, the CAD/CAM requirement of the paper."""
+    from importlib.resources import files
+
+    resource = files("robacc").joinpath("data", "grades", "default.yaml")
+    return load_scale(resource.read_text(encoding="utf-8"), "default.yaml")
+
+
+def load_scale(text: str, file: str) -> Scale:
+    """Read a scale.
+
+    Args:
+        text: Content of the YAML file.
+        file: Its name, for messages.
+
+    Raises:
+        InputError: With every problem found, each with its line and key.
+    """
+    import yaml
+
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        line = None if error.problem_mark is None else error.problem_mark.line + 1
+        raise InputError(Problem(f"this is not YAML: {error.problem}", file, line)) from error
+    except yaml.YAMLError as error:
+        raise InputError(Problem(f"this is not YAML: {error}", file)) from error
+    reader = _Reader(file)
+    scale = _read(reader, root)
+    if scale is None or reader.problems:
+        raise InputError(reader.problems)
+    return scale
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Takes values from YAML nodes, which know their lines, and collects what is wrong with them."""
+
+    file: str
+    problems: list[Problem] = field(default_factory=list)
+
+    def report(self, node: yaml.Node | None, key: str, message: str, fix: str | None = None) -> None:
+        """Note a problem at a node's line."""
+        line = 1 if node is None else node.start_mark.line + 1
+        self.problems.append(Problem(message, self.file, line, key or None, fix))
+
+    def mapping(self, node: yaml.Node | None, key: str, known: tuple[str, ...]) -> dict[str, yaml.Node]:
+        """The children of a mapping by name; unknown and repeated names are reported."""
+        from yaml import MappingNode
+
+        if not isinstance(node, MappingNode):
+            self.report(node, key, f"a mapping with the keys {', '.join(known)} is expected here")
+            return {}
+        result: dict[str, yaml.Node] = {}
+        for child, value in node.value:
+            name = str(child.value)
+            if name not in known:
+                near = get_close_matches(name, known, n=1)
+                fix = f"did you mean {near[0]}" if near else f"the keys are {', '.join(known)}"
+                self.report(child, _join(key, name), "this key is not known", fix)
+            elif name in result:
+                self.report(child, _join(key, name), "this key stands here twice", "remove one of them")
+            result.setdefault(name, value)
+        return result
+
+    def text(self, node: yaml.Node | None, key: str, parent: yaml.Node | None) -> str | None:
+        """A word or number as text; None, reported, where there is none."""
+        from yaml import ScalarNode
+
+        if node is None:
+            self.report(parent, key, "this key is missing")
+        elif not isinstance(node, ScalarNode) or not node.value.strip():
+            self.report(node, key, "a single word or number is expected here")
+        else:
+            return str(node.value).strip()
+        return None
+
+    def choice(
+        self, node: yaml.Node | None, key: str, parent: yaml.Node | None, allowed: tuple[str, ...]
+    ) -> str | None:
+        """One of ``allowed``."""
+        value = self.text(node, key, parent)
+        if value is not None and value not in allowed:
+            self.report(node, key, f"found {value!r}, expected one of {', '.join(allowed)}")
+            return None
+        return value
+
+    def positive(self, node: yaml.Node | None, key: str, parent: yaml.Node | None) -> float | None:
+        """A finite number greater than zero."""
+        value = self.text(node, key, parent)
+        if value is None:
+            return None
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and number > 0.0):
+            self.report(node, key, f"found {value!r}, expected a number greater than zero")
+            return None
+        return number
+
+
+def _join(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+def _read(reader: _Reader, root: yaml.Node | None) -> Scale | None:
+    top = reader.mapping(root, "", _KEYS)
+    if not top:
+        return None
+    reader.choice(top.get("robacc"), "robacc", root, (VERSION,))
+    name = reader.text(top.get("name"), "name", root)
+    statistic = reader.choice(top.get("statistic"), "statistic", root, STATISTICS)
+    confidence = reader.positive(top.get("confidence"), "confidence", root)
+    if confidence is not None and not 0.5 <= confidence < 1.0:
+        reader.report(top["confidence"], "confidence", f"found {confidence:g}, expected at least 0.5 and less than 1")
+    factors = _read_units(reader, top.get("units"), root)
+    steps = _read_steps(reader, top.get("steps"), root, factors)
+    otherwise = reader.text(top.get("otherwise"), "otherwise", root)
+    if otherwise in [step.grade for step in steps]:
+        reader.report(top["otherwise"], "otherwise", f"{otherwise!r} is a step's grade too", "give it its own name")
+    if name is None or statistic is None or confidence is None or otherwise is None:
+        return None
+    return Scale(name, cast("Statistic", statistic), confidence, tuple(steps), otherwise)
+
+
+def _read_units(reader: _Reader, node: yaml.Node | None, root: yaml.Node | None) -> tuple[float, float]:
+    """Metres and radians per unit of the file."""
+    if node is None:
+        reader.report(root, "units", "this key is missing", "for example units: {length: mm, angle: deg}")
+        return 1.0, 1.0
+    units = reader.mapping(node, "units", tuple(_UNITS))
+    length, angle = (
+        _UNITS[kind].get(reader.choice(units.get(kind), f"units.{kind}", node, tuple(_UNITS[kind])) or "", 1.0)
+        for kind in _UNITS
+    )
+    return length, angle
+
+
+def _read_steps(
+    reader: _Reader, node: yaml.Node | None, root: yaml.Node | None, factors: tuple[float, float]
+) -> list[Step]:
+    from yaml import SequenceNode
+
+    if not isinstance(node, SequenceNode) or not node.value:
+        reader.report(node or root, "steps", "a list of at least one step is expected here")
+        return []
+    steps: list[Step] = []
+    for index, item in enumerate(node.value):
+        key = f"steps[{index}]"
+        fields = reader.mapping(item, key, _STEP_KEYS)
+        if not fields:
+            continue
+        letter = reader.text(fields.get("grade"), f"{key}.grade", item)
+        position = reader.positive(fields.get("position"), f"{key}.position", item)
+        orientation = None
+        if "orientation" in fields:
+            orientation = reader.positive(fields["orientation"], f"{key}.orientation", item)
+        if letter is None or position is None:
+            continue
+        step = Step(letter, position * factors[0], None if orientation is None else orientation * factors[1])
+        _compare(reader, item, key, step, steps)
+        steps.append(step)
+    return steps
+
+
+def _compare(reader: _Reader, node: yaml.Node, key: str, step: Step, before: list[Step]) -> None:
+    """Report a step that does not follow from the ones before it."""
+    if step.grade in [other.grade for other in before]:
+        reader.report(node, f"{key}.grade", f"the grade {step.grade!r} stands here twice")
+    if not before:
+        return
+    last = before[-1]
+    if step.position <= last.position:
+        reader.report(
+            node, f"{key}.position", f"the limit is not wider than that of {last.grade}", "put the best first"
+        )
+    if last.orientation is None and step.orientation is not None:
+        reader.report(node, f"{key}.orientation", f"{last.grade}, which is better, has no limit of orientation")
+    if last.orientation is not None and step.orientation is not None and step.orientation < last.orientation:
+        reader.report(
+            node, f"{key}.orientation", f"the limit is narrower than that of {last.grade}", "put the best first"
+        )

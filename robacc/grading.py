@@ -1,0 +1,227 @@
+"""The accuracy grade: which step of a scale the errors meet, and whether the data demonstrate it.
+
+A grade is given by the estimate of one stated statistic of the error's length. It is demonstrated only where the
+one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can earn a grade, not
+prove it. :mod:`robacc.grade_scale` reads the scales.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from robacc.errors import UsageError
+from robacc.grade_scale import Scale, Step, default_scale, load_scale
+from robacc.statistics.records import ErrorStatistics, Statistic, Unit
+
+__all__ = ["Grade", "NextGrade", "QuantityGrade", "Scale", "Step", "default_scale", "grade", "load_scale"]
+
+Quantity = Literal["position", "orientation"]
+
+_NAMES: dict[Statistic, str] = {
+    "rms": "RMS error",
+    "mean_error": "mean error",
+    "p95": "95th percentile of the error",
+    "max": "largest error",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class QuantityGrade:
+    """How position or orientation stands on the scale, in m or rad."""
+
+    unit: Unit
+    value: float
+    """The scale's statistic of the error's length."""
+    upper_bound: float | None
+    """One-sided, at the scale's confidence."""
+    limit: float | None
+    """Of the grade awarded; None beyond the last step, or where the scale leaves this quantity free."""
+    grade: str
+    """What this quantity alone would get."""
+    demonstrated_grade: str | None
+    """The best grade whose limit the upper bound meets."""
+    method: str
+    """Of the upper bound."""
+    why: str | None
+    """Why there is no upper bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class NextGrade:
+    """The next better grade, and by how much each statistic must fall to reach it (0: it already does)."""
+
+    grade: str
+    position: float
+    """m"""
+    orientation: float | None
+    """rad; None where orientation was not judged"""
+
+
+@dataclass(frozen=True, slots=True)
+class Grade:
+    """A grade, what it rests on, and what keeps it from being better."""
+
+    grade: str
+    scale: Scale
+    demonstrated: bool
+    demonstrated_grade: str | None
+    """The best grade whose limits all upper bounds meet; None where there is none."""
+    position: QuantityGrade
+    orientation: QuantityGrade | None
+    limited_by: tuple[Quantity, ...]
+    """What keeps the grade from being better; empty at the best."""
+    next: NextGrade | None
+    reason: str
+
+
+def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale: Scale) -> Grade:
+    """Grade the errors on ``scale``; by position alone where no orientation was measured.
+
+    Args:
+        position: Of the position errors, unit m.
+        orientation: Of the orientation errors, unit rad.
+        scale: The steps, and the statistic and confidence they are judged by.
+
+    Raises:
+        UsageError: The statistics were computed at another confidence than the scale's.
+    """
+    judged: list[tuple[Quantity, ErrorStatistics]] = [("position", position)]
+    if orientation is not None:
+        judged.append(("orientation", orientation))
+    for name, statistics in judged:
+        if statistics.confidence != scale.confidence:
+            raise UsageError(
+                f"the {name} statistics are at a confidence of {statistics.confidence:g}, "
+                f"the scale {scale.name} asks for {scale.confidence:g}"
+            )
+    ranks = {name: _rank(scale, name, statistics.estimate(scale.statistic)[0]) for name, statistics in judged}
+    proven = {
+        name: _rank(scale, name, statistics.estimate(scale.statistic)[1].upper_bound) for name, statistics in judged
+    }
+    rank, proven_rank = max(ranks.values()), max(proven.values())
+    quantities = {
+        name: _quantity(scale, name, statistics, rank, ranks[name], proven[name]) for name, statistics in judged
+    }
+    limited_by = tuple(name for name, _ in judged if ranks[name] == rank and rank > 0)
+    following = _next(scale, rank, quantities)
+    demonstrated = rank < len(scale.steps) and proven_rank <= rank
+    demonstrated_grade = scale.steps[proven_rank].grade if proven_rank < len(scale.steps) else None
+    return Grade(
+        grade=_name(scale, rank),
+        scale=scale,
+        demonstrated=demonstrated,
+        demonstrated_grade=demonstrated_grade,
+        position=quantities["position"],
+        orientation=quantities.get("orientation"),
+        limited_by=limited_by,
+        next=following,
+        reason=_reason(scale, rank, quantities, limited_by, following, demonstrated, demonstrated_grade),
+    )
+
+
+def _limit(step: Step, name: Quantity) -> float | None:
+    return step.position if name == "position" else step.orientation
+
+
+def _name(scale: Scale, rank: int) -> str:
+    return scale.steps[rank].grade if rank < len(scale.steps) else scale.otherwise
+
+
+def _rank(scale: Scale, name: Quantity, value: float | None) -> int:
+    """Index of the best step that ``value`` meets, or the number of steps; an unknown value meets free limits only."""
+    for rank, step in enumerate(scale.steps):
+        limit = _limit(step, name)
+        if limit is None or (value is not None and value <= limit):
+            return rank
+    return len(scale.steps)
+
+
+def _quantity(
+    scale: Scale, name: Quantity, statistics: ErrorStatistics, rank: int, own_rank: int, proven_rank: int
+) -> QuantityGrade:
+    value, interval = statistics.estimate(scale.statistic)
+    return QuantityGrade(
+        unit=statistics.unit,
+        value=value,
+        upper_bound=interval.upper_bound,
+        limit=_limit(scale.steps[rank], name) if rank < len(scale.steps) else None,
+        grade=_name(scale, own_rank),
+        demonstrated_grade=scale.steps[proven_rank].grade if proven_rank < len(scale.steps) else None,
+        method=interval.method,
+        why=interval.why if interval.upper_bound is None else None,
+    )
+
+
+def _next(scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade]) -> NextGrade | None:
+    if rank == 0:
+        return None
+    step = scale.steps[rank - 1]
+    excess: dict[Quantity, float] = {}
+    for name, quantity in quantities.items():
+        limit = _limit(step, name)
+        excess[name] = 0.0 if limit is None else max(0.0, quantity.value - limit)
+    return NextGrade(step.grade, excess["position"], excess.get("orientation"))
+
+
+def _reason(
+    scale: Scale,
+    rank: int,
+    quantities: dict[Quantity, QuantityGrade],
+    limited_by: tuple[Quantity, ...],
+    following: NextGrade | None,
+    demonstrated: bool,
+    demonstrated_grade: str | None,
+) -> str:
+    """The grade in words: what was found, what limits it, whether it is demonstrated, what is missing to the next."""
+    statistic = _NAMES[scale.statistic]
+    found = []
+    for name, quantity in quantities.items():
+        value = f"{name}: {statistic} {_amount(quantity.value, quantity.unit)}"
+        if quantity.limit is not None:
+            value += f", within {_amount(quantity.limit, quantity.unit)}"
+        elif rank == len(scale.steps) and name in limited_by:
+            last = _limit(scale.steps[-1], name)
+            value += f", beyond {_amount(last or math.inf, quantity.unit)} of {scale.steps[-1].grade}"
+        found.append(value)
+    sentences = ["; ".join(found)]
+    if "orientation" not in quantities:
+        sentences.append("orientation was not measured, so the grade is of position only")
+    if following is not None:
+        by_quantity: tuple[tuple[str, Unit, float | None], ...] = (
+            ("position", "m", following.position),
+            ("orientation", "rad", following.orientation),
+        )
+        missing = [f"{_amount(excess, unit)} less in {name}" for name, unit, excess in by_quantity if excess]
+        sentences.append(f"limited by {' and '.join(limited_by)}: {following.grade} takes {' and '.join(missing)}")
+    sentences.append(_demonstration(scale, rank, quantities, demonstrated, demonstrated_grade))
+    return ". ".join(sentences)
+
+
+def _demonstration(
+    scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade], demonstrated: bool, proven: str | None
+) -> str:
+    confidence = f"{100 * scale.confidence:g} %"
+    if demonstrated:
+        return f"demonstrated: the upper {confidence} bound meets it ({_bounds(quantities)})"
+    unknown = [f"{name}: {quantity.why}" for name, quantity in quantities.items() if quantity.why]
+    if unknown:
+        return f"not demonstrated: no upper bound of {'; of '.join(unknown)}"
+    if rank == len(scale.steps):
+        return "no step of the scale is met, so there is nothing to demonstrate"
+    shown = f"{proven} is demonstrated" if proven else "no grade is demonstrated"
+    return f"not demonstrated: the upper {confidence} bound is beyond a limit ({_bounds(quantities)}); {shown}"
+
+
+def _bounds(quantities: dict[Quantity, QuantityGrade]) -> str:
+    return ", ".join(
+        f"{name} {_amount(quantity.upper_bound, quantity.unit)}"
+        for name, quantity in quantities.items()
+        if quantity.upper_bound is not None
+    )
+
+
+def _amount(value: float, unit: Unit) -> str:
+    """In mm or degrees, three digits."""
+    return f"{1e3 * value:.3g} mm" if unit == "m" else f"{math.degrees(value):.3g}°"

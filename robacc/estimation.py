@@ -13,15 +13,15 @@ import numpy as np
 
 from robacc.covariance import error_statistics
 from robacc.errors import UsageError
+from robacc.figures import ErrorFigures, PoseFigures, pose_figures
 from robacc.geometry import Array
-from robacc.grading import Grade, GradeScale, default_scale, grade
+from robacc.grading import Grade, Scale, default_scale, grade
 from robacc.measurements import Measurements
 from robacc.pose_errors import (
     Commanded,
     CommandSource,
     ErrorFrame,
     PoseErrors,
-    Summary,
     commanded_poses,
     lengths,
     pose_errors,
@@ -64,15 +64,7 @@ class TargetErrors:
 
     name: str
     n_poses: int
-    position: Summary
-
-
-@dataclass(frozen=True, slots=True)
-class Unaligned:
-    """The errors before the alignment."""
-
-    position: Summary
-    orientation: Summary | None
+    position: ErrorFigures
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +78,8 @@ class EstimateResult:
     orientation: ErrorStatistics | None
     grade: Grade
     alignment: Alignment | None
-    unaligned: Unaligned | None
-    """Where there was an alignment."""
+    unaligned: PoseFigures | None
+    """Before the alignment, where there was one."""
     worst_position: tuple[WorstPose, ...]
     """The :data:`N_WORST` poses with the largest position errors, the largest first."""
     worst_orientation: tuple[WorstPose, ...]
@@ -105,7 +97,7 @@ def estimate(
     *,
     frame: ErrorFrame | None = None,
     what: Sequence[str] = (),
-    scale: GradeScale | None = None,
+    scale: Scale | None = None,
     confidence: float = 0.95,
     seed: int = 0,
 ) -> EstimateResult:
@@ -132,21 +124,22 @@ def estimate(
         from robacc.registration import align
 
         alignment = align(robot, data, what)
-        unaligned = _unaligned(pose_errors(data, commanded, chosen))
+        unaligned = pose_errors(data, commanded, chosen).figures()
         commanded = commanded_poses(data, alignment.robot)
     errors = pose_errors(data, commanded, chosen)
-    groups = data.groups()
-    position = error_statistics(errors.position, "m", groups=groups, confidence=confidence, seed=seed)
-    orientation = None
-    if errors.rotation is not None:
-        orientation = error_statistics(errors.rotation, "rad", groups=groups, confidence=confidence, seed=seed)
+    position, orientation = _statistics(data, errors, confidence, seed)
+    scale = scale or default_scale()
+    graded = position, orientation
+    if scale.confidence != confidence:
+        # A scale states the confidence it demonstrates at; the figures keep the one that was asked for.
+        graded = _statistics(data, errors, scale.confidence, seed)
     return EstimateResult(
         n_poses=data.n,
         commanded=commanded.source,
         errors=errors,
         position=position,
         orientation=orientation,
-        grade=grade(scale or default_scale(), position, orientation),
+        grade=grade(*graded, scale),
         alignment=alignment,
         unaligned=unaligned,
         worst_position=_worst(data, errors, errors.position),
@@ -155,6 +148,16 @@ def estimate(
         notes=_notes(data, robot, frame, chosen, commanded, alignment),
         warnings=(*data.warnings, *_warnings(data, errors, alignment)),
     )
+
+
+def _statistics(
+    data: Measurements, errors: PoseErrors, confidence: float, seed: int
+) -> tuple[ErrorStatistics, ErrorStatistics | None]:
+    groups = data.groups()
+    position = error_statistics(errors.position, "m", groups=groups, confidence=confidence, seed=seed)
+    if errors.rotation is None:
+        return position, None
+    return position, error_statistics(errors.rotation, "rad", groups=groups, confidence=confidence, seed=seed)
 
 
 def _check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> None:
@@ -168,10 +171,6 @@ def _choose_frame(frame: ErrorFrame | None, commanded: Commanded) -> ErrorFrame:
     if frame is not None:
         return frame
     return "tool" if commanded.rotation is not None else "base"
-
-
-def _unaligned(errors: PoseErrors) -> Unaligned:
-    return Unaligned(Summary.of(errors.position), None if errors.rotation is None else Summary.of(errors.rotation))
 
 
 def _worst(data: Measurements, errors: PoseErrors, by: Array) -> tuple[WorstPose, ...]:
@@ -203,7 +202,7 @@ def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ..
     if names.size < 2:
         return ()
     return tuple(
-        TargetErrors(str(name), int(np.sum(index == i)), Summary.of(errors.position[:, index == i]))
+        TargetErrors(str(name), int(np.sum(index == i)), pose_figures(errors.position[:, index == i]).position)
         for i, name in enumerate(names)
     )
 

@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
+from robacc.figures import PoseFigures, pose_figures
 from robacc.geometry import Array, compose, log_so3, rotate_back, transpose
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
@@ -52,23 +53,9 @@ class PoseErrors:
     rotation: Array | None
     """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is not known."""
 
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """Figures of the errors' lengths, m or rad."""
-
-    rms: float
-    mean_error: float
-    p95: float
-    """95th percentile of the sample by linear interpolation (Hyndman and Fan's type 7)."""
-    max: float
-
-    @classmethod
-    def of(cls, errors: Array) -> Summary:
-        """Of errors ``(3, N)``."""
-        size = lengths(errors)
-        rms = float(np.sqrt(np.mean(np.square(size))))
-        return cls(rms, float(np.mean(size)), float(np.percentile(size, 95.0)), float(np.max(size)))
+    def figures(self) -> PoseFigures:
+        """Root mean square, mean, 95th percentile and maximum of the lengths."""
+        return pose_figures(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
 
 
 def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
@@ -83,9 +70,7 @@ def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
             fix = "add the commanded joints q1, q2, …"
             if data.commanded_position is not None:
                 fix += ", or leave out --robot to use the file's own cmd_ columns"
-            raise InputError(
-                Problem("has no joint columns for the robot to be commanded by", data.source, fix=fix)
-            )
+            raise InputError(Problem("has no joint columns for the robot to be commanded by", data.source, fix=fix))
         from robacc.model import predict
 
         poses = predict(robot, data)

@@ -16,21 +16,30 @@ LAYERS = (
     ("robacc", "robacc.errors"),
     ("robacc.geometry",),
     ("robacc.chain", "robacc.measurements", "robacc.statistics"),
-    ("robacc.robots",),
+    ("robacc.robots", "robacc.figures"),
     ("robacc.elasticity", "robacc.loads", "robacc.effects"),
     ("robacc.model", "robacc.observation"),
-    ("robacc.closed_form", "robacc.fitting", "robacc.folding", "robacc.identifiability", "robacc.registration"),
+    (
+        "robacc.closed_form",
+        "robacc.crossfit",
+        "robacc.fitting",
+        "robacc.folding",
+        "robacc.identifiability",
+        "robacc.noise",
+        "robacc.parameters",
+        "robacc.registration",
+    ),
     ("robacc.tracing",),
-    ("robacc.covariance",),
-    ("robacc.grading",),
-    ("robacc.pose_errors",),
+    ("robacc.covariance", "robacc.grade_scale", "robacc.grading", "robacc.pose_errors"),
     ("robacc.estimation",),
-    ("robacc.results",),
+    ("robacc.results", "robacc.statistics.document"),
     ("robacc.io", "robacc.report"),
     ("robacc.cli",),
     ("robacc.__main__",),
 )
 """From the ground up. A package stands for all of its modules."""
+PLACES = {name: number for number, names in enumerate(LAYERS) for name in names}
+READS_PACKAGE_DATA = {"robacc.grade_scale"}
 FILE_CALLS = {"open", "read_text", "write_text", "read_bytes", "write_bytes"}
 
 
@@ -57,12 +66,12 @@ def imports(path: Path, known: dict[str, Path]) -> set[str]:
 
 
 def layer(module: str) -> int:
-    if module == "robacc":
-        return 0
-    for number, names in enumerate(LAYERS):
-        if any(module == name or module.startswith(f"{name}.") for name in names if name != "robacc"):
-            return number
-    raise AssertionError(f"{module} has no layer; give it one in {__name__}.LAYERS")
+    """The layer of a module, or of the nearest package around it that has one."""
+    name = module
+    while name not in PLACES:
+        assert "." in name.removeprefix("robacc."), f"{module} has no layer; give it one in {__name__}.LAYERS"
+        name = name.rpartition(".")[0]
+    return PLACES[name]
 
 
 @pytest.mark.parametrize("module", modules())
@@ -95,7 +104,7 @@ def test_the_checks_see_a_wrong_import(tmp_path: Path) -> None:
 
 def test_only_io_opens_files() -> None:
     for module, path in modules().items():
-        if module.startswith(("robacc.io.", "robacc.cli.")):
+        if module.startswith(("robacc.io.", "robacc.cli.")) or module in READS_PACKAGE_DATA:
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -20,10 +20,12 @@ from robacc.cli.options import (
     TipLinkOption,
     split_list,
 )
+from robacc.results import InputFile, envelope
 
 if TYPE_CHECKING:
+    from robacc.estimation import EstimateResult
+    from robacc.grade_scale import Scale
     from robacc.measurements import Measurements
-    from robacc.results import InputFile
     from robacc.robots.description import Robot
 
 
@@ -63,46 +65,43 @@ def estimate(
 
     The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns.
     """
-    from robacc import estimation, results
     from robacc.cli.output import emit
-    from robacc.grading import load_scale
-    from robacc.io.estimate_json import payload, per_pose_csv
-    from robacc.io.files import sha256_of, write_text
+    from robacc.estimation import estimate as estimated
     from robacc.report.console import say_warnings
-    from robacc.report.estimate import draw_estimate
 
     arm, data, inputs = _load(poses, robot, base_link, tip_link, ordered)
-    if scale is not None:
-        inputs = (*inputs, results.InputFile.at(scale, sha256_of(scale), "scale"))
-    found = estimation.estimate(
+    found = estimated(
         data,
         arm,
         frame=frame.value if frame is not None else None,
         what=split_list(align),
-        scale=None if scale is None else load_scale(scale),
+        scale=_scale(scale),
         confidence=confidence,
         seed=seed,
     )
     options = {
-        "poses": poses,
-        "robot": robot,
         "align": list(split_list(align)),
         "frame": found.errors.frame,
-        "scale": scale,
         "confidence": confidence,
         "ordered": ordered,
         "base_link": base_link,
         "tip_link": tip_link,
     }
+
+    def table(stream: TextIO) -> None:
+        from robacc.report.estimate import draw_estimate
+
+        draw_estimate(found, poses, robot, stream)
+
+    def document() -> dict[str, Any]:
+        from robacc.io.estimate_json import payload
+
+        return envelope("estimate", payload(found), options=options, inputs=_records(inputs, scale), seed=seed)
+
     if per_pose is not None:
-        write_text(per_pose, per_pose_csv(found, data))
+        _write_per_pose(per_pose, found, data)
     say_warnings(found.warnings)
-    emit(
-        form,
-        output,
-        table=lambda stream: draw_estimate(found, poses, robot, stream),
-        document=lambda: results.envelope("estimate", payload(found), options=options, inputs=inputs, seed=seed),
-    )
+    emit(form, output, table=table, document=document)
 
 
 def _load(
@@ -112,7 +111,6 @@ def _load(
     from robacc.errors import UsageError
     from robacc.io.files import sha256_of
     from robacc.io.poses_csv import read_poses
-    from robacc.results import InputFile
 
     if robot is None:
         if base_link or tip_link:
@@ -132,3 +130,26 @@ def _load(
     )
     record = InputFile.at(robot, sha256_of(robot), "robot")
     return arm, data, (InputFile.at(poses, data.sha256 or "", "poses"), record)
+
+
+def _scale(path: str | None) -> Scale | None:
+    if path is None:
+        return None
+    from robacc.grade_scale import load_scale
+    from robacc.io.files import read_text
+
+    return load_scale(read_text(path), path)
+
+
+def _records(inputs: tuple[InputFile, ...], scale: str | None) -> tuple[InputFile, ...]:
+    """The inputs' records with the grade scale's, where one was given."""
+    from robacc.io.files import sha256_of
+
+    return inputs if scale is None else (*inputs, InputFile.at(scale, sha256_of(scale), "scale"))
+
+
+def _write_per_pose(path: str, found: EstimateResult, data: Measurements) -> None:
+    from robacc.io.estimate_json import per_pose_csv
+    from robacc.io.files import write_text
+
+    write_text(path, per_pose_csv(found, data))

@@ -94,6 +94,9 @@ for _name, _summary in COMMANDS.items():
 
 def main() -> None:
     """Run the command line and exit with its status; a defect ends in Python's own traceback and status 1."""
+    # Before NumPy is loaded: on the small matrices of this work, threads of the linear algebra wait for one another for
+    # longer than they compute (100 poses took eight times as long). One thread rounds alike on every machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A terminal that cannot show "±" shows "?" instead of ending the program.

@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from robacc.estimation import EstimateResult, WorstPose
+from robacc.figures import ErrorFigures
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.pose_errors import Summary
-from robacc.statistics.intervals import Interval
-from robacc.statistics.records import ErrorStatistics, MatrixInterval, Radius
+from robacc.statistics.document import grade_document, statistics_document
 
 
 def payload(result: EstimateResult) -> dict[str, Any]:
     """The document's own keys; arrays stay arrays, which :mod:`robacc.io.result_json` writes."""
     orientation = None
     if result.orientation is not None and result.errors.rotation is not None:
-        orientation = _statistics(result.orientation, result.errors.rotation)
+        orientation = {**statistics_document(result.orientation), "errors_rad": result.errors.rotation.T}
     return {
         "n_poses": result.n_poses,
         "frame": result.errors.frame,
         "commanded": result.commanded,
         "alignment": _alignment(result),
         "unaligned": _unaligned(result),
-        "position": _statistics(result.position, result.errors.position),
+        "position": {**statistics_document(result.position), "errors_m": result.errors.position.T},
         "orientation": orientation,
-        "grade": result.grade.document(),
+        "grade": grade_document(result.grade),
         "worst_poses": {
             "by_position": [_worst(pose) for pose in result.worst_position],
             "by_orientation": [_worst(pose) for pose in result.worst_orientation],
         },
         "targets": [
-            {"target": target.name, "n_poses": target.n_poses, **_summary(target.position, "m")}
+            {"target": target.name, "n_poses": target.n_poses, **_figures(target.position, "m")}
             for target in result.targets
         ],
         "notes": result.notes,
@@ -65,68 +63,13 @@ def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
 
 
-def _statistics(statistics: ErrorStatistics, errors: Array) -> dict[str, Any]:
-    unit = statistics.unit
-    square = f"{unit}2"
-    intervals = statistics.intervals
+def _figures(figures: ErrorFigures, unit: str) -> dict[str, float]:
     return {
-        f"mean_{unit}": statistics.mean,
-        f"covariance_{square}": statistics.covariance,
-        f"centred_covariance_{square}": statistics.centred_covariance,
-        f"rms_{unit}": statistics.rms,
-        f"mean_error_{unit}": statistics.mean_error,
-        f"p95_{unit}": statistics.p95,
-        f"max_{unit}": statistics.max,
-        "share_below_max": statistics.share_below_max,
-        f"radius95_zero_mean_{unit}": _radius(statistics.radius95_zero_mean),
-        f"radius95_fitted_mean_{unit}": _radius(statistics.radius95_fitted_mean),
-        "n_commanded_poses": statistics.n_poses,
-        "confidence": statistics.confidence,
-        "intervals": {
-            f"mean_{unit}": [_interval(interval) for interval in intervals.mean],
-            f"covariance_{square}": _matrix_interval(intervals.covariance),
-            f"centred_covariance_{square}": _matrix_interval(intervals.centred_covariance),
-            f"rms_{unit}": _interval(intervals.rms),
-            f"mean_error_{unit}": _interval(intervals.mean_error),
-            f"p95_{unit}": _interval(intervals.p95),
-        },
-        "ellipsoid": [
-            {
-                "direction": statistics.ellipsoid.axes[:, i],
-                f"sd_{unit}": statistics.ellipsoid.sd[i],
-                "interval": _interval(statistics.ellipsoid.intervals[i]),
-            }
-            for i in range(3)
-        ],
-        "tests": dataclasses.asdict(statistics.tests),
-        "structure": dataclasses.asdict(statistics.structure),
-        "assumption": statistics.assumption,
-        f"errors_{unit}": errors.T,
+        f"rms_{unit}": figures.rms,
+        f"mean_error_{unit}": figures.mean,
+        f"p95_{unit}": figures.p95,
+        f"max_{unit}": figures.max,
     }
-
-
-def _interval(interval: Interval) -> dict[str, Any]:
-    record: dict[str, Any] = {
-        "lower": interval.lower,
-        "upper": interval.upper,
-        "upper_bound": interval.upper_bound,
-        "method": interval.method,
-    }
-    return record if interval.why is None else {**record, "why": interval.why}
-
-
-def _matrix_interval(interval: MatrixInterval) -> dict[str, Any]:
-    record: dict[str, Any] = {"lower": interval.lower, "upper": interval.upper, "method": interval.method}
-    return record if interval.why is None else {**record, "why": interval.why}
-
-
-def _radius(radius: Radius) -> dict[str, Any]:
-    record: dict[str, Any] = {"value": radius.value, "interval": _interval(radius.interval)}
-    return record if radius.why is None else {**record, "why": radius.why}
-
-
-def _summary(summary: Summary, unit: str) -> dict[str, float]:
-    return {f"{name}_{unit}": value for name, value in dataclasses.asdict(summary).items()}
 
 
 def _alignment(result: EstimateResult) -> dict[str, Any] | None:
@@ -146,8 +89,8 @@ def _unaligned(result: EstimateResult) -> dict[str, Any] | None:
         return None
     orientation = result.unaligned.orientation
     return {
-        "position": _summary(result.unaligned.position, "m"),
-        "orientation": None if orientation is None else _summary(orientation, "rad"),
+        "position": _figures(result.unaligned.position, "m"),
+        "orientation": None if orientation is None else _figures(orientation, "rad"),
     }
 
 

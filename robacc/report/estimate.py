@@ -8,8 +8,8 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, TextIO
 
 from robacc.estimation import EstimateResult, WorstPose
+from robacc.figures import ErrorFigures
 from robacc.geometry import Array
-from robacc.pose_errors import Summary
 from robacc.report.console import draw
 from robacc.report.numbers import decimals, exponent_of_thousand, fixed, p_value, three_digits
 from robacc.statistics.intervals import Interval
@@ -53,7 +53,7 @@ def _aligned(result: EstimateResult) -> str:
 
 
 def _block(
-    name: str, unit: str, factor: float, found: ErrorStatistics, before: Summary | None, worst: Sequence[WorstPose]
+    name: str, unit: str, factor: float, found: ErrorStatistics, before: ErrorFigures | None, worst: Sequence[WorstPose]
 ) -> Iterable[RenderableType]:
     """Everything about one kind of error."""
     yield _heading(f"{name} error, {unit}", gap=True)
@@ -70,7 +70,7 @@ def _block(
     yield _worst(name, worst)
 
 
-def _figures(factor: float, found: ErrorStatistics, before: Summary | None) -> Table:
+def _figures(factor: float, found: ErrorStatistics, before: ErrorFigures | None) -> Table:
     """The error's length: its figures with their intervals, and the unaligned ones beside them."""
     table = _table("length", "", _percent(found), *(["unaligned"] if before else []))
     intervals = found.intervals
@@ -83,7 +83,7 @@ def _figures(factor: float, found: ErrorStatistics, before: Summary | None) -> T
         ("95 % radius, Gaussian of own mean", found.radius95_fitted_mean.value, found.radius95_fitted_mean.interval),
     ]
     # The radii come last and have no unaligned figure.
-    earlier = () if before is None else (before.rms, before.mean_error, before.p95, before.max)
+    earlier = () if before is None else (before.rms, before.mean, before.p95, before.max)
     for (label, value, interval), unaligned in zip_longest(rows, earlier):
         cell = "" if unaligned is None else three_digits(unaligned * factor)
         table.add_row(label, *_measured(value, interval, factor), cell)
@@ -205,14 +205,16 @@ def _targets(result: EstimateResult) -> Iterable[RenderableType]:
     yield _heading("Position error by target, mm", gap=True)
     table = _table("target", "poses", "rms", "mean", "95th percentile", "maximum")
     for target in result.targets:
-        figures = (target.position.rms, target.position.mean_error, target.position.p95, target.position.max)
+        figures = (target.position.rms, target.position.mean, target.position.p95, target.position.max)
         table.add_row(target.name, str(target.n_poses), *(three_digits(value * _IN_MM) for value in figures))
     yield table
 
 
 def _grade(result: EstimateResult) -> Iterable[RenderableType]:
-    yield _heading("Grade", gap=True)
-    yield _lines(str(result.grade))
+    grade = result.grade
+    proven = "demonstrated" if grade.demonstrated else "not demonstrated"
+    yield _heading(f"Grade {grade.grade}, {proven} (scale: {grade.scale.name})", gap=True)
+    yield _items(grade.reason.split(". "))
 
 
 def _percent(found: ErrorStatistics) -> str:
@@ -258,11 +260,16 @@ def _lines(text: str) -> RenderableType:
 
 
 def _listed(title: str, items: Iterable[str]) -> Iterable[RenderableType]:
-    """A heading and its items, each with a dash and its further lines set in."""
-    from rich.table import Table
-
     yield _heading(title, gap=True)
+    yield _items(items)
+
+
+def _items(items: Iterable[str]) -> RenderableType:
+    """Each item with a dash, its further lines set in."""
+    from rich.table import Table
+    from rich.text import Text
+
     grid = Table.grid(padding=(0, 1, 0, 0))
     for item in items:
-        grid.add_row("-", item)
-    yield grid
+        grid.add_row("-", Text(item))
+    return grid

@@ -1,0 +1,50 @@
+"""Printed digits follow the uncertainty."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from robacc.report.numbers import decimals, exponent_of_thousand, fixed, p_value, three_digits
+
+
+@pytest.mark.parametrize(
+    ("value", "lower", "upper", "expected"),
+    [
+        (0.7172, 0.650, 0.801, 3),  # half width 0.0755: two digits of it are thousandths
+        (0.7172, 0.60, 0.85, 2),  # 0.125 -> 0.13
+        (100.0, 90.01, 109.93, 0),  # 9.96 rounds to 10, whose second digit is the unit
+        (1234.0, 900.0, 1500.0, 0),
+        (0.01234, None, None, 4),  # three digits of the value
+        (12.34, None, None, 1),
+        (0.0, None, None, 3),
+        (0.5, 0.5, 0.5, 3),
+        (1e-20, None, None, 9),
+    ],
+)
+def test_decimals(value: float, lower: float | None, upper: float | None, expected: int) -> None:
+    assert decimals(value, lower, upper) == expected
+
+
+def test_fixed_has_no_negative_zero_and_a_dash_for_nothing() -> None:
+    assert fixed(-0.0004, 3) == "0.000"
+    assert fixed(-0.0006, 3) == "-0.001"
+    assert fixed(None, 2) == fixed(math.nan, 2) == "–"
+
+
+def test_three_digits() -> None:
+    assert [three_digits(v) for v in (0.0, 1e-25, 1e-5, 0.00123, 1.2345, 123.4, 98765.4, 1e7)] == [
+        "0", "0", "1.00e-05", "0.00123", "1.23", "123", "98765", "1.00e+07",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("size", "power"), [(0.185, 0), (0.05, 0), (9e4, 0), (1.9e-4, -3), (0.049, -3), (9e-8, -9), (2e5, 6), (0.0, 0)]
+)
+def test_exponent_keeps_matrices_readable(size: float, power: int) -> None:
+    assert exponent_of_thousand(size) == power
+
+
+def test_p_values() -> None:
+    assert [p_value(p) for p in (None, 1e-9, 0.0321, 1.0)] == ["–", "p < 1e-6", "p = 0.032", "p = 1"]

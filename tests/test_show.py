@@ -19,7 +19,7 @@ from robacc.io.robot_file import read_robot
 from robacc.report.robot import render_robot
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
-from robacc.robots.summary import find_reach, low_discrepancy, summarise
+from robacc.robots.summary import Reach, find_reach, low_discrepancy, summarise
 
 PROJECT = Path(__file__).resolve().parents[1]
 CONFIGS = PROJECT / "configs" / "robots"
@@ -98,6 +98,9 @@ def test_reach_of_arms_that_can_be_worked_out() -> None:
     assert scara.sampled == pytest.approx(np.hypot(0.8, 0.677), abs=1e-6)
     # The bound knows no directions: (0.425, 0.877), (0.375), (slide 0.195 and hand 0.2 along one axis).
     assert scara.bound == pytest.approx(np.hypot(0.425, 0.877) + np.hypot(0.375, 0.195) + 0.2)
+    # A slide counts with the end that lies farther out.
+    slide = Joint("s", "prismatic", dict.fromkeys(("theta", "d", "a", "alpha"), 0.0), limits=(-0.3, 0.1))
+    assert find_reach(Robot("r", "standard", (slide,)), Frame()) == Reach(0.3, 0.3)
     robot = read_robot(CONFIGS / "ur10.yaml")
     reach = find_reach(robot, Frame())
     # Against a search that shares nothing with it but the chain.

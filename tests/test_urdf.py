@@ -60,11 +60,11 @@ def test_links_choose_the_chain() -> None:
 def test_a_mimic_of_a_mimic_follows_the_joint_that_moves() -> None:
     text = TREE.replace(
         '<parent link="base"/><child link="upper"/>',
-        '<parent link="base"/><child link="upper"/><mimic joint="follow"/>',
+        '<parent link="base"/><child link="upper"/><mimic joint="follow" multiplier="3" offset="0.5"/>',
     )
     robot = parse_urdf(text, "tree.urdf")
     assert robot.variable_names == ("two", "slide")
-    assert robot.joints[1].mimic == Mimic("slide", -2.0, 0.01)
+    assert robot.joints[1].mimic == Mimic("slide", -6.0, 3 * 0.01 + 0.5)
 
 
 def test_infinite_limits_are_none_and_a_missing_one_is_zero() -> None:

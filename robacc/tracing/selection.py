@@ -294,6 +294,26 @@ class Selection:
         key = one.candidate.effect.key()
         return own, [rival for rival in ranking if rival.candidate.effect.key() != key]
 
+    def likeness(self, one: Chosen, rival: Candidate) -> float:
+        """Cosine between what a finding and a rival take out of the residual, all other findings kept."""
+        columns = self._columns(rival)
+        conditioned = self.condition(without=one)
+        both = [self._taken(conditioned, one.columns), self._taken(conditioned, columns)]
+        cross = self.system.gram[np.ix_(one.columns, columns)]
+        cross = cross - conditioned.reduced[:, one.columns].T @ conditioned.reduced[:, columns]
+        lengths = [
+            float(weight @ conditioned.block(place) @ weight)
+            for weight, place in zip(both, (one.columns, columns), strict=True)
+        ]
+        if min(lengths) <= 0:
+            return 0.0
+        return float(both[0] @ cross @ both[1] / math.sqrt(lengths[0] * lengths[1]))
+
+    def _taken(self, conditioned: Conditioned, columns: NDArray[np.int64]) -> Array:
+        """Least-squares coefficients of some columns' new parts for what is left."""
+        result: Array = np.linalg.lstsq(conditioned.block(columns), conditioned.moment[columns], rcond=1e-10)[0]
+        return result
+
     def _own(self, one: Chosen, conditioned: Conditioned) -> Ranked:
         weight = one.candidate.weights if one.candidate.terms else np.ones(one.columns.size)
         scores = judge(

@@ -1,0 +1,138 @@
+"""Mistakes in the data or the robot file that no effect should be asked to explain: found first, and named."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.closed_form import register
+from robacc.errors import InputError, RobaccError
+from robacc.geometry import quaternion_from_rotation, rotation_from_quaternion
+from robacc.measurements import Measurements
+from robacc.model import predict
+from robacc.robots.description import Robot
+
+GROSS = 0.02
+"""Share of the positions' spread: a median error above it is no arm's inaccuracy."""
+_CURED = 8.0
+"""A mistake is named where undoing it brings the median error down by this factor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """A mistake that, undone, makes the data fit."""
+
+    name: str
+    fix: str
+    before: float
+    """Median position error as delivered, base and tool registered, m."""
+    after: float
+
+
+def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
+    """The mistake that explains a gross misfit, or None where there is no such misfit or nothing cures it."""
+    if data.n < 8 or data.q is None:
+        return None
+    before = _median_error(robot, data)
+    spread = float(np.sqrt(np.mean(np.var(data.position, axis=1)) * 3))
+    if before <= GROSS * max(spread, 1e-6):
+        return None
+    best: Mistake | None = None
+    for name, fix, undone in _suspects(robot, data):
+        try:
+            after = _median_error(*undone())
+        except (RobaccError, np.linalg.LinAlgError):
+            continue
+        if after * _CURED < before and (best is None or after < best.after):
+            best = Mistake(name, fix, before, after)
+    return best
+
+
+def refuse_mistake(robot: Robot, data: Measurements) -> None:
+    """Stop where the data hold a mistake.
+
+    Raises:
+        InputError: naming the mistake and what to do.
+    """
+    found = find_mistake(robot, data)
+    if found is not None:
+        file = f"{data.source}: " if data.source else ""
+        raise InputError(
+            f"{file}{found.name}: as delivered the median error is {found.before * 1e3:.3g} mm with base and tool "
+            f"registered, with that undone {found.after * 1e3:.3g} mm; {found.fix}"
+        )
+
+
+def _median_error(robot: Robot, data: Measurements) -> float:
+    registered = register(robot, data, True, True)
+    return float(np.median(np.linalg.norm(data.position - predict(registered, data).translation, axis=0)))
+
+
+Undone = Callable[[], tuple[Robot, Measurements]]
+
+
+def _suspects(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undone]]:
+    assert data.q is not None
+    q = data.q
+    for i, joint in enumerate(robot.variables):
+        turned = q.copy()
+        turned[i] = -turned[i]
+        yield (
+            f"the sign of joint {joint.name} seems turned round",
+            "set sign: -1 for it in the robot file, or turn the column round",
+            _with(robot, data, q=turned),
+        )
+        if joint.type == "revolute":
+            scaled = q.copy()
+            scaled[i] = np.deg2rad(scaled[i])
+            yield (
+                f"the column of joint {joint.name} seems to be in degrees",
+                "give its unit in the column's name, as in q1_deg",
+                _with(robot, data, q=scaled),
+            )
+    revolute = np.array([joint.type == "revolute" for joint in robot.variables])[:, None]
+    yield (
+        "the joint columns seem to be in degrees",
+        "give the unit in their names, as in q1_deg",
+        _with(robot, data, q=np.where(revolute, np.deg2rad(q), q)),
+    )
+    for factor, unit in ((1e-3, "millimetres"), (1e-6, "micrometres")):
+        yield (
+            f"the positions seem to be in {unit}",
+            "give the unit in their names, as in x_mm",
+            _with(robot, data, position=data.position * factor),
+        )
+    for step in (1, -1):
+        yield (
+            f"the measured poses seem shifted by one row {'down' if step > 0 else 'up'} against the joints",
+            "pair each measured pose with its own joint values",
+            lambda step=step: (robot, _shifted(data, step)),
+        )
+    if robot.convention in ("standard", "modified"):
+        other = "modified" if robot.convention == "standard" else "standard"
+        yield (
+            f"the table seems to be of the {other} Denavit-Hartenberg convention",
+            f"set convention: {other}",
+            lambda: (dataclasses.replace(robot, convention=other), data),  # type: ignore[arg-type]
+        )
+    if data.rotation is not None:
+        swapped = rotation_from_quaternion(np.roll(quaternion_from_rotation(data.rotation), 1, axis=0))
+        yield (
+            "the quaternions seem to be in the order x, y, z, w",
+            "name the columns after what they hold: qw is the scalar part",
+            _with(robot, data, rotation=swapped),
+        )
+
+
+def _with(robot: Robot, data: Measurements, **changes: np.ndarray) -> Undone:
+    return lambda: (robot, dataclasses.replace(data, **changes))  # type: ignore[arg-type]
+
+
+def _shifted(data: Measurements, step: int) -> Measurements:
+    assert data.q is not None
+    inside = data.subset(np.arange(1, data.n) if step > 0 else np.arange(data.n - 1))
+    moved = data.q[:, :-1] if step > 0 else data.q[:, 1:]
+    return dataclasses.replace(inside, q=moved)

@@ -1,0 +1,412 @@
+"""`robacc trace`: the whole loop with its honest figures: findings, rivals, before and after, and what is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from robacc.crossfit import folds, held_out, parts
+from robacc.effects.base import Effect
+from robacc.errors import RobaccError
+from robacc.figures import Gain, Stage, paired_gain, pose_figures
+from robacc.fitting import Fit, Options, fit
+from robacc.folding import fold
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.model import Model
+from robacc.noise import LackOfFit, lack_of_fit
+from robacc.observation import residuals
+from robacc.parameters import Parameter, parameters
+from robacc.robots.description import Robot
+from robacc.tracing.loop import REGISTERED, SEARCH, Loop, choose, close_loop, coarse, refined
+from robacc.tracing.mistakes import refuse_mistake
+from robacc.tracing.selection import FALSE_ALARM, RIVAL, Chosen, Ranked, Selection, Step
+
+Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
+Progress = Callable[[str, int, int], None]
+
+_FEW = 8
+"""A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
+_MOST_ALTERNATIVES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A rival that explains the same residual nearly as well."""
+
+    effect: str
+    joints: tuple[str, ...]
+    likeness: float
+    """Cosine between what the two take out of the residual: 1 where these poses cannot tell them apart at all."""
+    evidence_lag: float
+    """Nats by which its evidence is behind the finding's; negative where it is ahead."""
+    settings: dict[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One order of a periodic error: amplitude (rad) and phase of amplitude x cos(order q - phase)."""
+
+    order: float
+    amplitude: float
+    phase: float
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One effect that the model lacked."""
+
+    effect: str
+    joints: tuple[str, ...]
+    settings: dict[str, object]
+    alternatives: tuple[Alternative, ...]
+    p_value: float
+    """Corrected for everything that competed."""
+    evidence: float
+    held_out_before: float | None
+    """Held-out position rms without it, m; None where too few poses to hold any out."""
+    held_out_after: float | None
+    chosen_again: tuple[int, int]
+    """In how many of how many folds it was chosen again without the poses held out."""
+    parameters: tuple[Parameter, ...]
+    lines: tuple[Line, ...]
+    seen: tuple[tuple[str, float, float], ...]
+    """Joint ranges that it was learnt in: name, low, high (rad or m)."""
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """What is left after the findings."""
+
+    rms: float
+    """Of the fitted residual's length, m."""
+    noise_rms: float | None
+    """Of the measuring noise's length where it is known from file or repeats, m."""
+    structured: bool
+    p_value: float
+    hints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What `robacc trace` found."""
+
+    robot: Robot
+    """With the findings written into it."""
+    verdict: Verdict
+    declared: Fit
+    final: Fit
+    noise: LackOfFit
+    nominal: Stage
+    before: Stage
+    after: Stage
+    gain: Gain | None
+    findings: tuple[Finding, ...]
+    unexplained: Unexplained
+    steps: tuple[Step, ...]
+    missing: dict[str, str]
+    n_folds: int
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Held-out residuals ``(M, N)`` of every row, and of each finding's absence, with how often each was chosen."""
+
+    before: Array
+    after: Array
+    without: dict[tuple[object, ...], Array]
+    chosen: dict[tuple[str, tuple[str, ...]], int]
+    folds: int
+
+
+def trace(
+    model: Model,
+    data: Measurements,
+    *,
+    n_folds: int = 5,
+    seed: int = 0,
+    holdout: Measurements | None = None,
+    empirical: bool = True,
+    progress: Progress = lambda what, done, of: None,
+) -> Trace:
+    """Close the loop on measured poses.
+
+    ``model`` holds the robot and the declared effects. Held-out figures are by cross-fitting of the whole procedure, or
+    of ``holdout``, poses of their own.
+
+    Raises:
+        InputError: the data hold a mistake that no effect should explain, or are too few.
+        UsageError: the data lack what a declared effect needs.
+    """
+    refuse_mistake(model.arm.robot, data)
+    progress("searching", 0, n_folds + 1)
+    loop = close_loop(model, data, SEARCH, empirical=empirical)
+    final = fit(loop.declared.model.with_free(*loop.effects), data, Options()) if loop.effects else loop.declared
+    held = _hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
+    nominal_residual = residuals(data, model.bind(data).poses(np.zeros(len(model.bind(data).terms))))
+    noise = lack_of_fit(final, data)
+    findings = tuple(_finding(loop, effect, final, held, data) for effect in loop.effects)
+    unexplained = _left(loop, final, noise, data)
+    rows = loop.final.kept
+    shown = data if holdout is None else holdout
+    kept = rows if holdout is None else np.ones(holdout.n, dtype=bool)
+    if holdout is not None:
+        held_nominal = residuals(holdout, model.bind(holdout).poses(np.zeros(len(model.bind(holdout).terms))))
+    else:
+        held_nominal = nominal_residual
+    after_held = None if held is None else pose_figures(held.after[:, kept])
+    return Trace(
+        robot=fold(final),
+        verdict=_verdict(findings, unexplained),
+        declared=loop.declared,
+        final=final,
+        noise=noise,
+        nominal=Stage(
+            pose_figures(nominal_residual[:, rows]), None if held is None else pose_figures(held_nominal[:, kept])
+        ),
+        before=Stage(
+            pose_figures(loop.declared.residual[:, rows]),
+            None if held is None else pose_figures(held.before[:, kept]),
+        ),
+        after=Stage(pose_figures(final.residual[:, rows]), after_held),
+        gain=None
+        if held is None or not findings
+        else paired_gain(held.before[:, kept], held.after[:, kept], shown.groups()[kept]),
+        findings=findings,
+        unexplained=unexplained,
+        steps=loop.steps,
+        missing=loop.scene.missing,
+        n_folds=0 if held is None else held.folds,
+        warnings=_warnings(final, data, held, holdout),
+    )
+
+
+def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:
+    if not findings:
+        return "unexplained" if left.structured else "clean"
+    named = any(finding.effect != "joint_correction" for finding in findings)
+    return "explained" if named and not left.structured else "partly_explained"
+
+
+# -- held-out figures
+
+
+def _hold_out(
+    loop: Loop,
+    data: Measurements,
+    holdout: Measurements | None,
+    n_folds: int,
+    seed: int,
+    empirical: bool,
+    progress: Progress,
+) -> _Held | None:
+    if holdout is not None:
+        return _on(loop, holdout)
+    assigned = folds(data, n_folds, seed)
+    if assigned is None:
+        return None
+    shape = loop.final.residual.shape
+    before, after = np.empty(shape), np.empty(shape)
+    without = {effect.key(): np.empty(shape) for effect in loop.effects}
+    chosen: dict[tuple[str, tuple[str, ...]], int] = {}
+    count = int(assigned.max()) + 1
+    for number, (learn, rest) in enumerate(parts(assigned)):
+        progress("cross-fitting", number + 1, count + 1)
+        train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
+        selection = choose(loop.scene, learn, empirical=empirical)
+        effects = _ordered(refined(selection, one) for one in selection.chosen)
+        declared = fit(loop.declared.model, train, SEARCH)
+        complete = fit(loop.declared.model.with_free(*effects), train, SEARCH) if effects else declared
+        before[:, rest] = held_out(declared, test)
+        after[:, rest] = held_out(complete, test)
+        for effect in {(one.name, one.joints) for one in effects}:
+            chosen[effect] = chosen.get(effect, 0) + 1
+        for effect in loop.effects:
+            again = [one for one in effects if (one.name, one.joints) == (effect.name, effect.joints)]
+            if not again:
+                without[effect.key()][:, rest] = after[:, rest]
+                continue
+            left = [one for one in effects if one not in again]
+            lacking = fit(loop.declared.model.with_free(*left), train, SEARCH) if left else declared
+            without[effect.key()][:, rest] = held_out(lacking, test)
+    return _Held(before, after, without, chosen, count)
+
+
+def _on(loop: Loop, holdout: Measurements) -> _Held:
+    """Poses of their own: the models of all the other poses, as they stand."""
+    without = {}
+    for effect in loop.effects:
+        left = [one for one in loop.effects if one is not effect]
+        lacking = fit(loop.declared.model.with_free(*left), loop.scene.data, SEARCH) if left else loop.declared
+        without[effect.key()] = held_out(lacking, holdout)
+    return _Held(held_out(loop.declared, holdout), held_out(loop.final, holdout), without, {}, 0)
+
+
+def _ordered(effects: object) -> tuple[Effect, ...]:
+    """Frames first, so that they keep their parameters where poses cannot tell two apart."""
+    listed: list[Effect] = list(effects)  # type: ignore[call-overload]
+    return tuple(sorted(listed, key=lambda effect: effect.name not in REGISTERED))
+
+
+# -- findings
+
+
+def _finding(loop: Loop, effect: Effect, final: Fit, held: _Held | None, data: Measurements) -> Finding:
+    one = next((c for c in loop.selection.chosen if coarse(c.candidate.effect) == coarse(effect)), None)
+    if one is not None:
+        own, rivals = loop.selection.contest(one)
+        alternatives = _alternatives(loop.selection, one, own, rivals)
+        p_value, evidence = own.p_value, own.evidence
+    else:
+        p_value, evidence, alternatives = _first_seen(loop.steps, effect)
+    before = after = None
+    if held is not None:
+        rows = final.kept if held.folds else slice(None)
+        before = pose_figures(held.without[effect.key()][:, rows]).position.rms
+        after = pose_figures(held.after[:, rows]).position.rms
+    prefix = {term.name for term in effect.terms(final.model.arm, data)}
+    own_parameters = tuple(p for p in parameters(final) if p.name in prefix)
+    folds_chosen = (held.chosen.get((effect.name, effect.joints), 0), held.folds) if held is not None else (0, 0)
+    lines = _lines(effect, own_parameters)
+    return Finding(
+        effect.name,
+        effect.joints,
+        effect.settings(),
+        alternatives,
+        p_value,
+        evidence,
+        before,
+        after,
+        folds_chosen,
+        own_parameters,
+        lines,
+        _seen(effect, final, data),
+        _finding_warnings(effect, final, data, folds_chosen),
+    )
+
+
+def _first_seen(steps: Sequence[Step], effect: Effect) -> tuple[float, float, tuple[Alternative, ...]]:
+    """Score of a frame when it was added: it does not compete afterwards."""
+    for step in steps:
+        if step.action == "add" and step.ranking and step.ranking[0].candidate.effect.key() == effect.key():
+            return step.ranking[0].p_value, step.ranking[0].evidence, ()
+    return float("nan"), float("nan"), ()
+
+
+def _alternatives(selection: Selection, one: Chosen, own: Ranked, rivals: Sequence[Ranked]) -> tuple[Alternative, ...]:
+    """Rivals near in evidence, one of each effect and joint, with how alike what they explain is."""
+    seen = {(one.candidate.effect.name, one.candidate.effect.joints)}
+    found = []
+    for rival in rivals:
+        effect = rival.candidate.effect
+        name = (effect.name, effect.joints)
+        lag = own.total - rival.total
+        if name in seen or lag > RIVAL or len(found) == _MOST_ALTERNATIVES:
+            continue
+        likeness = selection.likeness(one, rival.candidate)
+        if likeness < 0.5:
+            continue
+        seen.add(name)
+        found.append(Alternative(effect.name, effect.joints, likeness, lag, effect.settings()))
+    return tuple(found)
+
+
+def _lines(effect: Effect, own: Sequence[Parameter]) -> tuple[Line, ...]:
+    """The strong lines of a periodic error: amplitude beyond three standard errors, strongest first."""
+    if effect.name != "transmission_error":
+        return ()
+    values = {p.name: p for p in own}
+    found = []
+    for order in effect.settings()["orders"]:
+        stem = f"{effect.name}.{effect.joints[0]}"
+        cosine, sine = (values.get(f"{stem}.{kind}{order:.6g}") for kind in ("cos", "sin"))
+        if cosine is None or sine is None:
+            continue
+        amplitude = math.hypot(cosine.value, sine.value)
+        error = math.hypot(cosine.std or 0.0, sine.std or 0.0) / math.sqrt(2)
+        if amplitude > 3 * error:
+            found.append(Line(float(order), amplitude, math.atan2(sine.value, cosine.value)))
+    return tuple(sorted(found, key=lambda line: -line.amplitude))
+
+
+def _seen(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:
+    if data.q is None:
+        return ()
+    arm = final.model.arm
+    return tuple(
+        (joint, float(data.q[arm.number(joint)].min()), float(data.q[arm.number(joint)].max()))
+        for joint in effect.joints
+    )
+
+
+def _finding_warnings(effect: Effect, final: Fit, data: Measurements, chosen: tuple[int, int]) -> tuple[str, ...]:
+    warnings = []
+    if chosen[1] and chosen[0] < 0.6 * chosen[1]:
+        warnings.append(f"{effect} was chosen again in only {chosen[0]} of {chosen[1]} folds")
+    few = _rests_on(effect, final, data)
+    if few is not None:
+        warnings.append(f"more than half of what {effect} explains rests on {few} poses")
+    return tuple(warnings)
+
+
+def _rests_on(effect: Effect, final: Fit, data: Measurements) -> int | None:
+    """Number of poses that carry half of a finding's contribution, where they are few."""
+    bound = final.model.bind(data)
+    names = {term.name for term in effect.terms(final.model.arm, data)}
+    lacking = np.where([name in names for name in final.names], 0.0, final.theta)
+    try:
+        moved = bound.poses(lacking).translation - final.poses.translation
+    except RobaccError:
+        return None
+    share = np.sort(np.sum(np.square(moved[:, final.kept]), axis=0))[::-1]
+    if share.sum() <= 0:
+        return None
+    count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
+    return count if count < min(_FEW, 0.1 * share.size) else None
+
+
+# -- what is left
+
+
+def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexplained:
+    ranking = loop.selection.rank(loop.selection.condition(), with_blocks=True)
+    best = ranking[0] if ranking else None
+    p_value = 1.0 if best is None else best.p_value
+    hints = []
+    if best is not None and p_value <= FALSE_ALARM:
+        hints.append(f"what is left depends on what {best.candidate.effect} describes, yet that does not explain it")
+    structured = p_value <= FALSE_ALARM
+    known = noise.p_value is not None
+    if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
+        structured = True
+        p_value = min(p_value, noise.p_value)
+        hints.append(
+            f"the residual is {noise.ratio:.3g} times the measuring noise (known from "
+            f"{'repeats' if noise.noise.source == 'repeats' else 'the file'})"
+        )
+        if best is not None and best.p_value > FALSE_ALARM:
+            hints.append("nothing that was tried depends on it: repeatability, or an effect outside the catalogue")
+    residual = final.residual[:3, final.kept]
+    return Unexplained(
+        float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0)))),
+        math.sqrt(3) * noise.noise.position if known else None,
+        structured,
+        p_value,
+        tuple(hints),
+    )
+
+
+def _warnings(final: Fit, data: Measurements, held: _Held | None, holdout: Measurements | None) -> tuple[str, ...]:
+    warnings = list(data.warnings)
+    if held is None:
+        warnings.append(f"{data.n} poses are too few to hold any out: every figure is of poses that were fitted")
+    if final.outliers.size:
+        lines = ", ".join(str(data.line(int(i))) for i in final.outliers[:10])
+        warnings.append(f"left out as no part of the rest: {final.outliers.size} row(s), on line(s) {lines}")
+    return tuple(warnings)

@@ -222,7 +222,7 @@ class _Solver:
 
     def _gauss_newton(self, kept: NDArray[np.bool_]) -> None:
         columns = self.identifiability.kept
-        cost = self._cost(self.residual, self.theta, kept)
+        cost: float = self._cost(self.residual, self.theta, kept)
         previous: Array | None = None
         for _ in range(_STEPS):
             gram, gradient = self._normal(self.theta, kept)
@@ -254,7 +254,7 @@ class _Solver:
             # At the minimum rounding decides which of two equal costs is the lower; a full step is then still taken.
             if new <= cost * (1 + 1e-12) + 1e-300:
                 self.theta, self.residual = theta, residual
-                return min(new, cost), True
+                return (new if new < cost else cost), True
         return cost, False
 
     def _effective(self) -> None:

@@ -72,16 +72,23 @@ def rotation_from_rpy(rpy: Array) -> Array:
 
 
 def rpy_from_rotation(rotation: Array) -> Array:
-    """Roll, pitch, yaw ``(3, ...)`` in rad; at pitch of 90 degrees, where they are not unique, roll is set to 0."""
-    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    regular = np.hypot(rotation[0, 0], rotation[1, 0]) > 1e-12
-    roll = np.where(regular, np.arctan2(rotation[2, 1], rotation[2, 2]), 0.0)
+    """Roll, pitch, yaw ``(3, ...)`` in rad; at pitch of 90 degrees, where they are not unique, roll is set to 0.
+
+    Roll is what remains once yaw and pitch are taken out, so that the product gives the rotation back to rounding even
+    next to 90 degrees, where roll and yaw alone are ill determined.
+    """
+    across = np.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = np.arctan2(-rotation[2, 0], across)
+    pole = across < 1e-15
     yaw = np.where(
-        regular,
-        np.arctan2(rotation[1, 0], rotation[0, 0]),
-        np.arctan2(-rotation[0, 1], rotation[1, 1]),
+        pole, np.arctan2(-rotation[0, 1], rotation[1, 1]), np.arctan2(rotation[1, 0], rotation[0, 0])
     )
-    return np.stack((roll, pitch, yaw))
+    # Second and third column of (Rz(yaw) Ry(pitch))^T R, along its own second axis.
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(
+        -(cosine * rotation[1, 2] - sine * rotation[0, 2]), cosine * rotation[1, 1] - sine * rotation[0, 1]
+    )
+    return np.stack((np.where(pole, 0.0, roll), pitch, yaw))
 
 
 def rotation_from_quaternion(quaternion: Array) -> Array:

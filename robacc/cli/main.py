@@ -21,7 +21,9 @@ from robacc.errors import RobaccError
 from robacc.report.console import say_error, say_interrupted
 
 COMMANDS = {
+    "calibrate": "Fits the effects that are named, with honest figures before and after.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
+    "trace": "Closes the loop: residual, the effect the model lacks, and the error before and after.",
     "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
 }
 """Name of each command, which is its module's and its function's too, and its line in ``robacc --help``."""

@@ -6,19 +6,26 @@ Colour is used on a terminal unless NO_COLOR is set and not empty (https://no-co
 from __future__ import annotations
 
 import os
+import shutil
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
 from robacc.errors import InputError, RobaccError
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
+
+    from robacc.report.layout import Line
 
 _RED, _YELLOW, _DIM, _RESET = "\033[31m", "\033[33m", "\033[2m", "\033[0m"
 
 PLAIN_WIDTH = 80
 """Columns of a table that goes to a file or a pipe: what a mail, a ticket or a printed page takes."""
+
+WIDEST = 100
+"""Columns beyond which running text is hard to read."""
 
 
 def uses_colour(stream: TextIO) -> bool:
@@ -70,10 +77,16 @@ def console_for(stream: TextIO, width: int | None = None) -> Console:
     return Console(file=stream, highlight=False, width=width, color_system=None, force_terminal=False)
 
 
-def draw(parts: Iterable[RenderableType], stream: TextIO) -> None:
-    """Draw ``parts`` one below the other, all at once, without the blanks that tables leave at the ends of lines."""
+def width_of(stream: TextIO) -> int:
+    """Columns to write text in: the terminal's, at most :data:`WIDEST`, or :data:`PLAIN_WIDTH` where there is none."""
+    return min(shutil.get_terminal_size().columns, WIDEST) if stream.isatty() else PLAIN_WIDTH
+
+
+def write_lines(lines: Iterable[Line], stream: TextIO) -> None:
+    """Write a report's lines, with their looks where colour shows."""
+    if not uses_colour(stream):
+        stream.writelines(f"{line.text}\n" for line in lines)
+        return
     console = console_for(stream)
-    with console.capture() as capture:
-        for part in parts:
-            console.print(part)
-    stream.writelines(f"{line.rstrip()}\n" for line in capture.get().splitlines())
+    for line in lines:
+        console.print(line.text, style=line.style or None, markup=False, highlight=False, soft_wrap=True)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
@@ -179,7 +180,7 @@ def corrections(arm: Arm, data: Measurements) -> list[Candidate]:
     return [Candidate(effect, effect.terms(arm, data), prior) for effect in effects]
 
 
-def batches(arm: Arm, candidates: Sequence[Candidate], rows: Array) -> list[Batch]:
+def batches(arm: Arm, candidates: Sequence[Candidate], rows: NDArray[np.int64]) -> list[Batch]:
     """Blocks sorted by joint and size, on the poses ``rows``."""
     sorted_out: dict[tuple[int, int], list[Candidate]] = {}
     for candidate in candidates:

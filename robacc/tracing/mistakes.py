@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -109,7 +110,7 @@ def _suspects(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undo
         yield (
             f"the measured poses seem shifted by one row {'down' if step > 0 else 'up'} against the joints",
             "pair each measured pose with its own joint values",
-            lambda step=step: (robot, _shifted(data, step)),
+            functools.partial(_shifted, robot, data, step),
         )
     if robot.convention in ("standard", "modified"):
         other = "modified" if robot.convention == "standard" else "standard"
@@ -131,8 +132,8 @@ def _with(robot: Robot, data: Measurements, **changes: np.ndarray) -> Undone:
     return lambda: (robot, dataclasses.replace(data, **changes))  # type: ignore[arg-type]
 
 
-def _shifted(data: Measurements, step: int) -> Measurements:
+def _shifted(robot: Robot, data: Measurements, step: int) -> tuple[Robot, Measurements]:
     assert data.q is not None
     inside = data.subset(np.arange(1, data.n) if step > 0 else np.arange(data.n - 1))
     moved = data.q[:, :-1] if step > 0 else data.q[:, 1:]
-    return dataclasses.replace(inside, q=moved)
+    return robot, dataclasses.replace(inside, q=moved)

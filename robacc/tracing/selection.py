@@ -172,7 +172,7 @@ class Selection:
         return result
 
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
-        result = []
+        result: list[Ranked] = []
         residual = self._residual(conditioned)
         for batch in self.blocks:
             column = self.joint_columns[:, batch.number]

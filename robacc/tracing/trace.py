@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,6 +22,7 @@ from robacc.noise import LackOfFit, lack_of_fit
 from robacc.observation import residuals
 from robacc.parameters import Parameter, parameters
 from robacc.robots.description import Robot
+from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.loop import REGISTERED, SEARCH, Loop, choose, close_loop, coarse, refined
 from robacc.tracing.mistakes import refuse_mistake
 from robacc.tracing.selection import FALSE_ALARM, RIVAL, Chosen, Ranked, Selection, Step
@@ -111,6 +112,8 @@ class Trace:
     steps: tuple[Step, ...]
     missing: dict[str, str]
     n_folds: int
+    next_poses: tuple[Advice, ...]
+    """What to measure to decide between a finding and its nearest rival."""
     warnings: tuple[str, ...]
 
 
@@ -183,8 +186,21 @@ def trace(
         steps=loop.steps,
         missing=loop.scene.missing,
         n_folds=0 if held is None else held.folds,
+        next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=_warnings(final, data, held, holdout),
     )
+
+
+def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: float, seed: int) -> tuple[Advice, ...]:
+    advice = []
+    for effect, finding in zip(loop.effects, findings, strict=True):
+        if finding.alternatives:
+            nearest = finding.alternatives[0]
+            rival = rival_effect(nearest.effect, nearest.joints, nearest.settings)
+            one = advise(loop.declared, loop.effects, effect, rival, data, noise, seed)
+            if one is not None:
+                advice.append(one)
+    return tuple(advice)
 
 
 def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:
@@ -225,8 +241,8 @@ def _hold_out(
         complete = fit(loop.declared.model.with_free(*effects), train, SEARCH) if effects else declared
         before[:, rest] = held_out(declared, test)
         after[:, rest] = held_out(complete, test)
-        for effect in {(one.name, one.joints) for one in effects}:
-            chosen[effect] = chosen.get(effect, 0) + 1
+        for name in {(one.name, one.joints) for one in effects}:
+            chosen[name] = chosen.get(name, 0) + 1
         for effect in loop.effects:
             again = [one for one in effects if (one.name, one.joints) == (effect.name, effect.joints)]
             if not again:
@@ -248,10 +264,9 @@ def _on(loop: Loop, holdout: Measurements) -> _Held:
     return _Held(held_out(loop.declared, holdout), held_out(loop.final, holdout), without, {}, 0)
 
 
-def _ordered(effects: object) -> tuple[Effect, ...]:
+def _ordered(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Frames first, so that they keep their parameters where poses cannot tell two apart."""
-    listed: list[Effect] = list(effects)  # type: ignore[call-overload]
-    return tuple(sorted(listed, key=lambda effect: effect.name not in REGISTERED))
+    return tuple(sorted(effects, key=lambda effect: effect.name not in REGISTERED))
 
 
 # -- findings
@@ -302,7 +317,7 @@ def _first_seen(steps: Sequence[Step], effect: Effect) -> tuple[float, float, tu
 def _alternatives(selection: Selection, one: Chosen, own: Ranked, rivals: Sequence[Ranked]) -> tuple[Alternative, ...]:
     """Rivals near in evidence, one of each effect and joint, with how alike what they explain is."""
     seen = {(one.candidate.effect.name, one.candidate.effect.joints)}
-    found = []
+    found: list[Alternative] = []
     for rival in rivals:
         effect = rival.candidate.effect
         name = (effect.name, effect.joints)

@@ -1,0 +1,231 @@
+"""`robacc calibrate`: fit the effects that are named, with honest figures before and after."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.crossfit import folds, held_out, parts
+from robacc.effects.base import Effect, effect_class
+from robacc.effects.request import Request, build
+from robacc.figures import Gain, Stage, paired_gain, pose_figures
+from robacc.fitting import Fit, Options, fit
+from robacc.folding import fold
+from robacc.geometry import Array
+from robacc.identifiability import Identifiability
+from robacc.measurements import Measurements
+from robacc.model import Model
+from robacc.noise import LackOfFit, lack_of_fit
+from robacc.observation import residuals
+from robacc.parameters import Correlation, Parameter, correlations, parameters
+from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
+from robacc.tracing.loop import REGISTERED, close_loop
+from robacc.tracing.mistakes import refuse_mistake
+
+_OVERFIT = 1.5
+"""Held-out rms over the fitted one beyond which a warning says so."""
+_LEVERAGE = 0.5
+"""A pose that decides more than this share of its own prediction is named."""
+_TOLD_APART = 1e3
+"""Condition number of the scaled columns beyond which a warning says that poses are too few or too much alike."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated robot and how well it predicts."""
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+    fit: Fit
+    noise: LackOfFit
+    nominal: Stage
+    before: Stage
+    """With base and tool registered, where they are among what is fitted; else as delivered."""
+    after: Stage
+    gain: Gain | None
+    parameters: tuple[Parameter, ...]
+    correlations: tuple[Correlation, ...]
+    identifiability: Identifiability
+    leverage: tuple[tuple[int, float], ...]
+    """Rows of high leverage: index and share."""
+    n_folds: int
+    warnings: tuple[str, ...]
+
+
+def calibrate(
+    robot: Robot,
+    data: Measurements,
+    requests: Sequence[Request],
+    *,
+    options: Options | None = None,
+    priors: Mapping[str, float] | None = None,
+    n_folds: int = 5,
+    seed: int = 0,
+    holdout: Measurements | None = None,
+) -> Calibration:
+    """Fit what ``requests`` name.
+
+    An effect that acts joint by joint and is named without joints is fitted on the joints where the data show it, by
+    the evidence that `trace` uses; with joints in brackets, exactly there. ``priors`` are standard deviations about
+    zero by coefficient name, SI (:func:`tolerance_priors`).
+
+    Raises:
+        InputError: the data hold a mistake, or are too few.
+        UsageError: an effect cannot be fitted to this robot and these data.
+    """
+    refuse_mistake(robot, data)
+    options = options or Options()
+    plan = _Plan(robot, data, requests, options, priors or {})
+    effects = plan.effects(data)
+    found = fit(Model.of(robot, effects), data, plan.options_for(effects, data))
+    frames = tuple(effect for effect in effects if effect.name in REGISTERED)
+    registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
+    nominal = _nominal(robot, data)
+    held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed)
+    rows = found.kept
+    if holdout is None:
+        nominal_held, groups, kept = nominal, data.groups(), rows
+    else:
+        nominal_held, groups, kept = _nominal(robot, holdout), holdout.groups(), np.ones(holdout.n, dtype=bool)
+
+    def stage(fitted: Array, apart: Array | None) -> Stage:
+        return Stage(pose_figures(fitted[:, rows]), None if apart is None else pose_figures(apart[:, kept]))
+
+    before = stage(registered.residual, None if held is None else held[0])
+    after = stage(found.residual, None if held is None else held[1])
+    return Calibration(
+        fold(found),
+        effects,
+        found,
+        lack_of_fit(found, data),
+        stage(nominal, None if held is None else nominal_held),
+        before,
+        after,
+        None if held is None else paired_gain(held[0][:, kept], held[1][:, kept], groups[kept]),
+        parameters(found),
+        correlations(found),
+        found.identifiability,
+        _leverage(found, data),
+        0 if held is None or holdout is not None else min(n_folds, int(groups.max()) + 1),
+        _warnings(found, data, after),
+    )
+
+
+def tolerance_priors(robot: Robot) -> dict[str, float]:
+    """The robot file's tolerances as priors of joint offsets and link geometry."""
+    priors = {}
+    for joint in robot.joints:
+        for label, deviation in joint.tolerance.items():
+            own = label == joint.offset_parameter
+            priors[f"joint_offset.{joint.name}" if own else f"link_geometry.{joint.name}.{label}"] = deviation
+    return priors
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What is fitted: some effects as they stand, others where the data show them."""
+
+    robot: Robot
+    data: Measurements
+    requests: Sequence[Request]
+    options: Options
+    priors: Mapping[str, float]
+
+    def effects(self, data: Measurements) -> tuple[Effect, ...]:
+        """The effects for these poses, in the catalogue's order."""
+        model = Model.of(self.robot)
+        fixed = [request for request in self.requests if not _searched(request)]
+        searched = [request.name for request in self.requests if _searched(request)]
+        effects = build(fixed, model.arm, data)
+        if searched:
+            build([request for request in self.requests if _searched(request)], model.arm, data)
+            loop = close_loop(Model.of(self.robot, effects), data, only=searched)
+            effects = (*effects, *loop.effects)
+        return effects
+
+    def options_for(self, effects: Sequence[Effect], data: Measurements) -> Options:
+        """Options with the priors of the coefficients that have one."""
+        if not self.priors:
+            return self.options
+        arm = Arm.of(self.robot)
+        names = [term.name for effect in effects for term in effect.terms(arm, data)]
+        return dataclasses.replace(self.options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
+
+
+def _searched(request: Request) -> bool:
+    cls = effect_class(request.name)
+    return request.joints is None and cls.per_joint and not cls.is_constant
+
+
+def _nominal(robot: Robot, data: Measurements) -> Array:
+    bound = Model.of(robot).bind(data)
+    return residuals(data, bound.poses(np.zeros(0)))
+
+
+def _hold_out(
+    plan: _Plan,
+    data: Measurements,
+    holdout: Measurements | None,
+    effects: tuple[Effect, ...],
+    frames: tuple[Effect, ...],
+    n_folds: int,
+    seed: int,
+) -> tuple[Array, Array] | None:
+    """Residuals of poses held out, with frames alone and with everything; what is searched is searched again."""
+    search = Options(robust=plan.options.robust, tolerance=1e-6)
+    if holdout is not None:
+        alone = fit(Model.of(plan.robot, frames), data, search)
+        whole = fit(Model.of(plan.robot, effects), data, plan.options_for(effects, data))
+        return held_out(alone, holdout), held_out(whole, holdout)
+    assigned = folds(data, n_folds, seed)
+    if assigned is None:
+        return None
+    rows = 3 if data.rotation is None else 6
+    before, after = np.empty((rows, data.n)), np.empty((rows, data.n))
+    again = any(_searched(request) for request in plan.requests)
+    for learn, rest in parts(assigned):
+        train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
+        chosen = plan.effects(train) if again else effects
+        before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)
+        after[:, rest] = held_out(fit(Model.of(plan.robot, chosen), train, search), test)
+    return before, after
+
+
+def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
+    """Rows whose prediction they decide themselves: mean of the hat matrix over their components."""
+    kept = found.identifiability.kept
+    if kept.size == 0:
+        return ()
+    covariance = found.covariance[np.ix_(kept, kept)]
+    model = found.model.bind(data)
+    _, jacobian = model.linearise(found.theta)
+    columns = jacobian[: found.residual.shape[0], kept] * found.weight[:, None, :]
+    scale = max(found.chi_square / max(found.degrees_of_freedom, 1.0), 1e-300)
+    share = np.einsum("mpn,pq,mqn->n", columns, covariance, columns) / scale / found.residual.shape[0]
+    high = np.flatnonzero((share > _LEVERAGE) & found.kept)
+    return tuple((int(i), float(share[i])) for i in high[np.argsort(-share[high])])
+
+
+def _warnings(found: Fit, data: Measurements, after: Stage) -> tuple[str, ...]:
+    warnings = list(data.warnings)
+    if found.outliers.size:
+        lines = ", ".join(str(data.line(int(i))) for i in found.outliers[:10])
+        warnings.append(f"left out as no part of the rest: {found.outliers.size} row(s), on line(s) {lines}")
+    if found.degrees_of_freedom < found.identifiability.kept.size:
+        warnings.append(
+            f"only {found.degrees_of_freedom:.0f} more numbers measured than coefficients fitted: measure more poses"
+        )
+    if found.identifiability.condition > _TOLD_APART:
+        warnings.append(
+            f"condition number {found.identifiability.condition:.3g}: the poses are too few or too much alike to tell "
+            "some coefficients apart well"
+        )
+    if after.held_out is not None and after.held_out.position.rms > _OVERFIT * after.fitted.position.rms:
+        warnings.append("poses held out are predicted much worse than those fitted: fewer effects or more poses")
+    if after.held_out is None:
+        warnings.append(f"{data.n} poses are too few to hold any out: every figure is of poses that were fitted")
+    return tuple(warnings)

@@ -1,0 +1,184 @@
+"""The documents of `robacc calibrate` and `robacc trace`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from robacc.calibration import Calibration
+from robacc.figures import ErrorFigures, Gain, PoseFigures, Stage
+from robacc.identifiability import Identifiability
+from robacc.measurements import Measurements
+from robacc.noise import LackOfFit
+from robacc.parameters import Parameter
+from robacc.tracing.selection import Ranked
+from robacc.tracing.trace import Finding, Trace
+
+
+def calibration_payload(found: Calibration, data: Measurements) -> dict[str, Any]:
+    """Keys of ``robacc.calibrate/1``."""
+    fit = found.fit
+    return {
+        "n_poses": data.n,
+        "noise": _noise(found.noise),
+        "nominal": _stage(found.nominal),
+        "before": _stage(found.before),
+        "after": _stage(found.after),
+        "gain_m": _gain(found.gain),
+        "n_folds": found.n_folds,
+        "effects": [{"effect": e.name, "joints": list(e.joints), **e.settings()} for e in found.effects],
+        "parameters": _parameters(found.parameters),
+        "correlations": [{"first": c.first, "second": c.second, "correlation": c.value} for c in found.correlations],
+        "chi_square": fit.chi_square,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "identifiability": _identifiability(found.identifiability),
+        "outliers": [{"line": data.line(int(i))} for i in fit.outliers],
+        "leverage": [{"line": data.line(i), "share": share} for i, share in found.leverage],
+        "warnings": list(found.warnings),
+    }
+
+
+def trace_payload(found: Trace, data: Measurements) -> dict[str, Any]:
+    """Keys of ``robacc.trace/1``."""
+    from robacc.parameters import parameters
+
+    return {
+        "n_poses": data.n,
+        "verdict": found.verdict,
+        "noise": _noise(found.noise),
+        "nominal": _stage(found.nominal),
+        "before": _stage(found.before),
+        "after": _stage(found.after),
+        "gain_m": _gain(found.gain),
+        "n_folds": found.n_folds,
+        "findings": [_finding(one) for one in found.findings],
+        "unexplained": {
+            "rms_m": found.unexplained.rms,
+            "noise_rms_m": found.unexplained.noise_rms,
+            "structured": found.unexplained.structured,
+            "p_value": found.unexplained.p_value,
+            "hints": list(found.unexplained.hints),
+        },
+        "parameters": _parameters(parameters(found.final)),
+        "candidates": [
+            {"step": i, "action": step.action, "effect": step.chosen, "ranking": [_ranked(one) for one in step.ranking]}
+            for i, step in enumerate(found.steps)
+        ],
+        "next_poses": [
+            {"text": one.text, "q": [list(q) for q in one.q], "difference_m": list(one.difference)}
+            for one in found.next_poses
+        ],
+        "not_offered": [{"effect": name, "why": why} for name, why in found.missing.items()],
+        "outliers": [{"line": data.line(int(i))} for i in found.final.outliers],
+        "warnings": list(found.warnings),
+    }
+
+
+def _finding(one: Finding) -> dict[str, Any]:
+    return {
+        "effect": one.effect,
+        "joints": list(one.joints),
+        "settings": one.settings,
+        "alternatives": [
+            {
+                "effect": other.effect,
+                "joints": list(other.joints),
+                "likeness": other.likeness,
+                "evidence_lag_nats": other.evidence_lag,
+                "settings": other.settings,
+            }
+            for other in one.alternatives
+        ],
+        "p_value": _number(one.p_value),
+        "evidence_nats": _number(one.evidence),
+        "held_out_before_m": one.held_out_before,
+        "held_out_after_m": one.held_out_after,
+        "chosen_again": {"folds": one.chosen_again[0], "of": one.chosen_again[1]},
+        "parameters": _parameters(one.parameters),
+        "lines": [
+            {"order": line.order, "amplitude_rad": line.amplitude, "phase_rad": line.phase} for line in one.lines
+        ],
+        "seen": [{"joint": joint, "low": low, "high": high} for joint, low, high in one.seen],
+        "warnings": list(one.warnings),
+    }
+
+
+def _ranked(one: Ranked) -> dict[str, Any]:
+    effect = one.candidate.effect
+    return {
+        "effect": effect.name,
+        "joints": list(effect.joints),
+        "settings": effect.settings(),
+        "evidence_nats": one.evidence,
+        "log_prior": one.log_prior,
+        "p_value": one.p_value,
+        "explained": one.gain,
+    }
+
+
+def _noise(found: LackOfFit) -> dict[str, Any]:
+    return {
+        "position_m": found.noise.position,
+        "orientation_rad": found.noise.orientation,
+        "source": found.noise.source,
+        "residual_over_noise": found.ratio,
+        "lack_of_fit_p_value": found.p_value,
+    }
+
+
+def _stage(stage: Stage) -> dict[str, Any]:
+    return {
+        "fitted": _poses(stage.fitted),
+        "held_out": None if stage.held_out is None else _poses(stage.held_out),
+    }
+
+
+def _poses(figures: PoseFigures) -> dict[str, Any]:
+    turned = figures.orientation
+    return {
+        "position": _figures(figures.position, "m"),
+        "orientation": None if turned is None else _figures(turned, "rad"),
+    }
+
+
+def _figures(figures: ErrorFigures, unit: str) -> dict[str, Any]:
+    return {
+        f"rms_{unit}": figures.rms,
+        f"mean_error_{unit}": figures.mean,
+        f"p95_{unit}": figures.p95,
+        f"max_{unit}": figures.max,
+    }
+
+
+def _gain(gain: Gain | None) -> dict[str, Any] | None:
+    if gain is None:
+        return None
+    return {
+        "value": gain.value,
+        "low": _number(gain.low),
+        "high": _number(gain.high),
+        "confidence": gain.confidence,
+    }
+
+
+def _parameters(found: Sequence[Parameter]) -> list[dict[str, Any]]:
+    return [
+        {"name": p.name, "value": p.value, "std": p.std, "unit": p.unit, **({"why": p.why} if p.why else {})}
+        for p in found
+    ]
+
+
+def _identifiability(found: Identifiability) -> dict[str, Any]:
+    return {
+        "n_identifiable": int(found.kept.size),
+        "not_identifiable": [
+            {"name": one.name, "partners": list(one.partners), "why": one.why} for one in found.dropped
+        ],
+        "condition_number": found.condition,
+        "observability": found.observability(),
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

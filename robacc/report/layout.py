@@ -1,0 +1,66 @@
+"""Lines of text in columns: what a report is made of before it meets a terminal or a file.
+
+Laid out here and not by rich, whose tables take longer to draw than an estimate of 100 poses takes to compute; rich
+gives the lines their looks where there is a terminal to show them.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from itertools import zip_longest
+from typing import Literal, NamedTuple
+
+Style = Literal["", "bold", "dim"]
+
+
+class Line(NamedTuple):
+    """One line and its looks."""
+
+    text: str
+    style: Style = ""
+
+
+BLANK = Line("")
+
+
+def add_row(table: Table, *cells: str) -> None:
+    """A row of plain text: brackets in a name are no markup."""
+    from rich.text import Text
+
+    table.add_row(*(Text(cell) for cell in cells))
+
+
+def heading(text: str) -> Line:
+    """What stands above a part."""
+    return Line(text, "bold")
+
+
+def columns(header: Sequence[str], rows: Iterable[Sequence[str]], gap: int = 2) -> list[Line]:
+    """A table without rules: the first column reads from the left, the others stand at the right of theirs.
+
+    Rows may be shorter than the header; the header is left out where all of it is empty.
+    """
+    table = [header, *rows]
+    widths = [max(map(len, cells)) for cells in zip_longest(*table, fillvalue="")]
+    lines = []
+    for number, row in enumerate(table):
+        first, rest = f"{row[0]:<{widths[0]}}", zip(row[1:], widths[1:], strict=False)
+        cells = (first, *(f"{cell:>{width}}" for cell, width in rest))
+        lines.append(Line((" " * gap).join(cells).rstrip(), "dim" if number == 0 else ""))
+    return lines if any(header) else lines[1:]
+
+
+def beside(left: Sequence[Line], right: Sequence[Line], gap: int = 6) -> list[Line]:
+    """Two tables side by side; a line looks as the left one does."""
+    width = max(len(line.text) for line in left) + gap
+    pairs = zip_longest(left, right, fillvalue=BLANK)
+    return [Line(f"{one.text:<{width}}{other.text}".rstrip(), one.style) for one, other in pairs]
+
+
+def items(texts: Iterable[str], width: int) -> list[Line]:
+    """Each text with a dash, wrapped to ``width`` columns, its further lines set in."""
+    lines = []
+    for text in texts:
+        lines += textwrap.wrap(text, width, initial_indent="- ", subsequent_indent="  ", break_long_words=False)
+    return [Line(text) for text in lines]

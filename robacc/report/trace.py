@@ -1,0 +1,166 @@
+"""A trace told in order: residual against noise, what was found and how sure, before and after, what is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, TextIO
+
+from robacc.parameters import Parameter
+from robacc.report.console import draw
+from robacc.report.layout import add_row, heading, items, line, stages, table_of
+from robacc.report.numbers import p_value, three_digits
+from robacc.tracing.trace import Alternative, Finding, Trace
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+_IN_MM = 1e3
+_VERDICTS = {
+    "clean": "clean: nothing beyond what is declared",
+    "explained": "explained",
+    "partly_explained": "partly explained",
+    "unexplained": "unexplained: something is there that nothing tried explains",
+}
+_SHOWN_CANDIDATES = 5
+_SHOWN_LINES = 6
+_SHOWN_PARAMETERS = 8
+
+
+def draw_trace(result: Trace, poses: str, robot: str, declared: str, stream: TextIO) -> None:
+    """Draw the whole story on ``stream``."""
+    draw(_parts(result, poses, robot, declared), stream)
+
+
+def _parts(result: Trace, poses: str, robot: str, declared: str) -> Iterable[RenderableType]:
+    rows = result.final.residual.shape[1]
+    yield heading(f"Trace of {rows} measured poses: {_VERDICTS[result.verdict]}")
+    yield line(f"{poses}, commanded by {robot}")
+    yield line(f"declared, and fitted on both sides: {declared or 'nothing'}")
+    yield heading("1. The residual", gap=True)
+    yield line(_residual(result))
+    yield heading("2. What competed", gap=True)
+    yield from _competed(result)
+    yield heading("3. What was found", gap=True)
+    if not result.findings:
+        yield line("nothing, at a false-alarm rate of 1 % over everything that competed")
+    for number, finding in enumerate(result.findings, 1):
+        yield from _finding(number, finding)
+    yield heading("4. Before and after", gap=True)
+    named = [("as delivered", result.nominal), ("declared fitted", result.before)]
+    if result.findings:
+        named.append(("with findings", result.after))
+    yield from stages(named)
+    if result.gain is not None and math.isfinite(result.gain.low):
+        gain = result.gain
+        yield line(
+            f"gain on poses held out: {three_digits(gain.value * _IN_MM)} mm of rms, "
+            f"{100 * gain.confidence:.0f} % interval {three_digits(gain.low * _IN_MM)} to "
+            f"{three_digits(gain.high * _IN_MM)} mm"
+        )
+    yield heading("5. What is left", gap=True)
+    yield items(_left(result))
+    if result.next_poses:
+        yield heading("6. What to measure next", gap=True)
+        yield from _next_poses(result)
+
+
+def _residual(result: Trace) -> str:
+    noise = result.noise.noise
+    size = math.sqrt(3) * noise.position * _IN_MM
+    rms = result.before.fitted.position.rms * _IN_MM
+    if noise.source in ("file", "repeats"):
+        known = "the file's sigma columns" if noise.source == "file" else "repeats"
+        return (
+            f"rms {three_digits(rms)} mm with what is declared; measuring noise {three_digits(size)} mm, from {known}"
+        )
+    return (
+        f"rms {three_digits(rms)} mm with what is declared; noise is not known from the file or repeats, "
+        f"and estimated from the final residual at {three_digits(size)} mm"
+    )
+
+
+def _competed(result: Trace) -> Iterable[RenderableType]:
+    first = next((step for step in result.steps if step.ranking), None)
+    if first is None:
+        yield line("nothing could be offered for these data")
+        return
+    table = table_of("best of the first step", "evidence, nats", "significance")
+    seen: set[tuple[str, tuple[str, ...]]] = set()
+    for one in first.ranking:
+        effect = one.candidate.effect
+        if (effect.name, effect.joints) in seen or len(seen) == _SHOWN_CANDIDATES:
+            continue
+        seen.add((effect.name, effect.joints))
+        add_row(table, str(effect), f"{one.evidence:.1f}", p_value(one.p_value))
+    yield table
+    if result.missing:
+        yield line("not offered: " + "; ".join(f"{name} ({why})" for name, why in result.missing.items()), "dim")
+
+
+def _finding(number: int, finding: Finding) -> Iterable[RenderableType]:
+    joints = f" on {', '.join(finding.joints)}" if finding.joints else ""
+    again, of = finding.chosen_again
+    sure = f", chosen again in {again} of {of} folds" if of else ""
+    yield line(f"{number}) {finding.effect}{joints}: {p_value(finding.p_value)}{sure}")
+    details = []
+    if finding.held_out_before is not None and finding.held_out_after is not None:
+        details.append(
+            f"held out, rms {three_digits(finding.held_out_before * _IN_MM)} mm without it, "
+            f"{three_digits(finding.held_out_after * _IN_MM)} mm with it"
+        )
+    if finding.lines:
+        shown = finding.lines[:_SHOWN_LINES]
+        more = f", and {len(finding.lines) - len(shown)} weaker" if len(finding.lines) > len(shown) else ""
+        details.append(
+            "orders per turn: " + ", ".join(f"{x.order:g} ({x.amplitude * 1e6:.0f} µrad)" for x in shown) + more
+        )
+    else:
+        details.extend(_parameter(one) for one in finding.parameters[:_SHOWN_PARAMETERS])
+        if len(finding.parameters) > _SHOWN_PARAMETERS:
+            details.append(f"and {len(finding.parameters) - _SHOWN_PARAMETERS} coefficients more")
+    details.extend(_alternative(other) for other in finding.alternatives)
+    details.extend(finding.warnings)
+    yield items(details)
+
+
+def _parameter(one: Parameter) -> str:
+    unit = "" if one.unit == "1" else f" {one.unit}"
+    if one.std is None:
+        return f"{one.name}: no number, {one.why}"
+    return f"{one.name} = {one.value:.4g} ± {one.std:.2g}{unit}"
+
+
+def _alternative(other: Alternative) -> str:
+    joints = f"[{','.join(other.joints)}]" if other.joints else ""
+    if other.likeness > 0.9999:
+        return f"cannot be told from {other.effect}{joints} on these poses"
+    return (
+        f"might as well be {other.effect}{joints}: what it explains is {100 * other.likeness:.0f} % alike, "
+        f"its odds 1 to {math.exp(max(other.evidence_lag, 0.0)):.3g}"
+    )
+
+
+def _left(result: Trace) -> Iterable[str]:
+    left = result.unexplained
+    text = f"rms {three_digits(left.rms * _IN_MM)} mm"
+    if left.noise_rms is not None:
+        text += f", of which measuring noise {three_digits(left.noise_rms * _IN_MM)} mm"
+    yield text
+    yield (
+        f"there is structure in it ({p_value(left.p_value)})"
+        if left.structured
+        else f"no structure in it that anything tried would explain ({p_value(left.p_value)})"
+    )
+    yield from left.hints
+
+
+def _next_poses(result: Trace) -> Iterable[RenderableType]:
+    names = result.final.model.arm.names
+    for advice in result.next_poses:
+        yield line(advice.text)
+        if advice.q:
+            table = table_of("pose", *names, "differ by, mm")
+            for number, (values, difference) in enumerate(zip(advice.q, advice.difference, strict=True), 1):
+                add_row(table, str(number), *(f"{value:.3f}" for value in values), three_digits(difference * _IN_MM))
+            yield table

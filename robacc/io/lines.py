@@ -1,0 +1,83 @@
+"""A text file as blocks of whole lines, read once: a pipe serves as well as a file, and memory is bounded."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from robacc.errors import InputError, Problem
+from robacc.io.problem_log import ProblemLog
+
+MAX_LINE = 1 << 20
+"""Bytes that a line may have: a file without line ends must not fill the memory before it is refused."""
+_BLOCK = 1 << 18
+"""Bytes read at a time: the block, its lines and its numbers stay in the second-level cache."""
+_BOM = b"\xef\xbb\xbf"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Whole lines of the file, without their ends."""
+
+    lines: list[str]
+    first: int
+    """1-based number of the first of them."""
+
+
+class LineReader:
+    """Reads UTF-8 lines of any kind of end, counts them, and takes the digest of the bytes."""
+
+    def __init__(self, stream: BinaryIO, log: ProblemLog) -> None:
+        """Read ``stream``; bytes that are not UTF-8 go to ``log``."""
+        self._stream = stream
+        self._log = log
+        self._digest = hashlib.sha256()
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the bytes read so far, in hexadecimal."""
+        return self._digest.hexdigest()
+
+    def blocks(self) -> Iterator[Block]:
+        """Blocks of whole lines.
+
+        Raises InputError where this is no text, or where a line is longer than :data:`MAX_LINE`.
+        """
+        number = 1
+        while data := self._stream.read(_BLOCK):
+            if not data.endswith(b"\n"):
+                tail = self._stream.readline(MAX_LINE)
+                data += tail
+                if len(tail) == MAX_LINE and not tail.endswith(b"\n"):
+                    message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
+                    line = number + data.count(b"\n")
+                    raise InputError(Problem(message, self._log.file, line, fix="expected one line a pose"))
+            self._digest.update(data)
+            if (number == 1 and data.startswith(_UTF16)) or b"\0" in data:
+                message = "the file is not UTF-8 text (UTF-16, or no text)"
+                raise InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
+            block = Block(self._lines(data.removeprefix(_BOM) if number == 1 else data, number), number)
+            number += len(block.lines)
+            yield block
+
+    def _lines(self, data: bytes, first: int) -> list[str]:
+        if b"\r" in data:
+            data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        try:
+            lines = data.decode().split("\n")
+        except UnicodeDecodeError:
+            lines = [self._decode(line, number) for number, line in enumerate(data.split(b"\n"), first)]
+        if not lines[-1]:
+            lines.pop()  # what follows the last line's end is no line
+        return lines
+
+    def _decode(self, line: bytes, number: int) -> str:
+        try:
+            return line.decode()
+        except UnicodeDecodeError as error:
+            found = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
+            self._log.add(found, number, fix="save the file as UTF-8")
+            return line.decode(errors="replace")

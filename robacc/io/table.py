@@ -1,0 +1,258 @@
+"""A CSV file as columns of numbers and of text, every fault of it found in one pass.
+
+A block of lines goes through :func:`numpy.loadtxt`; only one that this refuses, or in which a value is not finite, is
+walked field by field to say what is wrong where.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.errors import InputError, Problem
+from robacc.geometry import Array
+from robacc.io.lines import Block, LineReader
+from robacc.io.problem_log import ProblemLog, clip
+
+STDIN = "-"
+MAX_COLUMNS = 2000
+MAX_TEXT = 256
+"""Characters that an id may have; text columns are as wide as their longest entry."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The names that a file gives its columns."""
+
+    names: tuple[str, ...]
+    line: int
+    """1-based line that they stand on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The rows below the header."""
+
+    numbers: Array
+    """``(C, N)`` wanted columns of numbers; NaN where a problem was logged."""
+    texts: tuple[NDArray[np.str_], ...]
+    """Wanted columns of text, ``(N,)`` each."""
+    lines: NDArray[np.int64]
+    """``(N,)`` 1-based line of each row."""
+
+
+class TableReader:
+    """Reads one CSV file from front to back: first :meth:`header`, then :meth:`body`."""
+
+    def __init__(self, stream: BinaryIO, file: str) -> None:
+        """Read ``stream``, called ``file`` in messages."""
+        self.file = file
+        self.log = ProblemLog(file)
+        self._reader = LineReader(stream, self.log)
+        self._blocks = self._reader.blocks()
+        self._rest: Block | None = None
+        self._names: tuple[str, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the bytes read so far: of the whole file once the body was read."""
+        return self._reader.sha256
+
+    def header(self) -> Header:
+        """The first line that is neither blank nor a comment.
+
+        Raises InputError where the file has none, or where it cannot be a comma-separated table.
+        """
+        for block in self._blocks:
+            for i, line in enumerate(block.lines):
+                if not _is_row(line):
+                    continue
+                number = block.first + i
+                self._names = _header_names(line, number, self.file)
+                self._rest = Block(block.lines[i + 1 :], number + 1)
+                return Header(self._names, number)
+        raise InputError(
+            Problem("the file is empty", self.file, fix="expected a header row of column names and one row a pose")
+        )
+
+    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> Body:
+        """Every row, the columns of the given indices only; what is wrong with rows goes to :attr:`log`."""
+        blocks = [self._parse(block, numbers, texts) for block in self._remaining()]
+        if not blocks:
+            empty = np.empty(0, dtype=str)
+            return Body(np.empty((len(numbers), 0)), (empty,) * len(texts), np.empty(0, dtype=np.int64))
+        lines = np.concatenate([block.lines for block in blocks])
+        columns = tuple(np.concatenate([block.texts[i] for block in blocks]) for i in range(len(texts)))
+        return Body(np.concatenate([block.numbers for block in blocks], axis=1), columns, lines)
+
+    def _remaining(self) -> Iterator[Block]:
+        if self._rest is not None and self._rest.lines:
+            yield self._rest
+        self._rest = None
+        yield from self._blocks
+
+    def _parse(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> Body:
+        parsed = self._parse_fast(block.lines, numbers, texts)
+        if parsed is not None and parsed.numbers.shape[1] == len(block.lines):
+            return Body(parsed.numbers, parsed.texts, parsed.lines + block.first)
+        kept = [i for i, line in enumerate(block.lines) if _is_row(line)]
+        lines = [block.lines[i] for i in kept]
+        parsed = self._parse_fast(lines, numbers, texts) if len(kept) < len(block.lines) else None
+        if parsed is None:
+            return self._parse_fields([(block.first + i, block.lines[i]) for i in kept], numbers, texts)
+        return Body(parsed.numbers, parsed.texts, np.asarray(kept, dtype=np.int64) + block.first)
+
+    def _parse_fast(self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> Body | None:
+        """The rows by NumPy, lines counted from 0; None where it cannot, or where a value is not finite or empty."""
+        width = len(self._names)
+        plain = len(set(numbers)) == width
+        # Without a type for every column a row with too many fields would pass unnoticed.
+        kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(width)]
+        dtype = np.dtype(float) if plain else np.dtype([(f"f{i}", kind) for i, kind in enumerate(kinds)])
+        if texts and any('"' in line for line in lines):
+            return None
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a block without a row is none of NumPy's business
+                table: NDArray[Any] = np.loadtxt(
+                    lines, dtype, comments=None, delimiter=",", ndmin=2 if plain else 1, encoding="utf-8"
+                )
+        except ValueError:
+            return None
+        if plain:
+            if table.shape[1] != width:
+                return None
+            values = np.ascontiguousarray(table.T[list(numbers)])
+        else:
+            values = np.empty((len(numbers), table.size))
+            for row, i in zip(values, numbers, strict=True):
+                row[:] = table[f"f{i}"]
+        if not np.isfinite(values).all():
+            return None
+        columns = [[text.strip() for text in table[f"f{i}"]] for i in texts]
+        if any(not 0 < len(text) <= MAX_TEXT for column in columns for text in column):
+            return None
+        arrays = tuple(np.array(column, dtype=str) for column in columns)
+        return Body(values, arrays, np.arange(values.shape[1], dtype=np.int64))
+
+    def _parse_fields(self, rows: list[tuple[int, str]], numbers: Sequence[int], texts: Sequence[int]) -> Body:
+        """The rows field by field, logging each fault; a row that is no row of this table is left out."""
+        values: list[list[float]] = []
+        columns: list[list[str]] = []
+        lines: list[int] = []
+        for number, line in rows:
+            fields = self._fields(number, line)
+            if fields is None:
+                continue
+            values.append([self._number(fields[i], number, self._names[i]) for i in numbers])
+            columns.append([self._text(fields[i], number, self._names[i]) for i in texts])
+            lines.append(number)
+        table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
+        arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
+        return Body(np.ascontiguousarray(table.T), arrays, np.array(lines, dtype=np.int64))
+
+    def _fields(self, number: int, line: str) -> list[str] | None:
+        try:
+            fields = split_fields(line)
+        except csv.Error as error:
+            self.log.add(f"the row cannot be read ({error})", number, fix="a quoted field ends on the line it began on")
+            return None
+        found, expected = len(fields), len(self._names)
+        if found == expected and any(fields):
+            return fields
+        if not any(fields):
+            self.log.add("every field of the row is empty", number, fix="delete the line")
+        else:
+            comma = "write decimals with a point, not a comma" if found > 1.5 * expected else None
+            self.log.add(f"found {found} fields, expected {expected} as in the header", number, fix=comma)
+        return None
+
+    def _number(self, field: str, line: int, column: str) -> float:
+        if not field:
+            self.log.add("the value is missing, expected a number", line, column)
+            return math.nan
+        try:
+            # float() also takes 1_000 and digits of other scripts, which are no numbers in a CSV file.
+            value = float(field) if field.isascii() and "_" not in field else None
+        except ValueError:
+            value = None
+        if value is None:
+            comma = field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdigit()
+            fix = "write decimals with a point, not a comma" if comma else None
+            self.log.add(f"found {clip(field)}, expected a number", line, column, fix)
+            return math.nan
+        if not math.isfinite(value):
+            self.log.add(f"found {clip(field)}, expected a finite number", line, column)
+            return math.nan
+        return value
+
+    def _text(self, field: str, line: int, column: str) -> str:
+        if not field:
+            self.log.add("the value is missing, expected a text", line, column)
+        elif len(field) > MAX_TEXT:
+            self.log.add(f"the text has {len(field)} characters, expected at most {MAX_TEXT}", line, column)
+        return field[:MAX_TEXT]
+
+
+@contextmanager
+def open_table(path: str) -> Iterator[TableReader]:
+    """A reader of the file, or of standard input for ``-``; InputError where it cannot be opened."""
+    if path == STDIN:
+        yield TableReader(sys.stdin.buffer, "<stdin>")
+        return
+    try:
+        stream = open(path, "rb")  # noqa: SIM115 (closed below; only opening may fail as the user's mistake)
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read ({error.strerror})", path)) from error
+    with stream:
+        yield TableReader(stream, path)
+
+
+def split_fields(line: str) -> list[str]:
+    """The fields of one line, trimmed; csv.Error where quotes do not match."""
+    if '"' not in line:
+        return [field.strip() for field in line.split(",")]
+    return [field.strip() for field in next(csv.reader((line,), strict=True, skipinitialspace=True))]
+
+
+def _is_row(line: str) -> bool:
+    stripped = line.lstrip()
+    return bool(stripped) and not stripped.startswith("#")
+
+
+def _header_names(line: str, number: int, file: str) -> tuple[str, ...]:
+    """Names of the header row; InputError where the line is none."""
+
+    def refuse(message: str, fix: str) -> InputError:
+        return InputError(Problem(message, file, number, fix=fix))
+
+    if line.count(",") >= MAX_COLUMNS:
+        raise refuse(f"found {line.count(',') + 1} columns", f"expected at most {MAX_COLUMNS}")
+    try:
+        names = tuple(split_fields(line))
+    except csv.Error as error:
+        raise refuse(f"the header row cannot be read ({error})", "close every quote on its line") from error
+    for separator, word in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
+        if line.strip().count(separator) >= len(names) and (separator != " " or len(names) == 1):
+            message = f"the columns are separated by {word}, expected commas"
+            raise refuse(message, "export as comma-separated, with a point in decimals")
+    if all(_is_number(name) for name in names):
+        raise refuse("found numbers where the header row was expected", "begin the file with the columns' names")
+    return names
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

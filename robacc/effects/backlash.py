@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies
+from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies, weight_needed
 from robacc.elasticity import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -55,6 +55,7 @@ class Backlash(Effect):
         if self.by == "approach":
             sign = needed(data.direction, "dir_q1 … (or --ordered)", self.name)
         else:
+            weight_needed(arm, f"{self.name} by gravity")
             sign = np.sign(gravity_torques(arm, commanded(data, self.name)))
         return tuple(
             Term(

@@ -19,7 +19,7 @@ import numpy as np
 
 from robacc.errors import UsageError
 from robacc.geometry import Array
-from robacc.loads import Load
+from robacc.loads import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -119,6 +119,10 @@ class Effect(abc.ABC):
         """Settings besides the joints, as plain values for a robot file."""
         return {}
 
+    def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
+        """The effect in SI, with lengths and angles among its settings given in units of ``length`` m, ``angle`` rad."""
+        return self
+
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
         """The robot with fitted values written into its own numbers; only for an effect that is constant."""
         raise TypeError(f"{self.name} is not constant")
@@ -184,6 +188,18 @@ def commanded(data: Measurements, effect: str) -> Array:
     return needed(data.q, "q1 … qN", effect)
 
 
+def weight_needed(arm: Arm, effect: str) -> tuple[Load, ...]:
+    """The arm's own weight, which an effect cannot do without.
+
+    Raises:
+        UsageError: the robot file has no masses.
+    """
+    loads = own_weight(arm)
+    if not loads:
+        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
+    return loads
+
+
 def varies(column: Array | None) -> bool:
     """Whether a column is there and takes more than one value."""
     return column is not None and column.size > 1 and bool(np.ptp(column) > 0)
@@ -203,4 +219,6 @@ def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float,
         raise ValueError(f"{name}: orders must be a list of numbers, found {orders!r}")
     if not all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n <= 1000 for n in orders):
         raise ValueError(f"{name}: each order must be above 0 and at most 1000, found {orders!r}")
+    if len({f"{n:.6g}" for n in orders}) < len(orders):
+        raise ValueError(f"{name}: an order is given more than once in {orders!r}")
     return tuple(float(n) for n in orders)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Effect, Part, Term, register
-from robacc.loads import own_weight
+from robacc.effects.base import About, Effect, Part, Term, register, weight_needed
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -35,6 +34,6 @@ class BaseCompliance(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term."""
-        loads = own_weight(arm)
+        loads = weight_needed(arm, self.name)
         parts = tuple(Part(arm.chain.index(BASE, label), 1.0, loads) for label in ("turn_x", "turn_y"))
         return (Term(self.name, "rad/(N m)", 1e-6, parts),)

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from robacc.effects.base import About, Effect, Part, Term, register
-from robacc.loads import own_weight, unit_loads
+from robacc.effects.base import About, Effect, Part, Term, register, weight_needed
+from robacc.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -52,7 +52,7 @@ class JointCompliance(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint, or one for each base regressor."""
         terms = []
-        weight = own_weight(arm)
+        weight = () if self.masses == "unknown" else weight_needed(arm, self.name)
         for joint in self.joints:
             motion = arm.axis_motion(joint)
             unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies
+from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies, weight_needed
 from robacc.elasticity import gravity_torques
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -97,6 +98,18 @@ class JointCorrection(Effect):
                 if 0 < i + j <= self.degree + 1 and (j if self.drivers[1] == "direction" else True):
                     yield f"T{i}T{j}", float(i + j), a * b
 
+    def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
+        """Ranges of drivers that are joints come in the file's unit of length or angle."""
+        sizes = [self._unit_of(arm, driver, length, angle) for driver in self.drivers]
+        low, high = (tuple(v * size for v, size in zip(ends, sizes, strict=True)) for ends in (self.low, self.high))
+        return dataclasses.replace(self, low=low, high=high)
+
+    def _unit_of(self, arm: Arm, driver: str, length: float, angle: float) -> float:
+        joints = self.joints if driver == "own" else (driver,)
+        if not set(joints) <= set(arm.names):
+            return 1.0
+        return angle if all(arm.is_revolute(joint) for joint in joints) else length
+
     def settings(self) -> dict[str, Any]:
         """Drivers, their ranges and the degree."""
         return {
@@ -114,12 +127,16 @@ class JointCorrection(Effect):
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
         if not isinstance(drivers, list) or len(drivers) not in (1, 2):
             raise ValueError(f"{cls.name}: drivers must be a list of one or two names, found {drivers!r}")
-        if not isinstance(ranges, list) or len(ranges) != len(drivers):
+        if not isinstance(ranges, list) or len(ranges) != len(drivers) or not all(map(_is_range, ranges)):
             raise ValueError(f"{cls.name}: range must be a list of [low, high], one a driver, found {ranges!r}")
         low, high = (tuple(float(pair[i]) for pair in ranges) for i in range(2))
-        if not isinstance(degree, int) or not 1 <= degree <= 40:
+        if not isinstance(degree, int) or isinstance(degree, bool) or not 1 <= degree <= 40:
             raise ValueError(f"{cls.name}: degree must be 1 to 40, found {degree!r}")
         return cls(joints, tuple(map(str, drivers)), low, high, degree)
+
+
+def _is_range(pair: Any) -> bool:
+    return isinstance(pair, list) and len(pair) == 2 and all(isinstance(end, int | float) for end in pair)
 
 
 def possible_drivers(arm: Arm, data: Measurements) -> tuple[str, ...]:
@@ -147,7 +164,9 @@ def possible_pairs(arm: Arm, data: Measurements) -> tuple[tuple[str, str], ...]:
 def _driver(arm: Arm, data: Measurements, joint: str, driver: str) -> Array:
     """``(N,)`` values of a driver of one joint."""
     if driver == "torque":
-        return gravity_torques(arm, commanded(data, JointCorrection.name))[arm.number(joint)]
+        weight_needed(arm, f"{JointCorrection.name} by torque")
+        torque: Array = gravity_torques(arm, commanded(data, JointCorrection.name))[arm.number(joint)]
+        return torque
     columns = {
         "direction": data.direction[arm.number(joint)] if data.direction is not None else None,
         "payload_kg": data.payload,

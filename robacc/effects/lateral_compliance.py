@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Effect, Part, Term, register
-from robacc.loads import own_weight
+from robacc.effects.base import About, Effect, Part, Term, register, weight_needed
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.assembly import FLEXURES
@@ -34,7 +33,7 @@ class LateralCompliance(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint."""
-        weight = own_weight(arm)
+        weight = weight_needed(arm, self.name)
         return tuple(
             Term(
                 f"{self.name}.{joint}",

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import REGISTRY, Effect, effect_class
+import numpy as np
+
+from robacc.effects.base import REGISTRY, Effect, Term, effect_class
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+
+_SHOWN = 12
+"""Coefficients that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -22,18 +28,23 @@ class Known:
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:
-    """The effects that a robot file lists.
+    """The effects that a robot file lists, in SI.
 
     An entry is ``{effect: backlash, joints: [j2], values: {j2: 1e-4}, …settings}``; a value's key is its name without
-    the effect's, or ``value`` for an effect of a single coefficient.
+    the effect's, or ``value`` for an effect of a single coefficient. Values are in the file's units: a leading rad or m
+    of the coefficient's unit is the file's unit of angle or length; what it is divided by is SI.
 
     Raises:
-        InputError: an entry cannot be read; every problem at once.
+        InputError: an entry cannot be read, or has a value of a coefficient that does not exist, which would otherwise
+            silently do nothing; every problem at once.
     """
+    if not robot.effects:
+        return ()
+    arm = Arm.of(robot)
     known, problems = [], []
     for i, entry in enumerate(robot.effects):
         try:
-            known.append(_read(robot, entry))
+            known.append(_read(arm, entry))
         except (ValueError, TypeError, UsageError) as error:
             problems.append(Problem(str(error), column=f"effects[{i}]"))
     if problems:
@@ -41,58 +52,79 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
     return tuple(known)
 
 
-def _read(robot: Robot, entry: Mapping[str, Any]) -> Known:
+def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     if not isinstance(entry, Mapping) or not isinstance(entry.get("effect"), str):
         raise ValueError(f"expected a mapping with the key effect, found {entry!r}")
     cls = effect_class(entry["effect"])
-    names = robot.variable_names
-    joints = entry.get("joints", [])
-    if not isinstance(joints, list | tuple) or any(joint not in names for joint in joints):
-        raise ValueError(f"joints must be a list of {', '.join(names)}; found {joints!r}")
     settings = {key: value for key, value in entry.items() if key not in ("effect", "joints", "values")}
-    effect = cls.from_settings(tuple(joints), settings)
+    effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
+    effect = effect.from_units(arm, *arm.robot.effect_units)
+    terms = {term.name: term for term in effect.terms(arm, _one_pose(arm))}
     raw = entry.get("values", {})
     if not isinstance(raw, Mapping):
         raise ValueError(f"values must be a mapping of name to number, found {raw!r}")
     values = {}
     for key, value in raw.items():
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or value != value
-            or abs(value) == float("inf")
-        ):
+        name = cls.name if key == "value" else f"{cls.name}.{key}"
+        if name not in terms:
+            there = [short_name(effect, term) for term in terms]
+            more = f" and {len(there) - _SHOWN} more" if len(there) > _SHOWN else ""
+            raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(there[:_SHOWN])}{more}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"values.{key} must be a finite number, found {value!r}")
-        values[cls.name if key == "value" else f"{cls.name}.{key}"] = float(value)
+        values[name] = value * _unit_size(terms[name], *arm.robot.effect_units)
     return Known(effect, values)
 
 
-def check_values(model_known: Sequence[Known], arm: Arm, data: Measurements) -> None:
-    """Refuse values whose coefficient does not exist, which would otherwise silently do nothing.
+def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
+    """The entry's joints, each of which the effect can act on."""
+    if not cls.per_joint:
+        if joints:
+            raise ValueError(f"{cls.name} acts on no joint in particular; leave joints out")
+        return ()
+    if not isinstance(joints, list | tuple) or any(joint not in arm.names for joint in joints):
+        raise ValueError(f"joints must be a list of {', '.join(arm.names)}; found {joints!r}")
+    possible = cls.possible_joints(arm)
+    if not joints or len(set(joints)) < len(joints):
+        raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")
+    for joint in joints:
+        if joint not in possible:
+            raise ValueError(f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}")
+    return tuple(joints)
 
-    Raises:
-        InputError: naming each, and the coefficients there are.
-    """
-    problems = []
-    for i, known in enumerate(model_known):
-        names = {term.name for term in known.effect.terms(arm, data)}
-        for name in known.values:
-            if name not in names:
-                there = ", ".join(sorted(one.removeprefix(f"{known.effect.name}.") for one in names)[:12])
-                problems.append(
-                    Problem(f"{known.effect} has no coefficient {name}; it has {there}", column=f"effects[{i}]")
-                )
-    if problems:
-        raise InputError(problems)
+
+def _one_pose(arm: Arm) -> Measurements:
+    """A pose with every column there is: names and units of coefficients do not depend on the poses."""
+    one, joints = np.ones(1), np.ones((len(arm.names), 1))
+    target = np.array([next(iter(arm.robot.targets))]) if arm.robot.targets else None
+    return Measurements(
+        position=np.zeros((3, 1)),
+        q=0.0 * joints,
+        target=target,
+        time=one,
+        temperature=one.copy(),
+        payload=one.copy(),
+        direction=joints.copy(),
+        speed=joints.copy(),
+    )
+
+
+def _unit_size(term: Term, length: float, angle: float) -> float:
+    leading = term.unit.split("/")[0].split()[0]
+    return {"rad": angle, "m": length}.get(leading, 1.0)
+
+
+def short_name(effect: Effect, name: str) -> str:
+    """The key of a coefficient in a robot file's ``values``: its name without the effect's."""
+    return "value" if name == effect.name else name.removeprefix(f"{effect.name}.")
 
 
 def entry_of(effect: Effect, values: Mapping[str, float]) -> dict[str, Any]:
     """The entry of a robot file for an effect with values."""
-    prefix = f"{effect.name}."
-    short = {"value" if name == effect.name else name.removeprefix(prefix): value for name, value in values.items()}
     entry: dict[str, Any] = {"effect": effect.name}
     if effect.joints:
         entry["joints"] = list(effect.joints)
+    short = {short_name(effect, name): value for name, value in values.items()}
     return {**entry, **effect.settings(), "values": short}
 
 

@@ -173,7 +173,7 @@ class _Solver:
         for index in range(len(self.slices)):
             _, jacobian = self._whitened(self.theta, index)
             rows = np.moveaxis(jacobian, 1, 2).reshape(-1, len(self.terms))
-            triangle = np.linalg.qr(np.concatenate((triangle, rows)), mode="r")
+            triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows)), mode="r"))
         free = [i for i, term in enumerate(self.terms) if term.group is None]
         found = identify(triangle[:, free], [self.names[i] for i in free], self.data.n)
         shrunk = [i for i, term in enumerate(self.terms) if term.group is not None]
@@ -234,10 +234,10 @@ class _Solver:
             matrix = (gram + np.diag(precision)) * scale[:, None] * scale
             step = scale * np.linalg.solve(matrix, scale * (gradient - precision * self.theta[columns]))
             self.steps += 1
-            length = float(np.sqrt(max(step @ gram @ step, 0.0)))
+            length = float(np.sqrt(max(float(step @ gram @ step), 0.0)))
             step, previous = _extrapolated(step, previous, gram)
             cost, moved = self._line_search(step, cost, kept)
-            if not moved or length <= self.options.tolerance * (1.0 + np.sqrt(cost)):
+            if not moved or length <= self.options.tolerance * (1.0 + float(np.sqrt(cost))):
                 break
         self._effective()
 
@@ -281,8 +281,9 @@ class _Solver:
         target = self.gradient + self.gram @ self.theta[columns]
         before = dict(self.widths)
         components = float(np.count_nonzero(kept) * self.rows)
+        present = self.theta[columns]
         total = float(np.square(self.residual * self.weight)[:, kept].sum())
-        total += 2 * self.gradient @ self.theta[columns] + self.theta[columns] @ self.gram @ self.theta[columns]
+        total += float(2 * self.gradient @ present + present @ self.gram @ present)
         noise = 1.0
         for _ in range(_PRIOR_ROUNDS):
             previous = dict(self.widths)
@@ -301,8 +302,8 @@ class _Solver:
                 self.widths[name] = float(np.sqrt(max(energy / max(decided, 1e-3), 1e-18)))
             if self.options.misfit is None:
                 decided = columns.size - float(precision @ np.diag(posterior))
-                left = total - 2 * theta @ target + theta @ self.gram @ theta
-                noise = max(left / max(components - decided, 1.0), 1e-12)
+                left = total - float(2 * theta @ target - theta @ self.gram @ theta)
+                noise = float(max(left / max(components - decided, 1.0), 1e-12))
             if all(abs(self.widths[k] - previous.get(k, 0.0)) <= 1e-3 * self.widths[k] for k in self.widths):
                 break
         for name, members in self.groups.items():

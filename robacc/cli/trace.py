@@ -48,11 +48,12 @@ def trace(
     """
     from robacc import results
     from robacc.cli.output import emit
+    from robacc.cli.progress import progress_bar
     from robacc.effects.request import build, parse_requests
     from robacc.io.files import write_text
     from robacc.io.fit_json import trace_payload
     from robacc.model import Model
-    from robacc.report.console import progress_bar, say_warnings
+    from robacc.report.console import say_warnings
     from robacc.report.trace import draw_trace
     from robacc.robots.arm import Arm
     from robacc.tracing.trace import trace as close_the_loop

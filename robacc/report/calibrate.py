@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, TextIO
+from collections.abc import Iterable, Iterator
+from typing import TextIO
 
 from robacc.calibration import Calibration
 from robacc.measurements import Measurements
-from robacc.report.console import draw
-from robacc.report.layout import add_row, heading, items, line, stages, table_of
+from robacc.report.console import width_of, write_lines
+from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-    from rich.table import Table
+from robacc.report.stages import gain_line, stages
 
 _IN_MM = 1e3
 _SHOWN = 60
@@ -24,37 +20,35 @@ def draw_calibration(
     result: Calibration, data: Measurements, poses: str, robot: str, fitted: str, stream: TextIO
 ) -> None:
     """Draw the whole calibration on ``stream``."""
-    draw(_parts(result, data, poses, robot, fitted), stream)
+    write_lines(_parts(result, data, poses, robot, fitted, width_of(stream)), stream)
 
 
-def _parts(result: Calibration, data: Measurements, poses: str, robot: str, fitted: str) -> Iterable[RenderableType]:
+def _parts(result: Calibration, data: Measurements, poses: str, robot: str, fitted: str, width: int) -> Iterator[Line]:
     count = result.identifiability.kept.size
     yield heading(f"Calibration from {data.n} measured poses: {count} coefficients fitted")
-    yield line(f"{poses}, commanded by {robot}")
-    yield line(f"asked for: {fitted}; fitted: {', '.join(str(effect) for effect in result.effects)}")
-    yield heading("Before and after", gap=True)
+    yield Line(f"{poses}, commanded by {robot}")
+    yield from wrapped(f"asked for: {fitted}; fitted: {', '.join(str(effect) for effect in result.effects)}", width)
+    yield BLANK
+    yield heading("Before and after")
     yield from stages(
         [("as delivered", result.nominal), ("base and tool", result.before), ("calibrated", result.after)]
     )
-    if result.gain is not None and math.isfinite(result.gain.low):
-        yield line(
-            f"gain on poses held out: {three_digits(result.gain.value * _IN_MM)} mm of rms, 95 % interval "
-            f"{three_digits(result.gain.low * _IN_MM)} to {three_digits(result.gain.high * _IN_MM)} mm"
-        )
-    yield heading("Coefficients", gap=True)
-    yield _coefficients(result)
-    yield heading("How well the poses show them", gap=True)
-    yield items(_quality(result, data))
+    yield from gain_line(result.gain)
+    yield BLANK
+    yield heading("Coefficients")
+    yield from _coefficients(result)
+    yield BLANK
+    yield heading("How well the poses show them")
+    yield from items(_quality(result, data), width)
 
 
-def _coefficients(result: Calibration) -> Table:
-    table = table_of("name", "value", "standard error", "unit")
+def _coefficients(result: Calibration) -> list[Line]:
     shown = [one for one in result.parameters if one.std is not None]
-    for one in shown[:_SHOWN]:
-        add_row(table, one.name, f"{one.value:.6g}", f"{one.std:.2g}", "" if one.unit == "1" else one.unit)
-    if len(shown) > _SHOWN:
-        add_row(table, f"and {len(shown) - _SHOWN} more, all in the JSON", "", "", "")
-    return table
+    rows = [
+        [one.name, f"{one.value:.6g}", f"{one.std:.2g}", "" if one.unit == "1" else one.unit] for one in shown[:_SHOWN]
+    ]
+    lines = columns(["name", "value", "standard error", "unit"], rows)
+    return [*lines, Line(f"and {len(shown) - _SHOWN} more, all in the JSON")] if len(shown) > _SHOWN else lines
 
 
 def _quality(result: Calibration, data: Measurements) -> Iterable[str]:

@@ -24,13 +24,6 @@ class Line(NamedTuple):
 BLANK = Line("")
 
 
-def add_row(table: Table, *cells: str) -> None:
-    """A row of plain text: brackets in a name are no markup."""
-    from rich.text import Text
-
-    table.add_row(*(Text(cell) for cell in cells))
-
-
 def heading(text: str) -> Line:
     """What stands above a part."""
     return Line(text, "bold")
@@ -64,3 +57,8 @@ def items(texts: Iterable[str], width: int) -> list[Line]:
     for text in texts:
         lines += textwrap.wrap(text, width, initial_indent="- ", subsequent_indent="  ", break_long_words=False)
     return [Line(text) for text in lines]
+
+
+def wrapped(text: str, width: int) -> list[Line]:
+    """A paragraph, wrapped to ``width`` columns."""
+    return [Line(one) for one in textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)]

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, TextIO
+from collections.abc import Iterable, Iterator
+from typing import TextIO
 
 from robacc.parameters import Parameter
-from robacc.report.console import draw
-from robacc.report.layout import add_row, heading, items, line, stages, table_of
+from robacc.report.console import width_of, write_lines
+from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
+from robacc.report.stages import gain_line, stages
 from robacc.tracing.trace import Alternative, Finding, Trace
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
 
 _IN_MM = 1e3
 _VERDICTS = {
@@ -29,40 +27,40 @@ _SHOWN_PARAMETERS = 8
 
 def draw_trace(result: Trace, poses: str, robot: str, declared: str, stream: TextIO) -> None:
     """Draw the whole story on ``stream``."""
-    draw(_parts(result, poses, robot, declared), stream)
+    write_lines(_parts(result, poses, robot, declared, width_of(stream)), stream)
 
 
-def _parts(result: Trace, poses: str, robot: str, declared: str) -> Iterable[RenderableType]:
+def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> Iterator[Line]:
     rows = result.final.residual.shape[1]
     yield heading(f"Trace of {rows} measured poses: {_VERDICTS[result.verdict]}")
-    yield line(f"{poses}, commanded by {robot}")
-    yield line(f"declared, and fitted on both sides: {declared or 'nothing'}")
-    yield heading("1. The residual", gap=True)
-    yield line(_residual(result))
-    yield heading("2. What competed", gap=True)
-    yield from _competed(result)
-    yield heading("3. What was found", gap=True)
+    yield Line(f"{poses}, commanded by {robot}")
+    yield Line(f"declared, and fitted on both sides: {declared or 'nothing'}")
+    yield BLANK
+    yield heading("1. The residual")
+    yield from wrapped(_residual(result), width)
+    yield BLANK
+    yield heading("2. What competed")
+    yield from _competed(result, width)
+    yield BLANK
+    yield heading("3. What was found")
     if not result.findings:
-        yield line("nothing, at a false-alarm rate of 1 % over everything that competed")
+        yield Line("nothing, at a false-alarm rate of 1 % over everything that competed")
     for number, finding in enumerate(result.findings, 1):
-        yield from _finding(number, finding)
-    yield heading("4. Before and after", gap=True)
+        yield from _finding(number, finding, width)
+    yield BLANK
+    yield heading("4. Before and after")
     named = [("as delivered", result.nominal), ("declared fitted", result.before)]
     if result.findings:
         named.append(("with findings", result.after))
     yield from stages(named)
-    if result.gain is not None and math.isfinite(result.gain.low):
-        gain = result.gain
-        yield line(
-            f"gain on poses held out: {three_digits(gain.value * _IN_MM)} mm of rms, "
-            f"{100 * gain.confidence:.0f} % interval {three_digits(gain.low * _IN_MM)} to "
-            f"{three_digits(gain.high * _IN_MM)} mm"
-        )
-    yield heading("5. What is left", gap=True)
-    yield items(_left(result))
+    yield from gain_line(result.gain)
+    yield BLANK
+    yield heading("5. What is left")
+    yield from items(_left(result), width)
     if result.next_poses:
-        yield heading("6. What to measure next", gap=True)
-        yield from _next_poses(result)
+        yield BLANK
+        yield heading("6. What to measure next")
+        yield from _next_poses(result, width)
 
 
 def _residual(result: Trace) -> str:
@@ -80,29 +78,30 @@ def _residual(result: Trace) -> str:
     )
 
 
-def _competed(result: Trace) -> Iterable[RenderableType]:
+def _competed(result: Trace, width: int) -> Iterator[Line]:
     first = next((step for step in result.steps if step.ranking), None)
     if first is None:
-        yield line("nothing could be offered for these data")
+        yield Line("nothing could be offered for these data")
         return
-    table = table_of("best of the first step", "evidence, nats", "significance")
+    rows: list[list[str]] = []
     seen: set[tuple[str, tuple[str, ...]]] = set()
     for one in first.ranking:
         effect = one.candidate.effect
-        if (effect.name, effect.joints) in seen or len(seen) == _SHOWN_CANDIDATES:
+        if (effect.name, effect.joints) in seen or len(rows) == _SHOWN_CANDIDATES:
             continue
         seen.add((effect.name, effect.joints))
-        add_row(table, str(effect), f"{one.evidence:.1f}", p_value(one.p_value))
-    yield table
+        rows.append([str(effect), f"{one.evidence:.1f}", p_value(one.p_value)])
+    yield from columns(["best of the first step", "evidence, nats", "significance"], rows)
     if result.missing:
-        yield line("not offered: " + "; ".join(f"{name} ({why})" for name, why in result.missing.items()), "dim")
+        why = "; ".join(f"{name} ({why})" for name, why in result.missing.items())
+        yield from (Line(one.text, "dim") for one in wrapped(f"not offered: {why}", width))
 
 
-def _finding(number: int, finding: Finding) -> Iterable[RenderableType]:
+def _finding(number: int, finding: Finding, width: int) -> Iterator[Line]:
     joints = f" on {', '.join(finding.joints)}" if finding.joints else ""
     again, of = finding.chosen_again
     sure = f", chosen again in {again} of {of} folds" if of else ""
-    yield line(f"{number}) {finding.effect}{joints}: {p_value(finding.p_value)}{sure}")
+    yield Line(f"{number}) {finding.effect}{joints}: {p_value(finding.p_value)}{sure}")
     details = []
     if finding.held_out_before is not None and finding.held_out_after is not None:
         details.append(
@@ -121,7 +120,7 @@ def _finding(number: int, finding: Finding) -> Iterable[RenderableType]:
             details.append(f"and {len(finding.parameters) - _SHOWN_PARAMETERS} coefficients more")
     details.extend(_alternative(other) for other in finding.alternatives)
     details.extend(finding.warnings)
-    yield items(details)
+    yield from items(details, width)
 
 
 def _parameter(one: Parameter) -> str:
@@ -155,12 +154,13 @@ def _left(result: Trace) -> Iterable[str]:
     yield from left.hints
 
 
-def _next_poses(result: Trace) -> Iterable[RenderableType]:
+def _next_poses(result: Trace, width: int) -> Iterator[Line]:
     names = result.final.model.arm.names
     for advice in result.next_poses:
-        yield line(advice.text)
+        yield from wrapped(advice.text, width)
         if advice.q:
-            table = table_of("pose", *names, "differ by, mm")
-            for number, (values, difference) in enumerate(zip(advice.q, advice.difference, strict=True), 1):
-                add_row(table, str(number), *(f"{value:.3f}" for value in values), three_digits(difference * _IN_MM))
-            yield table
+            rows = [
+                [str(number), *(f"{value:.3f}" for value in values), three_digits(difference * _IN_MM)]
+                for number, (values, difference) in enumerate(zip(advice.q, advice.difference, strict=True), 1)
+            ]
+            yield from columns(["pose", *names, "differ by, mm"], rows)

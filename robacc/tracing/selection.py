@@ -311,8 +311,9 @@ class Selection:
 
     def _taken(self, conditioned: Conditioned, columns: NDArray[np.int64]) -> Array:
         """Least-squares coefficients of some columns' new parts for what is left."""
-        result: Array = np.linalg.lstsq(conditioned.block(columns), conditioned.moment[columns], rcond=1e-10)[0]
-        return result
+        return np.asarray(
+            np.linalg.lstsq(conditioned.block(columns), conditioned.moment[columns], rcond=1e-10)[0], dtype=np.float64
+        )
 
     def _own(self, one: Chosen, conditioned: Conditioned) -> Ranked:
         weight = one.candidate.weights if one.candidate.terms else np.ones(one.columns.size)

@@ -20,8 +20,9 @@ import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.figures import PoseFigures, pose_figures
-from robacc.geometry import Array, compose, log_so3, rotate_back, transpose
+from robacc.geometry import Array, Poses, compose, log_so3, rotate_back, transpose
 from robacc.measurements import Measurements
+from robacc.robots.assembly import build_chain
 from robacc.robots.description import Robot
 
 ErrorFrame = Literal["tool", "base"]
@@ -71,15 +72,22 @@ def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
             if data.commanded_position is not None:
                 fix += ", or leave out --robot to use the file's own cmd_ columns"
             raise InputError(Problem("has no joint columns for the robot to be commanded by", data.source, fix=fix))
-        from robacc.model import predict
-
-        poses = predict(robot, data)
+        poses = _predicted(robot, data, data.q)
         return Commanded(poses.translation, poses.rotation, "robot")
     if data.commanded_position is None:
         raise UsageError(
             "the poses do not say where the target was to be: give --robot, or columns cmd_x, cmd_y, cmd_z"
         )
     return Commanded(data.commanded_position, data.commanded_rotation, "file")
+
+
+def _predicted(robot: Robot, data: Measurements, q: Array) -> Poses:
+    if not robot.effects and not robot.targets and len(q) == len(robot.variables):
+        # An arm without effects is its chain, bit for bit; loading every effect would cost more than 10,000 poses.
+        return build_chain(robot).forward(q)
+    from robacc.model import predict
+
+    return predict(robot, data)
 
 
 def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> PoseErrors:

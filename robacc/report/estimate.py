@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from robacc.estimation import EstimateResult, WorstPose
 from robacc.figures import ErrorFigures
 from robacc.geometry import Array
-from robacc.report.console import draw
+from robacc.report.console import width_of, write_lines
+from robacc.report.layout import BLANK, Line, beside, columns, heading, items
 from robacc.report.numbers import decimals, exponent_of_thousand, fixed, p_value, three_digits
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, MatrixInterval
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-    from rich.table import Table
 
 _IN_MM = 1e3
 _IN_DEGREES = 180.0 / math.pi
@@ -25,25 +22,30 @@ _FRAMES = {"tool": "axes of the commanded target (frame tool)", "base": "axes of
 
 
 def draw_estimate(result: EstimateResult, poses: str, robot: str | None, stream: TextIO) -> None:
-    """Draw everything ``robacc estimate`` says on ``stream``; ``poses`` and ``robot`` are the files' names."""
-    draw(_parts(result, poses, robot), stream)
+    """Write everything ``robacc estimate`` says to ``stream``; ``poses`` and ``robot`` are the files' names."""
+    write_lines(estimate_lines(result, poses, robot, width_of(stream)), stream)
 
 
-def _parts(result: EstimateResult, poses: str, robot: str | None) -> Iterable[RenderableType]:
+def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width: int) -> Iterator[Line]:
+    """The report's lines; running text is wrapped to ``width`` columns, tables take at most 80."""
     plural = "s" * (result.n_poses != 1)
-    yield _heading(f"Error of {result.n_poses} measured pose{plural}, {_aligned(result)}")
-    yield _lines(f"{poses}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
-    yield _lines(_FRAMES[result.errors.frame])
-    yield from _grade(result)
-    before = None if result.unaligned is None else result.unaligned.position
-    yield from _block("Position", "mm", _IN_MM, result.position, before, result.worst_position)
+    yield heading(f"Error of {result.n_poses} measured pose{plural}, {_aligned(result)}")
+    yield Line(f"{poses}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
+    yield Line(_FRAMES[result.errors.frame])
+    yield BLANK
+    yield from _grade(result, width)
+    before = result.unaligned
+    earlier = None if before is None else before.position
+    yield from _block("Position", "mm", _IN_MM, result.position, earlier, result.worst_position)
     if result.orientation is not None:
-        before = None if result.unaligned is None else result.unaligned.orientation
-        yield from _block("Orientation", "°", _IN_DEGREES, result.orientation, before, result.worst_orientation)
+        earlier = None if before is None else before.orientation
+        yield from _block("Orientation", "°", _IN_DEGREES, result.orientation, earlier, result.worst_orientation)
     if result.targets:
         yield from _targets(result)
-    yield from _how(result)
-    yield from _listed("To bear in mind", [result.position.structure.text, *result.notes])
+    for title, texts in _how(result):
+        yield from (BLANK, heading(title), *items(texts, width))
+    yield from (BLANK, heading("To bear in mind"))
+    yield from items([result.position.structure.text, *result.notes], width)
 
 
 def _aligned(result: EstimateResult) -> str:
@@ -52,29 +54,33 @@ def _aligned(result: EstimateResult) -> str:
     return f"{' and '.join(result.alignment.effects)} aligned with {result.alignment.n_parameters} parameters"
 
 
+def _grade(result: EstimateResult, width: int) -> Iterator[Line]:
+    grade = result.grade
+    proven = "demonstrated" if grade.demonstrated else "not demonstrated"
+    yield heading(f"Grade {grade.grade}, {proven} (scale: {grade.scale.name})")
+    yield from items(grade.reason.split(". "), width)
+
+
 def _block(
     name: str, unit: str, factor: float, found: ErrorStatistics, before: ErrorFigures | None, worst: Sequence[WorstPose]
-) -> Iterable[RenderableType]:
+) -> Iterator[Line]:
     """Everything about one kind of error."""
-    yield _heading(f"{name} error, {unit}", gap=True)
-    yield _figures(factor, found, before)
-    yield _lines("")
-    yield _mean(factor, found)
-    yield _lines("")
-    yield _covariances(unit, factor, found)
-    yield _lines("")
-    yield _ellipsoid(factor, found)
-    yield _lines("")
-    yield _tests(found)
-    yield _lines("")
-    yield _worst(name, worst)
+    yield from (BLANK, heading(f"{name} error, {unit}"))
+    yield from _figures(factor, found, before)
+    for part in (
+        _mean(factor, found),
+        _covariances(unit, factor, found),
+        _ellipsoid(factor, found),
+        _tests(found),
+        _worst(name, worst),
+    ):
+        yield from (BLANK, *part)
 
 
-def _figures(factor: float, found: ErrorStatistics, before: ErrorFigures | None) -> Table:
+def _figures(factor: float, found: ErrorStatistics, before: ErrorFigures | None) -> list[Line]:
     """The error's length: its figures with their intervals, and the unaligned ones beside them."""
-    table = _table("length", "", _percent(found), *(["unaligned"] if before else []))
     intervals = found.intervals
-    rows: list[tuple[str, float | None, Interval]] = [
+    figures: list[tuple[str, float | None, Interval]] = [
         ("rms", found.rms, intervals.rms),
         ("mean", found.mean_error, intervals.mean_error),
         ("95th percentile", found.p95, intervals.p95),
@@ -82,44 +88,37 @@ def _figures(factor: float, found: ErrorStatistics, before: ErrorFigures | None)
         ("95 % radius, Gaussian of zero mean", found.radius95_zero_mean.value, found.radius95_zero_mean.interval),
         ("95 % radius, Gaussian of own mean", found.radius95_fitted_mean.value, found.radius95_fitted_mean.interval),
     ]
+    rows = [(label, *_measured(value, interval, factor)) for label, value, interval in figures]
+    if before is None:
+        return columns(("length", "", _percent(found)), rows)
     # The radii come last and have no unaligned figure.
-    earlier = () if before is None else (before.rms, before.mean, before.p95, before.max)
-    for (label, value, interval), unaligned in zip_longest(rows, earlier):
-        cell = "" if unaligned is None else three_digits(unaligned * factor)
-        table.add_row(label, *_measured(value, interval, factor), cell)
-    return table
+    earlier = [three_digits(value * factor) for value in (before.rms, before.mean, before.p95, before.max)]
+    both = [(*row, cell) for row, cell in zip_longest(rows, earlier, fillvalue="")]
+    return columns(("length", "", _percent(found), "unaligned"), both)
 
 
-def _mean(factor: float, found: ErrorStatistics) -> Table:
-    table = _table("mean vector", "", _percent(found))
+def _mean(factor: float, found: ErrorStatistics) -> list[Line]:
     intervals = found.intervals.mean
     places = max(decimals(float(m) * factor, *_limits(i, factor)) for m, i in zip(found.mean, intervals, strict=True))
-    for axis, mean, interval in zip("xyz", found.mean, intervals, strict=True):
-        table.add_row(axis, *_measured(float(mean), interval, factor, places))
-    return table
+    components = zip("xyz", found.mean, intervals, strict=True)
+    rows = [(axis, *_measured(float(mean), interval, factor, places)) for axis, mean, interval in components]
+    return columns(("mean vector", "", _percent(found)), rows)
 
 
-def _covariances(unit: str, factor: float, found: ErrorStatistics) -> Table:
+def _covariances(unit: str, factor: float, found: ErrorStatistics) -> list[Line]:
     """The covariance about zero and about the mean, side by side."""
-    from rich.table import Table
-
-    grid = Table.grid(padding=(0, 6, 0, 0))
-    cells = []
+    tables = []
     for name, matrix, interval in (
         ("covariance about zero", found.covariance, found.intervals.covariance),
-        ("about the mean", found.centred_covariance, found.intervals.centred_covariance),
+        ("covariance about the mean", found.centred_covariance, found.intervals.centred_covariance),
     ):
         power = exponent_of_thousand(float(matrix.diagonal().max()) * factor**2)
         rows = _matrix(matrix, interval, factor**2 / 10.0**power)
-        scale = f"1e{power} " if power else ""
-        table = _table("", "x", "y", "z")
-        title = f"{name}, {scale}{unit}²"
-        table.title, table.title_justify, table.title_style, table.min_width = title, "left", "dim", len(title)
-        for axis, row in zip("xyz", rows, strict=True):
-            table.add_row(axis, *row)
-        cells.append(table)
-    grid.add_row(*cells)
-    return grid
+        title = Line(f"{name}, {f'1e{power} ' if power else ''}{unit}²", "dim")
+        table = columns(("", "x", "y", "z"), [(axis, *row) for axis, row in zip("xyz", rows, strict=True)])
+        tables.append([title, *table])
+    about_zero, about_mean = tables
+    return beside(about_zero, about_mean)
 
 
 def _matrix(matrix: Array, interval: MatrixInterval, factor: float) -> list[list[str]]:
@@ -132,38 +131,36 @@ def _matrix(matrix: Array, interval: MatrixInterval, factor: float) -> list[list
     return [[fixed(float(value) * factor, places) for value in row] for row in matrix]
 
 
-def _ellipsoid(factor: float, found: ErrorStatistics) -> Table:
-    table = _table("principal axis, standard deviation", "", _percent(found), "x", "y", "z")
+def _ellipsoid(factor: float, found: ErrorStatistics) -> list[Line]:
+    rows = []
     for i, interval in enumerate(found.ellipsoid.intervals):
         direction = [f"{float(value):+.2f}" for value in found.ellipsoid.axes[:, i]]
-        table.add_row(str(i + 1), *_measured(float(found.ellipsoid.sd[i]), interval, factor), *direction)
-    return table
+        rows.append((str(i + 1), *_measured(float(found.ellipsoid.sd[i]), interval, factor), *direction))
+    return columns(("principal axis, standard deviation", "", _percent(found), "x", "y", "z"), rows)
 
 
-def _tests(found: ErrorStatistics) -> Table:
-    table = _table("assumption, and the test of it", "", "")
+def _tests(found: ErrorStatistics) -> list[Line]:
     tests = found.tests
+    rows = []
     for label, test in (
         ("the mean is zero, Hotelling's T²", tests.zero_mean),
         ("Gaussian, Mardia's skewness", tests.skewness),
         ("Gaussian, Mardia's kurtosis", tests.kurtosis),
     ):
         if test.statistic is None or test.p_value is None:
-            table.add_row(label, "–", test.why or "")
+            rows.append((label, "–", test.why or ""))
         else:
-            table.add_row(label, three_digits(test.statistic), p_value(test.p_value))
-    return table
+            rows.append((label, three_digits(test.statistic), p_value(test.p_value)))
+    return columns(("assumption, and the test of it", "", ""), rows)
 
 
-def _how(result: EstimateResult) -> Iterable[RenderableType]:
+def _how(result: EstimateResult) -> list[tuple[str, list[str]]]:
     """How the intervals were made: once, where position and orientation were treated alike."""
     position = _intervals(result.position)
     orientation = position if result.orientation is None else _intervals(result.orientation)
     if orientation == position:
-        yield from _listed("Intervals", position)
-    else:
-        yield from _listed("Intervals of the position", position)
-        yield from _listed("Intervals of the orientation", orientation)
+        return [("Intervals", position)]
+    return [("Intervals of the position", position), ("Intervals of the orientation", orientation)]
 
 
 def _intervals(found: ErrorStatistics) -> list[str]:
@@ -186,35 +183,28 @@ def _intervals(found: ErrorStatistics) -> list[str]:
     ]
 
 
-def _worst(name: str, worst: Sequence[WorstPose]) -> Table:
+def _worst(name: str, worst: Sequence[WorstPose]) -> list[Line]:
     ids = any(pose.pose is not None for pose in worst)
     targets = any(pose.target is not None for pose in worst)
     angles = any(pose.orientation is not None for pose in worst)
     headings = [*(["pose"] if ids else []), *(["target"] if targets else []), "position, mm"]
-    table = _table(f"largest {name.lower()} errors", *headings, *(["orientation, °"] if angles else []))
+    rows = []
     for pose in worst:
         cells = [*([pose.pose or ""] if ids else []), *([pose.target or ""] if targets else [])]
         cells.append(three_digits(pose.position * _IN_MM))
         if pose.orientation is not None:
             cells.append(three_digits(pose.orientation * _IN_DEGREES))
-        table.add_row(f"line {pose.line}", *cells)
-    return table
+        rows.append([f"line {pose.line}", *cells])
+    return columns([f"largest {name.lower()} errors", *headings, *(["orientation, °"] if angles else [])], rows)
 
 
-def _targets(result: EstimateResult) -> Iterable[RenderableType]:
-    yield _heading("Position error by target, mm", gap=True)
-    table = _table("target", "poses", "rms", "mean", "95th percentile", "maximum")
+def _targets(result: EstimateResult) -> Iterator[Line]:
+    rows = []
     for target in result.targets:
         figures = (target.position.rms, target.position.mean, target.position.p95, target.position.max)
-        table.add_row(target.name, str(target.n_poses), *(three_digits(value * _IN_MM) for value in figures))
-    yield table
-
-
-def _grade(result: EstimateResult) -> Iterable[RenderableType]:
-    grade = result.grade
-    proven = "demonstrated" if grade.demonstrated else "not demonstrated"
-    yield _heading(f"Grade {grade.grade}, {proven} (scale: {grade.scale.name})", gap=True)
-    yield _items(grade.reason.split(". "))
+        rows.append((target.name, str(target.n_poses), *(three_digits(value * _IN_MM) for value in figures)))
+    yield from (BLANK, heading("Position error by target, mm"))
+    yield from columns(("target", "poses", "rms", "mean", "95th percentile", "maximum"), rows)
 
 
 def _percent(found: ErrorStatistics) -> str:
@@ -235,41 +225,3 @@ def _measured(value: float | None, interval: Interval, factor: float, places: in
 def _limits(interval: Interval, factor: float) -> tuple[float | None, float | None]:
     lower, upper = interval.lower, interval.upper
     return None if lower is None else lower * factor, None if upper is None else upper * factor
-
-
-def _table(*columns: str) -> Table:
-    """A table without lines: its first column reads from the left, figures stand at the right of theirs."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for i, column in enumerate(columns):
-        table.add_column(column, justify="right" if i else "left")
-    return table
-
-
-def _heading(text: str, *, gap: bool = False) -> RenderableType:
-    from rich.text import Text
-
-    return Text.assemble("\n" * gap, (text, "bold"))
-
-
-def _lines(text: str) -> RenderableType:
-    from rich.text import Text
-
-    return Text(text)
-
-
-def _listed(title: str, items: Iterable[str]) -> Iterable[RenderableType]:
-    yield _heading(title, gap=True)
-    yield _items(items)
-
-
-def _items(items: Iterable[str]) -> RenderableType:
-    """Each item with a dash, its further lines set in."""
-    from rich.table import Table
-    from rich.text import Text
-
-    grid = Table.grid(padding=(0, 1, 0, 0))
-    for item in items:
-        grid.add_row("-", Text(item))
-    return grid

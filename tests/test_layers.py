@@ -30,10 +30,12 @@ LAYERS = (
         "robacc.registration",
     ),
     ("robacc.tracing",),
+    ("robacc.calibration", "robacc.simulation"),
     ("robacc.covariance", "robacc.grade_scale", "robacc.grading", "robacc.pose_errors"),
     ("robacc.estimation",),
-    ("robacc.results", "robacc.statistics.document"),
+    ("robacc.results",),
     ("robacc.io", "robacc.report"),
+    ("robacc.simulation",),
     ("robacc.cli",),
     ("robacc.__main__",),
 )

@@ -21,10 +21,15 @@ from robacc.errors import RobaccError
 from robacc.report.console import say_error, say_interrupted
 
 COMMANDS = {
-    "calibrate": "Fits the effects that are named, with honest figures before and after.",
+    "calibrate": "Fit the named effects to measured poses and report the error before and after, fitted and held out.",
+    "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
-    "trace": "Closes the loop: residual, the effect the model lacks, and the error before and after.",
+    "trace": (
+        "Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it."
+    ),
     "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
+    "simulate": "A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.",
+    "export": "A model as URDF, as far as a URDF can carry it; the rest is said.",
 }
 """Name of each command, which is its module's and its function's too, and its line in ``robacc --help``."""
 

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from robacc.estimation import EstimateResult, WorstPose
-from robacc.figures import ErrorFigures
 from robacc.geometry import Array
+from robacc.io.statistics_json import figures_document, grade_document, statistics_document
 from robacc.measurements import Measurements
-from robacc.statistics.document import grade_document, statistics_document
 
 
 def payload(result: EstimateResult) -> dict[str, Any]:
@@ -33,7 +32,7 @@ def payload(result: EstimateResult) -> dict[str, Any]:
             "by_orientation": [_worst(pose) for pose in result.worst_orientation],
         },
         "targets": [
-            {"target": target.name, "n_poses": target.n_poses, **_figures(target.position, "m")}
+            {"target": target.name, "n_poses": target.n_poses, **figures_document(target.position, "m")}
             for target in result.targets
         ],
         "notes": result.notes,
@@ -63,15 +62,6 @@ def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
 
 
-def _figures(figures: ErrorFigures, unit: str) -> dict[str, float]:
-    return {
-        f"rms_{unit}": figures.rms,
-        f"mean_error_{unit}": figures.mean,
-        f"p95_{unit}": figures.p95,
-        f"max_{unit}": figures.max,
-    }
-
-
 def _alignment(result: EstimateResult) -> dict[str, Any] | None:
     if result.alignment is None:
         return None
@@ -89,8 +79,8 @@ def _unaligned(result: EstimateResult) -> dict[str, Any] | None:
         return None
     orientation = result.unaligned.orientation
     return {
-        "position": _figures(result.unaligned.position, "m"),
-        "orientation": None if orientation is None else _figures(orientation, "rad"),
+        "position": figures_document(result.unaligned.position, "m"),
+        "orientation": None if orientation is None else figures_document(orientation, "rad"),
     }
 
 

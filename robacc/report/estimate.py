@@ -30,7 +30,8 @@ def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width:
     """The report's lines; running text is wrapped to ``width`` columns, tables take at most 80."""
     plural = "s" * (result.n_poses != 1)
     yield heading(f"Error of {result.n_poses} measured pose{plural}, {_aligned(result)}")
-    yield Line(f"{poses}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
+    source = "standard input" if poses == "-" else poses
+    yield Line(f"{source}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
     yield Line(_FRAMES[result.errors.frame])
     yield BLANK
     yield from _grade(result, width)
@@ -134,7 +135,8 @@ def _matrix(matrix: Array, interval: MatrixInterval, factor: float) -> list[list
 def _ellipsoid(factor: float, found: ErrorStatistics) -> list[Line]:
     rows = []
     for i, interval in enumerate(found.ellipsoid.intervals):
-        direction = [f"{float(value):+.2f}" for value in found.ellipsoid.axes[:, i]]
+        # Adding zero after rounding takes the sign off "-0.00".
+        direction = [f"{round(float(value), 2) + 0.0:+.2f}" for value in found.ellipsoid.axes[:, i]]
         rows.append((str(i + 1), *_measured(float(found.ellipsoid.sd[i]), interval, factor), *direction))
     return columns(("principal axis, standard deviation", "", _percent(found), "x", "y", "z"), rows)
 

@@ -97,3 +97,17 @@ class Measurements:
         else:
             return np.arange(self.n)
         return np.unique(key, return_inverse=True)[1].astype(np.int64)
+
+
+def motion_between_rows(q: Array) -> tuple[Array, Array]:
+    """Direction in {-1, 0, 1} and relative speed, both ``(J, N)``, of straight moves from each row to the next.
+
+    Speed is dq over the largest |dq| of that move, all joints ending together. The first row and a row equal to the
+    one before get 0.
+    """
+    speed = np.zeros(q.shape)
+    np.subtract(q[:, 1:], q[:, :-1], out=speed[:, 1:])
+    direction = np.sign(speed)
+    largest = np.max(np.abs(speed), axis=0, initial=0.0)
+    np.divide(speed, largest, out=speed, where=largest > 0)
+    return direction, speed

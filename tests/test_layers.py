@@ -35,7 +35,6 @@ LAYERS = (
     ("robacc.estimation",),
     ("robacc.results",),
     ("robacc.io", "robacc.report"),
-    ("robacc.simulation",),
     ("robacc.cli",),
     ("robacc.__main__",),
 )

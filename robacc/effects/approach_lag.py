@@ -22,7 +22,8 @@ class ApproachLag(Effect):
         usual_size="1e-5 to 1e-3 rad at full speed; negative where the joint lags behind",
         needs="speed_q1 … speed_qN, or --ordered",
         confused_with="backlash where speeds are much alike",
-        source="METHOD: parameter x regressor",
+        source="a parameter times a regressor, as every effect here",
+        example="{effect: approach_lag, joints: [j1], values: {j1: -2e-4}}",
     )
 
     @classmethod

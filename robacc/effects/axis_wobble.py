@@ -37,7 +37,9 @@ class AxisWobble(Effect):
         usual_size="1e-5 to 1e-3 rad",
         needs="q1 … qN over most of a turn",
         confused_with="transmission_error of neighbouring joints, link_geometry over a narrow range",
-        source="METHOD: parameter x regressor",
+        source="a parameter times a regressor, as every effect here",
+        example="{effect: axis_wobble, joints: [j1], orders: [1, 2], "
+        "values: {j1.alpha_cos1: 1e-4, j1.beta_sin2: -5e-5}}",
     )
 
     @classmethod

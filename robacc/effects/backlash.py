@@ -29,7 +29,8 @@ class Backlash(Effect):
         usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
         needs="dir_q1 … dir_qN, or --ordered; else masses",
         confused_with="approach_lag where speeds are much alike, joint_compliance where gravity decides",
-        source="METHOD: parameter x regressor; Ruderman, Hoffmann, Bertram 2009 for the shape",
+        source="a parameter times a regressor, as every effect here; Ruderman, Hoffmann, Bertram 2009 for the shape",
+        example="{effect: backlash, joints: [j2], values: {j2: -1e-4}}",
     )
 
     @classmethod

@@ -69,6 +69,8 @@ class About:
     needs: str
     confused_with: str
     source: str
+    example: str
+    """An entry of a robot file, in YAML, of an arm with joints j1 … j6 in m and rad."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class Effect(abc.ABC):
         return {}
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
-        """The effect in SI, with lengths and angles among its settings given in units of ``length`` m, ``angle`` rad."""
+        """The effect in SI, lengths and angles among its settings being in units of ``length`` m, ``angle`` rad."""
         return self
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:

@@ -24,7 +24,8 @@ class BaseCompliance(Effect):
         usual_size="1e-9 to 1e-6 rad/(N m)",
         needs="mass and com of the links",
         confused_with="lateral_compliance of the first joint, joint_compliance of the second",
-        source="METHOD: parameter x regressor",
+        source="a parameter times a regressor, as every effect here",
+        example="{effect: base_compliance, values: {value: 5e-7}}",
     )
 
     @classmethod

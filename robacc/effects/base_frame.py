@@ -54,6 +54,7 @@ class BaseFrame(Effect):
         needs="nothing",
         confused_with="joint_offset of the first joint (yaw), its d (z)",
         source="Wu and Lee 1984, eq. (3), with the base as one more link",
+        example="{effect: base_frame, values: {x: 1e-3, yaw: 2e-4}}",
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:

@@ -37,7 +37,8 @@ class FrameDrift(Effect):
         usual_size="1e-5 to 1e-3 m",
         needs="time_s",
         confused_with="thermal_expansion where temperature rises with time",
-        source="METHOD: parameter x regressor",
+        source="a parameter times a regressor, as every effect here",
+        example="{effect: frame_drift, origin_s: 1800, span_s: 1800, degree: 2, values: {x: 1e-4, z2: -5e-5}}",
     )
 
     @classmethod

@@ -22,7 +22,8 @@ class GearRatio(Effect):
         usual_size="1e-5 to 1e-3",
         needs="q1 … qN over a wide range",
         confused_with="transmission_error of order 1 over a narrow range, joint_compliance of the same joint",
-        source="METHOD: parameter x regressor; Whitney, Lozinski, Rourke 1986",
+        source="a parameter times a regressor, as every effect here; Whitney, Lozinski, Rourke 1986",
+        example="{effect: gear_ratio, joints: [j3], values: {j3: 1e-4}}",
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:

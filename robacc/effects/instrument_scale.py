@@ -23,7 +23,8 @@ class InstrumentScale(Effect):
         usual_size="1e-6 to 1e-3",
         needs="positions spread over a volume",
         confused_with="link_geometry: all lengths of the arm scaled together, thermal_expansion at one temperature",
-        source="METHOD: parameter x regressor on the observation",
+        source="a parameter times a regressor, as every effect here on the observation",
+        example="{effect: instrument_scale, values: {value: 2e-5}}",
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:

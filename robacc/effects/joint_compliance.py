@@ -34,6 +34,7 @@ class JointCompliance(Effect):
         needs="mass and com of the links; without them the torque's base regressors are fitted",
         confused_with="transmission_error of order 1 on joints of horizontal axis, base_compliance, payload_compliance",
         source="Khalil and Dombre 2002, ch. 8 and 9.5; Klimchik et al. 2014",
+        example="{effect: joint_compliance, joints: [j2, j3], values: {j2: 2e-6, j3: 5e-6}}",
     )
 
     @classmethod

@@ -39,7 +39,9 @@ class JointCorrection(Effect):
         usual_size="1e-5 to 1e-3 rad",
         needs="whatever drives it",
         confused_with="everything that acts on the same joint: it is offered last",
-        source="METHOD: parameter x regressor; prior width by marginal likelihood (REML)",
+        source="a parameter times a regressor, as every effect here; prior width by marginal likelihood (REML)",
+        example="{effect: joint_correction, joints: [j3], drivers: [j2], range: [[-1, 1]], degree: 3, "
+        "values: {j3.T2: 1e-4}}",
     )
 
     @classmethod

@@ -26,7 +26,8 @@ class JointCoupling(Effect):
         usual_size="1e-4 to 1e-2",
         needs="q1 … qN that vary independently",
         confused_with="gear_ratio of the driving joint where both axes are parallel",
-        source="METHOD: parameter x regressor; Whitney, Lozinski, Rourke 1986",
+        source="a parameter times a regressor, as every effect here; Whitney, Lozinski, Rourke 1986",
+        example="{effect: joint_coupling, joints: [j6], drivers: [j5], values: {j6.j5: 1e-3}}",
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:

@@ -37,6 +37,7 @@ class JointOffset(Effect):
         needs="nothing",
         confused_with="base_frame.yaw (first joint), tool_frame (last joint), link_geometry across parallel axes",
         source="Wu and Lee 1984, eq. (6), M1 and M2",
+        example="{effect: joint_offset, joints: [j2, j3], values: {j2: 5e-4, j3: -2e-4}}",
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:

@@ -24,6 +24,7 @@ class LateralCompliance(Effect):
         needs="mass and com of the links",
         confused_with="joint_compliance of neighbouring joints, base_compliance at the first joint",
         source="Tenhumberg and Baeuml 2021 (elastic calibration of Agile Justin)",
+        example="{effect: lateral_compliance, joints: [j2], values: {j2: 1e-6}}",
     )
 
     @classmethod

@@ -43,6 +43,7 @@ class LinkGeometry(Effect):
         needs="nothing",
         confused_with="joint_offset, base_frame and tool_frame at the ends of the chain",
         source="Wu and Lee 1984, eq. (6), M2, M3, M4; Hayati 1983 for beta",
+        example="{effect: link_geometry, joints: [j2], labels: [a, alpha], values: {j2.a: 2e-4, j2.alpha: 3e-4}}",
     )
 
     @classmethod

@@ -24,6 +24,7 @@ class PayloadCompliance(Effect):
         needs="payload_kg that varies; payload: com in the robot file (default: at the tool)",
         confused_with="joint_compliance where the payload never changes",
         source="Khalil and Dombre 2002, ch. 9.5; Nubiola and Bonev 2013",
+        example="{effect: payload_compliance, joints: [j2, j3], values: {j2: 2e-6, j3: 5e-6}}",
     )
 
     @classmethod

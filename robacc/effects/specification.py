@@ -59,7 +59,7 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     settings = {key: value for key, value in entry.items() if key not in ("effect", "joints", "values")}
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
-    terms = {term.name: term for term in effect.terms(arm, _one_pose(arm))}
+    terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
     raw = entry.get("values", {})
     if not isinstance(raw, Mapping):
         raise ValueError(f"values must be a mapping of name to number, found {raw!r}")
@@ -93,19 +93,22 @@ def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     return tuple(joints)
 
 
-def _one_pose(arm: Arm) -> Measurements:
-    """A pose with every column there is: names and units of coefficients do not depend on the poses."""
-    one, joints = np.ones(1), np.ones((len(arm.names), 1))
-    target = np.array([next(iter(arm.robot.targets))]) if arm.robot.targets else None
+def every_column(arm: Arm) -> Measurements:
+    """Two poses with every column there is, each varying: what an effect then lacks is the robot's.
+
+    Names and units of coefficients do not depend on the poses, so they can be had from these.
+    """
+    varying = np.array([0.0, 1.0])
+    joints = np.tile(varying, (len(arm.names), 1))
     return Measurements(
-        position=np.zeros((3, 1)),
-        q=0.0 * joints,
-        target=target,
-        time=one,
-        temperature=one.copy(),
-        payload=one.copy(),
-        direction=joints.copy(),
-        speed=joints.copy(),
+        position=np.zeros((3, 2)),
+        q=joints,
+        target=np.repeat(list(arm.robot.targets)[:1], 2) if arm.robot.targets else None,
+        time=varying,
+        temperature=varying,
+        payload=varying,
+        direction=2 * joints - 1,
+        speed=joints,
     )
 
 

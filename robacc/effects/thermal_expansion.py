@@ -35,6 +35,7 @@ class ThermalExpansion(Effect):
         needs="temperature_c that varies, else time_s",
         confused_with="instrument_scale at one temperature, frame_drift in one region of the workspace",
         source="ISO 1 for the reference temperature; Renders et al. 1991 for the size",
+        example="{effect: thermal_expansion, reference_c: 20, values: {value: 1.2e-5}}",
     )
 
     @classmethod

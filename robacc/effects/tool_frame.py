@@ -30,6 +30,7 @@ class ToolFrame(Effect):
         needs="nothing; the turns only where orientation was measured",
         confused_with="the last joint's theta, d, a, alpha",
         source="Wu and Lee 1984, eq. (3), with the tool as one more link",
+        example="{effect: tool_frame, values: {z: 5e-4, pitch: 1e-3}}",
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:

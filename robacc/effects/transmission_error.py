@@ -34,6 +34,8 @@ class TransmissionError(Effect):
         needs="q1 … qN; for order n poses closer than 1/(2n) turn somewhere",
         confused_with="joint_compliance (order 1, axis horizontal), gear_ratio over a narrow range",
         source="Tuttle 1992 (strain-wave gears); Landgraf et al. 2021 for a UR10",
+        example="{effect: transmission_error, joints: [j2], orders: [1, 12.5], "
+        "values: {j2.cos1: 2e-4, j2.sin12.5: 5e-5}}",
     )
 
     @classmethod

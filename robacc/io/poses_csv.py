@@ -27,7 +27,7 @@ from robacc.io.columns import (
 from robacc.io.layout import Layout, listing, read_layout
 from robacc.io.pose_checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values
 from robacc.io.table import TableReader, open_table
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, motion_between_rows
 
 _CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
     QUATERNION[0]: rotation_from_quaternion,
@@ -174,20 +174,6 @@ def _motion(values: Values, ordered: bool) -> tuple[tuple[Array | None, Array | 
             if derived is None:
                 warnings.append(f"no column {listing(missing)}: taken as 0, not moving")
     return (result[0], result[1]), warnings
-
-
-def motion_between_rows(q: Array) -> tuple[Array, Array]:
-    """Direction in {-1, 0, 1} and relative speed, both ``(J, N)``, of straight moves from each row to the next.
-
-    Speed is dq over the largest |dq| of that move, all joints ending together. The first row and a row equal to the
-    one before get 0.
-    """
-    speed = np.zeros(q.shape)
-    np.subtract(q[:, 1:], q[:, :-1], out=speed[:, 1:])
-    direction = np.sign(speed)
-    largest = np.max(np.abs(speed), axis=0, initial=0.0)
-    np.divide(speed, largest, out=speed, where=largest > 0)
-    return direction, speed
 
 
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None) -> str:

@@ -141,7 +141,7 @@ class _Completeness:
         missing = [f"q{i}" for i in range(1, count + 1) if i not in found]
         if not missing:
             return
-        there = f"the robot has {count} joints, the file has {len(found)} joint columns: " if robot else ""
+        there = f"the robot has {count} joints, the file has columns for {len(found)}: " if robot else ""
         own = f", or the joints' names {listing(robot)}" if robot else ""
         self._missing(missing, f"expected q1 … q{count} without a gap{own}", there)
 
@@ -156,7 +156,7 @@ class _Completeness:
             texts.append(f"{self.log.file}:{self.line}: … and {len(named) - _MAX_WARNINGS} more unknown columns")
         unnamed = sum(not name for name in self.unknown)
         if unnamed:
-            texts.append(f"{self.log.file}:{self.line}: {unnamed} columns without a name are ignored")
+            texts.append(f"{self.log.file}:{self.line}: columns without a name are ignored: {unnamed}")
         return texts
 
 

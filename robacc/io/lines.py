@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -35,11 +37,18 @@ class LineReader:
         self._stream = stream
         self._log = log
         self._digest = hashlib.sha256()
+        self._size = _size(stream)
+        self._consumed = 0
 
     @property
     def sha256(self) -> str:
         """Digest of the bytes read so far, in hexadecimal."""
         return self._digest.hexdigest()
+
+    @property
+    def share_read(self) -> float:
+        """Share of the file that has been read, above 0 and up to 1; half where its size is not known."""
+        return min(self._consumed / self._size, 1.0) if self._size else 0.5
 
     def blocks(self) -> Iterator[Block]:
         """Blocks of whole lines.
@@ -56,6 +65,7 @@ class LineReader:
                     line = number + data.count(b"\n")
                     raise InputError(Problem(message, self._log.file, line, fix="expected one line a pose"))
             self._digest.update(data)
+            self._consumed += len(data)
             if (number == 1 and data.startswith(_UTF16)) or b"\0" in data:
                 message = "the file is not UTF-8 text (UTF-16, or no text)"
                 raise InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
@@ -81,3 +91,12 @@ class LineReader:
             found = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
             self._log.add(found, number, fix="save the file as UTF-8")
             return line.decode(errors="replace")
+
+
+def _size(stream: BinaryIO) -> int:
+    """Bytes of a plain file, 0 of anything else."""
+    try:
+        status = os.fstat(stream.fileno())
+    except OSError:  # a stream in memory has no descriptor
+        return 0
+    return status.st_size if stat.S_ISREG(status.st_mode) else 0

@@ -86,13 +86,16 @@ class TableReader:
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> Body:
         """Every row, the columns of the given indices only; what is wrong with rows goes to :attr:`log`."""
-        blocks = [self._parse(block, numbers, texts) for block in self._remaining()]
-        if not blocks:
-            empty = np.empty(0, dtype=str)
-            return Body(np.empty((len(numbers), 0)), (empty,) * len(texts), np.empty(0, dtype=np.int64))
-        lines = np.concatenate([block.lines for block in blocks])
-        columns = tuple(np.concatenate([block.texts[i] for block in blocks]) for i in range(len(texts)))
-        return Body(np.concatenate([block.numbers for block in blocks], axis=1), columns, lines)
+        store = _GrowingColumns(len(numbers))
+        lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
+        columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
+        for block in self._remaining():
+            parsed = self._parse(block, numbers, texts)
+            store.append(parsed.numbers, self._reader.share_read)
+            lines.append(parsed.lines)
+            for column, part in zip(columns, parsed.texts, strict=True):
+                column.append(part)
+        return Body(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
 
     def _remaining(self) -> Iterator[Block]:
         if self._rest is not None and self._rest.lines:
@@ -201,6 +204,32 @@ class TableReader:
         elif len(field) > MAX_TEXT:
             self.log.add(f"the text has {len(field)} characters, expected at most {MAX_TEXT}", line, column)
         return field[:MAX_TEXT]
+
+
+class _GrowingColumns:
+    """``(C, N)`` numbers of which N is not known before the end, in one piece of memory.
+
+    It is made as large as the share of the file that was read lets expect; pages that are never written cost nothing,
+    while joining parts in the end would touch all of the memory twice.
+    """
+
+    def __init__(self, n_columns: int) -> None:
+        self._numbers = np.empty((n_columns, 0))
+        self._size = 0
+
+    def append(self, part: Array, share: float) -> None:
+        """Add rows; ``share`` of the file (0 to 1) ends with them."""
+        end = self._size + part.shape[1]
+        if end > self._numbers.shape[1]:
+            larger = np.empty((len(part), max(int(end / share * 1.02), end)))
+            larger[:, : self._size] = self._numbers[:, : self._size]
+            self._numbers = larger
+        self._numbers[:, self._size : end] = part
+        self._size = end
+
+    def columns(self) -> Array:
+        """The numbers; each column is contiguous."""
+        return self._numbers[:, : self._size]
 
 
 @contextmanager

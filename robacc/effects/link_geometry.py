@@ -57,6 +57,18 @@ class LinkGeometry(Effect):
         """The constants, where not all."""
         return {"labels": list(self.labels)} if self.labels else {}
 
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """``labels: [a, alpha]``."""
+        rest = dict(settings)
+        labels = rest.pop("labels", [])
+        if rest:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        known = ("theta", *_DH, *_ORIGIN)
+        if not isinstance(labels, list) or any(label not in known for label in labels):
+            raise ValueError(f"{cls.name}: labels must be a list of some of {', '.join(known)}, found {labels!r}")
+        return cls(joints, tuple(labels))
+
     def _labels(self, arm: Arm, joint: str) -> tuple[str, ...]:
         labels = geometry_labels(arm, arm.joint(joint))
         return tuple(label for label in labels if label in self.labels) if self.labels else labels

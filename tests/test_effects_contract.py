@@ -1,0 +1,320 @@
+"""What holds for every effect of the catalogue: one that is added is tested without a new test."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+from arms import arm, circumstances
+
+from robacc.effects import REGISTRY
+from robacc.effects.base import Effect
+from robacc.effects.catalogue import catalogue
+from robacc.effects.specification import Known, entry_of, known_effects
+from robacc.errors import InputError, UsageError
+from robacc.measurements import Measurements
+from robacc.model import Model, predict
+from robacc.robots.arm import Arm
+from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+
+EFFECTS = tuple(REGISTRY)
+ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")
+N = 5
+
+
+def example(name: str) -> dict[str, object]:
+    """The entry that the catalogue shows, as a robot file's reader sees it."""
+    return parse_robot(f"{robot_to_yaml(arm('puma560').robot)}effects: [{REGISTRY[name].about.example}]", name).effects[
+        0
+    ]
+
+
+def forms(name: str, one: Arm, data: Measurements) -> list[Effect]:
+    """As it is fitted by default, as its example has it where the arm is the example's, and as a trace tries it."""
+    found = [REGISTRY[name].default(one, data)]
+    if one.robot == arm("puma560").robot:
+        found.append(known_effects(dataclasses.replace(one.robot, effects=(example(name),)))[0].effect)
+    competing = list(REGISTRY[name].candidates(one, data))
+    return found + competing[:1] + competing[-1:]
+
+
+def small(bound_terms: tuple, seed: int = 1) -> np.ndarray:
+    """Coefficients of usual size, none zero."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([term.typical for term in bound_terms])
+    return sizes * rng.uniform(0.3, 1.0, sizes.size) * rng.choice([-1, 1], sizes.size)
+
+
+@pytest.fixture(params=ARMS, name="one")
+def _one(request: pytest.FixtureRequest) -> Arm:
+    return arm(request.param)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_example_is_of_the_effect_and_does_something(name: str) -> None:
+    entry = example(name)
+    assert entry["effect"] == name
+    assert entry["values"]
+    robot = dataclasses.replace(arm("puma560").robot, effects=(entry,))
+    data = circumstances(robot, N)
+    there, nominal = predict(robot, data), arm("puma560").chain.forward(data.q)
+    moved = np.linalg.norm(there.translation - nominal.translation, axis=0).max()
+    assert 1e-7 < moved < 0.02, "an example of usual size moves the target by micrometres to millimetres"
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_catalogue_says_everything_of_it(name: str) -> None:
+    about = REGISTRY[name].about
+    for field in dataclasses.fields(about):
+        assert getattr(about, field.name).strip(), field.name
+    assert REGISTRY[name].name == name
+    assert REGISTRY[name].is_constant == (name in ("base_frame", "tool_frame", "joint_offset", "link_geometry"))
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_terms_have_unique_names_units_and_regressors_of_one_number_a_pose(name: str, one: Arm) -> None:
+    data = circumstances(one.robot, N)
+    assert REGISTRY[name].missing(one, data) is None
+    for effect in forms(name, one, data):
+        terms = effect.terms(one, data)
+        assert terms
+        names = [term.name for term in terms]
+        assert len(set(names)) == len(names)
+        for term in terms:
+            assert term.name == name or term.name.startswith(f"{name}.")
+            assert term.unit
+            assert term.typical > 0
+            assert term.weight > 0
+            assert term.parts
+            for part in term.parts:
+                assert np.shape(part.factor) in ((), (N,))
+                assert np.all(np.isfinite(part.factor))
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_zero_is_nominal_bit_for_bit(name: str, one: Arm) -> None:
+    data = circumstances(one.robot, N)
+    nominal = Model(one).bind(data).poses(np.zeros(0))
+    if not one.robot.targets:
+        plain = one.chain.forward(data.q)
+        np.testing.assert_array_equal(nominal.translation, plain.translation)
+    for effect in forms(name, one, data):
+        bound = Model(one, free=(effect,)).bind(data)
+        poses = bound.poses(np.zeros(len(bound.terms)))
+        np.testing.assert_array_equal(poses.translation, nominal.translation)
+        np.testing.assert_array_equal(poses.rotation, nominal.rotation)
+        known = Model(one, known=(Known(effect, {}),)).bind(data).poses(np.zeros(0))
+        np.testing.assert_array_equal(known.translation, nominal.translation)
+
+
+def assert_jacobian(model: Model, data: Measurements) -> None:
+    bound = model.bind(data)
+    theta = small(bound.terms)
+    poses, jacobian = bound.linearise(theta)
+    assert jacobian.shape == (6, len(bound.terms), data.n)
+    at = bound.poses(theta)
+    np.testing.assert_allclose(poses.translation, at.translation, rtol=0, atol=1e-14)
+    # Every column in two random directions at once, each brought to size 1 so that none hides behind another: two
+    # sweeps of the chain instead of one a column.
+    rng = np.random.default_rng(8)
+    sizes = np.abs(jacobian).max(axis=(0, 2))
+    # A joint of vertical axis feels no weight: what rounding leaves of its column is not brought to size 1.
+    sizes = np.maximum(sizes, 1e-6 * sizes.max())
+    for _ in range(2):
+        way = rng.choice([-1, 1], theta.size) * rng.uniform(0.5, 1.0, theta.size) / sizes
+        turned = bound.poses(theta + 1e-30j * way)
+        dp = turned.translation.imag / 1e-30
+        spin = np.einsum("ikn,jkn->ijn", turned.rotation.imag / 1e-30, turned.rotation.real)
+        dphi = np.stack((spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1])) / 2
+        expected = np.concatenate((dp, dphi))
+        found = np.einsum("ipn,p->in", jacobian, way)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_jacobian_against_complex_step(name: str, one: Arm) -> None:
+    data = circumstances(one.robot, N)
+    for effect in forms(name, one, data):
+        assert_jacobian(Model(one, free=(effect,)), data)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("arm_name", ["puma560", "urdf:puma560"])
+def test_jacobian_of_an_arm_that_sags_and_is_measured_to_scale(name: str, arm_name: str) -> None:
+    # Deflections answer every coefficient: the arm's posture changes the torque, the torque the posture.
+    one = arm(arm_name)
+    data = circumstances(one.robot, N)
+    sag = REGISTRY["joint_compliance"].default(one, data)
+    bend = REGISTRY["lateral_compliance"].default(one, data)
+    scale = REGISTRY["instrument_scale"].default(one, data)
+    known = (
+        Known(sag, {term.name: 2e-5 for term in sag.terms(one, data)}),
+        Known(bend, {term.name: 1e-5 for term in bend.terms(one, data)}),
+        Known(scale, {"instrument_scale": 1e-3}),
+    )
+    assert_jacobian(Model(one, known=known, free=(REGISTRY[name].default(one, data),)), data)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_order_and_number_of_poses_do_not_matter(name: str, one: Arm) -> None:
+    data = circumstances(one.robot, 40)
+    effect = REGISTRY[name].default(one, data)
+    bound = Model(one, free=(effect,)).bind(data)
+    theta = small(bound.terms)
+    whole = bound.poses(theta)
+    _, jacobian = bound.linearise(theta)
+    order = np.random.default_rng(5).permutation(40)
+    for rows in (order, order[:1], order[:0]):
+        some = Model(one, free=(effect,)).bind(data.subset(rows))
+        poses, part = some.linearise(theta)
+        assert poses.translation.shape == (3, rows.size)
+        # The equilibrium is swept until the slowest pose is there: 1e-14 rad more or less on some metres.
+        np.testing.assert_allclose(poses.translation, whole.translation[:, rows], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(poses.rotation, whole.rotation[..., rows], rtol=0, atol=1e-12)
+        largest = np.abs(jacobian).max()
+        np.testing.assert_allclose(part, jacobian[..., rows], rtol=0, atol=1e-11 * max(largest, 1.0))
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_settings_and_robot_file_bring_it_back(name: str, one: Arm) -> None:
+    data = circumstances(one.robot, N)
+    for effect in forms(name, one, data):
+        again = type(effect).from_settings(effect.joints, yaml.safe_load(yaml.safe_dump(effect.settings())))
+        assert again == effect
+        assert again.key() == effect.key()
+        terms = effect.terms(one, data)
+        values = dict(zip((term.name for term in terms), small(terms).tolist(), strict=True))
+        direct = Model(one, known=(Known(effect, values),)).bind(data).poses(np.zeros(0))
+        robot = dataclasses.replace(one.robot, effects=(entry_of(effect, values),))
+        for written in (robot, parse_robot(robot_to_yaml(robot), "again.yaml")):
+            poses = predict(written, data)
+            np.testing.assert_allclose(poses.translation, direct.translation, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(poses.rotation, direct.rotation, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_file_in_mm_and_degrees_says_the_same(name: str) -> None:
+    one = arm("puma560")
+    data = circumstances(one.robot, N)
+    effect = known_effects(dataclasses.replace(one.robot, effects=(example(name),)))[0].effect
+    terms = effect.terms(one, data)
+    values = dict(zip((term.name for term in terms), small(terms).tolist(), strict=True))
+    size = {"m": 1e3, "rad": 180 / np.pi}
+    other = {term.name: values[term.name] * size.get(term.unit.split("/")[0].split(" ")[0], 1.0) for term in terms}
+    entry = entry_of(effect, other)
+    if name == "joint_correction":
+        entry["range"] = [[end * 180 / np.pi for end in pair] for pair in entry["range"]]
+    robot = dataclasses.replace(one.robot, effects=(entry,), effect_units=(1e-3, np.pi / 180))
+    direct = Model(one, known=(Known(effect, values),)).bind(data).poses(np.zeros(0))
+    np.testing.assert_allclose(predict(robot, data).translation, direct.translation, rtol=0, atol=1e-12)
+
+
+BARE = Measurements(position=np.zeros((3, 2)), q=np.array([[0.1, 0.2]] * 6))
+LACKING = {
+    "approach_lag": "no speed_q columns (and rows not --ordered)",
+    "payload_compliance": "no payload_kg column",
+    "thermal_expansion": "neither temperature_c nor time_s varies",
+    "frame_drift": "no time_s that varies",
+}
+WEIGHTLESS = {
+    "backlash": "no dir_q columns (and rows not --ordered), and no masses in the robot file",
+    "lateral_compliance": "no masses in the robot file",
+    "base_compliance": "no masses in the robot file",
+}
+
+
+def weightless() -> Arm:
+    robot = arm("puma560").robot
+    return Arm.of(dataclasses.replace(robot, joints=tuple(dataclasses.replace(j, mass=None) for j in robot.joints)))
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_what_is_missing_is_said_in_one_line(name: str) -> None:
+    assert REGISTRY[name].missing(arm("puma560"), BARE) == LACKING.get(name)
+    assert REGISTRY[name].missing(weightless(), BARE) == (LACKING | WEIGHTLESS).get(name)
+    entry = catalogue(name, weightless().robot, BARE)[0]
+    assert entry.offer is not None
+    assert entry.offer.why == (LACKING | WEIGHTLESS).get(name)
+    assert (entry.offer.coefficients == ()) == (name in LACKING | WEIGHTLESS)
+
+
+def test_payloads_that_are_all_zero_show_nothing() -> None:
+    data = dataclasses.replace(BARE, payload=np.zeros(2))
+    assert REGISTRY["payload_compliance"].missing(arm("puma560"), data) == "payload_kg is zero throughout"
+
+
+@pytest.mark.parametrize("name", [*LACKING, *WEIGHTLESS])
+def test_an_effect_of_the_robot_file_whose_need_is_missing_is_an_error(name: str) -> None:
+    robot = dataclasses.replace(weightless().robot, effects=(example(name),))
+    with pytest.raises((UsageError, InputError), match=r"needs (the column|mass and com)"):
+        predict(robot, BARE)
+
+
+def test_weight_is_needed_by_forms_that_gravity_drives() -> None:
+    for name, settings in (("backlash", {"by": "gravity"}), ("joint_compliance", {}), ("joint_correction", CORRECTION)):
+        effect = REGISTRY[name].from_settings(("j2",), settings)
+        with pytest.raises(UsageError, match=f"{name}.* needs mass and com of the links"):
+            effect.terms(weightless(), circumstances(weightless().robot, 3))
+
+
+CORRECTION = {"drivers": ["torque"], "range": [[-1.0, 1.0]], "degree": 2}
+WRONG = {
+    "5": "expected a mapping with the key effect, found 5",
+    "{joints: [j2]}": "expected a mapping with the key effect",
+    "{effect: backlsh}": "no effect 'backlsh', did you mean 'backlash'",
+    "{effect: backlash}": "backlash needs joints, each once: some of j1, j2",
+    "{effect: backlash, joints: [j2, j2]}": "backlash needs joints, each once",
+    "{effect: backlash, joints: [j9]}": "joints must be a list of j1, j2",
+    "{effect: base_frame, joints: [j1]}": "base_frame acts on no joint in particular",
+    "{effect: backlash, joints: [j2], values: {j3: 1}}": "backlash[j2] has no coefficient 'j3'; it has j2",
+    "{effect: backlash, joints: [j2], values: {j2: big}}": "values.j2 must be a finite number, found 'big'",
+    "{effect: backlash, joints: [j2], values: {j2: true}}": "values.j2 must be a finite number",
+    "{effect: backlash, joints: [j2], values: 3}": "values must be a mapping of name to number, found 3",
+    "{effect: backlash, joints: [j2], by: luck}": "backlash knows the setting by: approach or gravity",
+    "{effect: gear_ratio, joints: [j2], tooth: 3}": "gear_ratio has no setting 'tooth'",
+    "{effect: link_geometry, joints: [j2], tooth: 3}": "link_geometry has no setting 'tooth'",
+    "{effect: link_geometry, joints: [j2], labels: [b]}": "link_geometry: labels must be a list of",
+    "{effect: joint_coupling, joints: [j2], tooth: 3}": "joint_coupling has no setting 'tooth'",
+    "{effect: joint_coupling, joints: [j2], drivers: [j8]}": "no joint 'j8'; this arm has j1",
+    "{effect: transmission_error, joints: [j2], orders: [0]}": "each order must be above 0 and at most 1000",
+    "{effect: transmission_error, joints: [j2], orders: 3}": "orders must be a list of numbers",
+    "{effect: transmission_error, joints: [j2], orders: [1, 1]}": "an order is given more than once",
+    "{effect: transmission_error, joints: [j2], tooth: 3}": "transmission_error has no setting 'tooth'",
+    "{effect: transmission_error, joints: [j2], shrunk: 3}": "shrunk must be true or false",
+    "{effect: axis_wobble, joints: [j2], tilts: [z]}": "tilts must be a list of alpha, beta",
+    "{effect: joint_compliance, joints: [j2], masses: heavy}": "masses: known, uncertain or unknown",
+    "{effect: thermal_expansion, tooth: 3}": "thermal_expansion has no setting 'tooth'",
+    "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be above 0",
+    "{effect: frame_drift, tooth: 3}": "frame_drift has no setting 'tooth'",
+    "{effect: frame_drift, span_s: 0}": "span_s above 0, degree 1 to 9",
+    "{effect: joint_correction, joints: [j2], tooth: 3}": "joint_correction has no setting 'tooth'",
+    "{effect: joint_correction, joints: [j2]}": "drivers must be a list of one or two names",
+    "{effect: joint_correction, joints: [j2], drivers: [j3], range: [3]}": "range must be a list of [low, high]",
+    "{effect: joint_correction, joints: [j2], drivers: [j3], range: [[0, 1]], degree: 0}": "degree must be 1 to 40",
+}
+
+
+@pytest.mark.parametrize("entry", WRONG)
+def test_each_mistake_of_an_entry_has_its_message(entry: str) -> None:
+    robot = dataclasses.replace(arm("puma560").robot, effects=(yaml.safe_load(entry),))
+    with pytest.raises(InputError) as caught:
+        known_effects(robot)
+    assert caught.value.problems[0].column == "effects[0]"
+    assert WRONG[entry] in caught.value.problems[0].message
+
+
+def test_all_mistakes_come_at_once_and_a_joint_that_cannot_is_named() -> None:
+    entries = ({"effect": "transmission_error", "joints": ["j3"]}, {"effect": "backlash"})
+    with pytest.raises(InputError) as caught:
+        known_effects(dataclasses.replace(arm("stanford").robot, effects=entries))
+    assert [problem.column for problem in caught.value.problems] == ["effects[0]", "effects[1]"]
+    assert "transmission_error cannot act on j3; it can on j1, j2, j4" in caught.value.problems[0].message
+
+
+def test_an_arm_too_soft_for_its_weight_has_no_equilibrium() -> None:
+    entry = {"effect": "joint_compliance", "joints": ["j2"], "values": {"j2": 1.0}}
+    robot = dataclasses.replace(arm("puma560").robot, effects=(entry,))
+    with pytest.raises(UsageError, match="the elastic equilibrium does not converge"):
+        predict(robot, circumstances(robot, 3))

@@ -213,7 +213,7 @@ def _p95_interval(
     if levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL:
         radius = about_zero if assumption.zero_mean else about_mean
         return dataclasses.replace(
-            radius.interval, method=f"95 % radius of the fitted Gaussian, {radius.interval.method}"
+            radius.interval, method=f"95 % radius of the fitted Gaussian, which it relies on; {radius.interval.method}"
         )
     if n < FEWEST_FOR_MODEL or levels == (None, None, None):
         return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")

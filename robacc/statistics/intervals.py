@@ -6,8 +6,8 @@ Three kinds, used as the assumptions allow:
   Satterthwaite's effective degrees of freedom, very nearly so for sums of variances (RMS, radius);
 - the studentised bootstrap over poses (P. Hall, The Bootstrap and Edgeworth Expansion, 1992, ch. 3), for the mean of
   anything over poses, whatever its distribution; repetitions of one commanded pose are drawn together;
-- fractional order statistics for a percentile (A. D. Hutson, "Calculating nonparametric confidence intervals for
-  quantiles using fractional order statistics", J. Applied Statistics 26, 1999), distribution-free.
+- interpolated order statistics for a percentile (J. Nyblom, "Note on interpolated order statistics", Statistics &
+  Probability Letters 14, 1992), which assume no distribution.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ FEWEST_FOR_BOOTSTRAP = 10
 """With fewer poses the resamples are too few and too much alike for their quantiles to mean anything."""
 MOST_FOR_BOOTSTRAP = 1000
 """With more poses the mean is Gaussian to within the bootstrap's own noise, and Student's t costs nothing."""
+MOST_FOR_BINOMIAL = 5000
+"""With more poses the binomial distribution at 95 % is normal to within a hundredth of a standard deviation or so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,21 +98,28 @@ def share_below_maximum(n: int, confidence: float) -> float:
 def percentile_levels(n: int, p: float, confidence: float) -> tuple[float | None, float | None, float | None]:
     """Ranks, as fractions of n + 1, of the order statistics that bound the ``p`` quantile; None where n is too small.
 
-    The k-th of n order statistics lies below the quantile with probability P(Beta(k, n + 1 - k) <= p), a formula that
-    is read for fractions of k too; above 5000 poses by the normal approximation of the binomial distribution.
+    The k-th of n order statistics lies below the quantile with the binomial probability P(Beta(k, n + 1 - k) <= p);
+    between the two whose probabilities enclose the one wanted, by Nyblom's interpolation; above 5000 poses by the
+    normal approximation of the binomial distribution.
     """
 
-    def level(below: float) -> float | None:
-        if n > 5000:
-            return p + normal_quantile(1.0 - below) * math.sqrt(p * (1.0 - p) / n)
-        if beta_cdf(p, n, 1.0) > below:
+    def below(rank: int) -> float:
+        return beta_cdf(p, float(rank), float(n + 1 - rank))
+
+    def level(wanted: float) -> float | None:
+        if n > MOST_FOR_BINOMIAL:
+            return p + normal_quantile(1.0 - wanted) * math.sqrt(p * (1.0 - p) / n)
+        if below(n) > wanted or below(1) < wanted:
             return None
-        low, high = 0.0, float(n)
-        for _ in range(40):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if beta_cdf(p, middle, n + 1.0 - middle) > below else (low, middle)
-        rank = 0.5 * (low + high)
-        return rank / (n + 1.0) if rank >= 1.0 else None
+        low, high = 1, n
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if below(middle) >= wanted else (low, middle)
+        share = (below(low) - wanted) / (below(low) - below(high))
+        if share == 0.0:
+            return low / (n + 1.0)
+        between = 1.0 / (1.0 + low * (1.0 - p) * (1.0 - share) / ((n - low) * p * share))
+        return (low + between) / (n + 1.0)
 
     lower, upper, bound = (level(1.0 - probability) for probability in tails(confidence))
     return lower, upper, bound

@@ -75,7 +75,7 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
     method = "Hotelling's T-squared: the mean is zero"
     p = values.size
     if n <= rank or n < 2:
-        return AssumptionTest(method, None, None, p, f"{_poses(n)} cannot show scatter in {rank or 3} directions")
+        return AssumptionTest(method, None, None, p, f"{_poses(n)} cannot show scatter in {_directions(rank)}")
     if rank == 0:
         return AssumptionTest(method, None, None, 0, "every error is zero")
     if p < rank:
@@ -124,6 +124,10 @@ def _standardised_moments(errors: Array, mean: Array, whiten: Array) -> tuple[fl
         fourth += float(square @ square)
     n = errors.shape[1]
     return float(np.sum(np.square(third / n))), fourth / n
+
+
+def _directions(rank: int) -> str:
+    return "one direction" if rank == 1 else f"{rank or 3} directions"
 
 
 def _poses(n: int) -> str:

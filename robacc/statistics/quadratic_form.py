@@ -30,7 +30,7 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 
 _DROP = 42.0
 """e^-42 = 6e-19: where the integrand has fallen by that much from the saddle point, the path may end."""
-_AGREE = 1e-14
+_ROUNDING = 1e-14
 _MAX_NODES = 8192
 _FEWEST_NODES = 32
 
@@ -41,6 +41,8 @@ class _Path:
 
     cdf: float
     sf: float
+    uncertainty: float
+    """Of both, by rounding: the exponent's own size times a few units of the last place."""
     density: float
     """dP/dq"""
     by_mean: Array
@@ -77,11 +79,11 @@ def length_quantile(probability: float, mean: Array, variance: Array) -> float:
     for _ in range(200):
         path = _probability(q, m, v)
         error = path.cdf - probability if probability < 0.5 else (1.0 - probability) - path.sf
-        # The probability itself is known no better than this.
-        if abs(error) <= 1e-14 or high - low <= 1e-15 * high:
+        if abs(error) <= path.uncertainty or high - low <= 1e-15 * high:
             break
         low, high = (q, high) if error < 0.0 else (low, q)
-        following = q - error / path.density if path.density > 0.0 else low
+        # A step that would leave the bracket is not computed: far out the density may be next to nothing.
+        following = q - error / path.density if abs(error) < path.density * (high - low) else low
         q = following if low < following < high else 0.5 * (low + high)
     return math.sqrt(q * power)
 
@@ -106,19 +108,20 @@ def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tu
 def _probability(q: float, mean: Array, variance: Array) -> _Path:
     """The contour integrals at ``q``; zero below what directions without scatter contribute."""
     if q <= float(np.sum(np.square(mean[variance == 0.0]))):
-        return _Path(0.0, 1.0, 0.0, np.zeros(3), np.zeros((3, 3)))
+        return _Path(0.0, 1.0, 0.0, 0.0, np.zeros(3), np.zeros((3, 3)))
     upper = q > float(np.sum(variance) + np.sum(np.square(mean)))
     saddle, curvature = _saddle_point(q, mean, variance, upper)
     bend, end = _shape_of_path(q, mean, variance, saddle, curvature)
+    uncertainty = _ROUNDING * (1.0 + abs(saddle) * q)
     nodes, last = _FEWEST_NODES, math.inf
     while True:
         integrals = _trapezoid(q, mean, variance, saddle, bend, end, nodes)
         tail = integrals[0]
-        if abs(tail - last) <= _AGREE * max(1e-3, abs(tail)) or nodes >= _MAX_NODES:
+        if abs(tail - last) <= uncertainty or nodes >= _MAX_NODES:
             break
         last, nodes = tail, 2 * nodes
     cdf, sf = (1.0 + tail, -tail) if upper else (tail, 1.0 - tail)
-    return _Path(cdf, sf, float(integrals[1]), integrals[2:5], integrals[5:].reshape(3, 3))
+    return _Path(cdf, sf, uncertainty, float(integrals[1]), integrals[2:5], integrals[5:].reshape(3, 3))
 
 
 def _saddle_point(q: float, mean: Array, variance: Array, upper: bool) -> tuple[float, float]:
@@ -133,8 +136,9 @@ def _saddle_point(q: float, mean: Array, variance: Array, upper: bool) -> tuple[
             second += 2.0 * v * v / (w * w) + 4.0 * square * v / (w * w * w)
         return first, second
 
+    branch = -0.5 / float(np.max(variance))
     if upper:
-        low, high = -0.5 / float(np.max(variance)), 0.0
+        low, high = branch, 0.0
         s = 0.5 * low
     else:
         low, high = 0.0, 1.0 / q
@@ -147,8 +151,11 @@ def _saddle_point(q: float, mean: Array, variance: Array, upper: bool) -> tuple[
         following = s - first / second
         if not low < following < high:
             following = 0.5 * (low + high)
-        # The path need only pass near the saddle point.
-        if abs(following - s) <= 1e-6 * abs(s):
+        # The path need only pass near the saddle point, as distances to the singularities on its either side go (near
+        # one of these Newton's steps are short however far the root is).
+        room = min(abs(following), following - branch) if upper else following
+        if abs(following - s) <= 1e-3 * room:
+            s = following
             break
         s = following
     return s, slopes(s)[1]
@@ -165,13 +172,17 @@ def _exponent(s: Complex, q: float, mean: Array, variance: Array) -> tuple[Compl
 
 def _shape_of_path(q: float, mean: Array, variance: Array, saddle: float, curvature: float) -> tuple[float, float]:
     """The path's bend b in saddle + i t - b t^2, and the t beyond which the integrand is negligible."""
-    t = 2.0 ** np.arange(-2.0, 80.0, 0.25) / math.sqrt(curvature)
+    grid = 2.0 ** np.arange(-2.0, 80.0, 0.25) / math.sqrt(curvature)
+    distance = saddle + 0.5 / variance[variance > 0.0]
     at_saddle = _exponent(np.array([complex(saddle)]), q, mean, variance)[0].real[0]
     # First a parabola whose focus is the first branch point: from its vertex the exponent of that axis falls
     # steadily. Where the mean lies along an axis of less scatter the path may come near that axis's own singularity,
     # and is straightened; along a straight line the integrand never exceeds its value at the saddle point.
-    bend = 0.25 / (saddle + 0.5 / float(np.max(variance)))
+    bend = 0.25 / float(np.min(distance))
     while True:
+        # Where the path is nearest to each singularity, a peak may be narrower than the grid.
+        nearest = (np.sqrt(1.0 + 4.0 * bend * distance) - 1.0) / (2.0 * bend)
+        t = np.sort(np.concatenate((grid, nearest)))
         s: Complex = saddle + 1j * t - bend * np.square(t)
         height = _exponent(s, q, mean, variance)[0].real - at_saddle
         if float(np.max(height)) < 0.5:

@@ -41,6 +41,21 @@ def _concentration(ratio: float, n: int) -> float:
     return min(max(s / t, 1.0 / 3.0), 1.0)
 
 
+def _without_spread_of_chance(variances: Array, n: int) -> Array:
+    """Principal variances of the same sum, as much less apart as a sample of n draws them apart by chance.
+
+    A radius grows as the same trace goes into fewer axes, so a sample's own, of axes that are alike, is too large.
+    """
+    mean = float(np.mean(variances))
+    ratio = float(np.sum(np.square(variances))) / (3.0 * mean) ** 2
+    apart = ratio - 1.0 / 3.0
+    if apart <= 0.0:
+        return variances
+    shrink = min((_concentration(ratio, n) - 1.0 / 3.0) / apart, 1.0) ** 0.5
+    closer: Array = mean + shrink * (variances - mean)
+    return closer
+
+
 def radius95(
     errors: Array, mean: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float
 ) -> Radius:
@@ -66,14 +81,19 @@ def radius95(
     radius = length_quantile(PROBABILITY, along, variances)
     if not np.any(variances):
         return Radius(radius, Interval(radius, radius, radius, confidence, "no scatter"))
-    by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     if gaussian:
-        weighted = by_covariance * variances
-        trace = float(np.trace(weighted))
-        squares = trace**2 * _concentration(float(np.sum(weighted * weighted.T)) / trace**2, n)
-        dof = n * radius**4 / (squares + 0.5 * float(by_mean**2 @ variances))
-        return Radius(radius, chi2_interval(radius**2, dof, confidence, _METHOD).root())
+        return Radius(radius, _gaussian_interval(along, _without_spread_of_chance(variances, n), n, confidence))
+    by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     principal = axes.T @ errors - along[:, None]
     influence = np.einsum("in,in->n", principal, by_covariance @ principal) + by_mean @ principal
     influence += radius**2 - float(np.diag(by_covariance) @ variances)
     return Radius(radius, sampling.mean_interval(influence, confidence, positive=True).root())
+
+
+def _gaussian_interval(along: Array, variances: Array, n: int, confidence: float) -> Interval:
+    """Interval of the radius from the variance of its square to first order, of mean and covariance together."""
+    radius = length_quantile(PROBABILITY, along, variances)
+    by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
+    weighted = by_covariance * variances
+    variance = (2.0 * float(np.sum(weighted * weighted.T)) + float(by_mean**2 @ variances)) / n
+    return chi2_interval(radius**2, 2.0 * radius**4 / variance, confidence, _METHOD).root()

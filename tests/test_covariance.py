@@ -1,0 +1,299 @@
+"""The statistics of an estimate against numpy, and every small, flat or broken input."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from robacc.covariance import error_statistics
+from robacc.errors import InputError
+from robacc.statistics.intervals import Interval
+from robacc.statistics.records import ErrorStatistics
+
+COVARIANCE = 1e-8 * np.array([[1.0, 0.3, 0.0], [0.3, 2.0, -0.5], [0.0, -0.5, 4.0]])
+
+
+def gaussian(n: int, seed: int = 0) -> np.ndarray:
+    return np.linalg.cholesky(COVARIANCE) @ np.random.default_rng(seed).standard_normal((3, n))
+
+
+def test_sample_figures_against_numpy() -> None:
+    errors = gaussian(50) + 5e-5
+    found = error_statistics(errors, "m")
+    lengths = np.linalg.norm(errors, axis=0)
+    assert found.covariance == pytest.approx(np.mean([np.outer(d, d) for d in errors.T], axis=0))
+    assert found.centred_covariance == pytest.approx(np.cov(errors, bias=True))
+    assert found.mean == pytest.approx(errors.mean(axis=1))
+    assert found.rms == pytest.approx(np.sqrt(np.mean(lengths**2)))
+    assert found.mean_error == pytest.approx(lengths.mean())
+    assert found.p95 == pytest.approx(np.percentile(lengths, 95))
+    assert found.max == lengths.max()
+    assert (found.n, found.n_poses, found.unit, found.confidence) == (50, 50, "m", 0.95)
+    values = np.linalg.eigvalsh(found.covariance)[::-1]
+    assert found.ellipsoid.sd == pytest.approx(np.sqrt(values))
+    axes = found.ellipsoid.axes
+    assert axes @ np.diag(values) @ axes.T == pytest.approx(found.covariance)
+
+
+def test_intervals_of_gaussian_errors_are_the_chi_square_ones() -> None:
+    errors = gaussian(40)
+    found = error_statistics(errors, "m")
+    assert "no test contradicts" in found.assumption
+    covariance, centred = found.intervals.covariance, found.intervals.centred_covariance
+    assert covariance.method == centred.method == "Wishart (chi-square)"
+    for i in range(3):
+        assert covariance.lower[i, i] == pytest.approx(np.sum(errors[i] ** 2) / stats.chi2.ppf(0.975, 40))
+        assert covariance.upper[i, i] == pytest.approx(np.sum(errors[i] ** 2) / stats.chi2.ppf(0.025, 40))
+        assert centred.upper[i, i] == pytest.approx(39 * np.var(errors[i], ddof=1) / stats.chi2.ppf(0.025, 39))
+        expected = stats.t.interval(0.95, 39, errors[i].mean(), stats.sem(errors[i]))
+        assert (found.intervals.mean[i].lower, found.intervals.mean[i].upper) == pytest.approx(expected)
+    assert np.all(covariance.lower <= found.covariance)
+    assert np.all(found.covariance <= covariance.upper)
+    assert np.array_equal(covariance.lower, covariance.lower.T)
+
+
+def test_radius_against_simulation() -> None:
+    found = error_statistics(gaussian(60) + np.array([[2e-4], [1e-4], [0]]), "m")
+    rng = np.random.default_rng(1)
+    for radius, mean, covariance in (
+        (found.radius95_zero_mean, np.zeros(3), found.covariance),
+        (found.radius95_fitted_mean, found.mean, found.centred_covariance),
+    ):
+        draws = rng.multivariate_normal(mean, covariance, 400_000, method="cholesky")
+        # Four standard errors of the simulated share.
+        assert np.mean(np.linalg.norm(draws, axis=1) <= radius.value) == pytest.approx(0.95, abs=0.0014)
+        assert radius.interval.lower < radius.value < radius.interval.upper
+
+
+def test_an_offset_is_noticed_and_the_intervals_rest_on_resampling() -> None:
+    found = error_statistics(gaussian(60) + 2e-4, "m")
+    assert found.tests.zero_mean.p_value < 1e-6
+    assert "their mean is not zero (Hotelling)" in found.assumption
+    assert "studentised bootstrap" in found.intervals.rms.method
+    assert "studentised bootstrap" in found.intervals.covariance.method
+    assert found.intervals.centred_covariance.method == "Wishart (chi-square)"
+
+
+def test_errors_that_are_not_gaussian_are_noticed() -> None:
+    found = error_statistics(1e-4 * np.random.default_rng(0).standard_t(2, size=(3, 100)), "m")
+    assert "the errors are not Gaussian (Mardia)" in found.assumption
+    assert "studentised bootstrap" in found.intervals.centred_covariance.method
+    assert found.intervals.p95.method == "order statistics of 100 poses"
+
+
+def test_a_constant_error_is_an_offset() -> None:
+    found = error_statistics(np.full((3, 20), 1e-4), "m")
+    assert "their mean is not zero (Hotelling)" in found.assumption
+    assert found.intervals.rms.lower == pytest.approx(found.rms)
+    assert found.intervals.rms.upper == pytest.approx(found.rms)
+    assert found.radius95_fitted_mean.value == pytest.approx(found.rms)
+
+
+@pytest.mark.parametrize("unit", ["m", "rad"])
+def test_the_scale_of_errors_does_not_matter(unit: str) -> None:
+    one = error_statistics(gaussian(30), unit)
+    other = error_statistics(gaussian(30) * 1e-6, unit)
+    assert other.intervals.p95.upper == pytest.approx(1e-6 * one.intervals.p95.upper)
+    assert other.intervals.mean_error.lower == pytest.approx(1e-6 * one.intervals.mean_error.lower)
+    assert other.tests.skewness.p_value == pytest.approx(one.tests.skewness.p_value)
+    assert other.radius95_fitted_mean.value == pytest.approx(1e-6 * one.radius95_fitted_mean.value)
+
+
+def test_p95_by_poses() -> None:
+    """A fitted Gaussian's radius with few poses, order statistics with enough, and nothing where neither can be."""
+    few = error_statistics(gaussian(30), "m")
+    assert few.intervals.p95.method.startswith("95 % radius of the fitted Gaussian")
+    assert few.intervals.p95.upper == few.radius95_zero_mean.interval.upper
+    offset = error_statistics(gaussian(30) + 3e-4, "m")
+    assert offset.intervals.p95.upper == offset.radius95_fitted_mean.interval.upper
+    lengths = np.sort(np.linalg.norm(gaussian(100), axis=0))
+    many = error_statistics(gaussian(100), "m").intervals.p95
+    assert many.method == "order statistics of 100 poses"
+    # At 100 poses the exact binomial interval has ranks 91 to 99 or 100.
+    assert lengths[88] <= many.lower <= lengths[91]
+    assert lengths[97] <= many.upper <= lengths[99]
+    tailed = 1e-4 * np.random.default_rng(0).standard_t(1.5, size=(3, 65))
+    between = error_statistics(tailed, "m").intervals.p95
+    assert between.upper is None
+    assert between.upper_bound is not None
+    assert between.why == "65 poses: too few for an upper limit without assuming a distribution"
+    assert error_statistics(gaussian(9), "m").intervals.p95.why == "9 poses: too few for a 95th percentile"
+
+
+def test_the_maximum_has_a_statement_and_no_interval() -> None:
+    value, interval = error_statistics(gaussian(100), "m").estimate("max")
+    assert value == np.linalg.norm(gaussian(100), axis=0).max()
+    assert interval.upper_bound is None
+    assert interval.why == (
+        "no interval holds for the largest of all errors: with 95 % confidence 97 % of poses lie below the largest "
+        "of 100"
+    )
+
+
+def test_axes_that_cannot_be_told_apart_share_an_interval() -> None:
+    rng = np.random.default_rng(2)
+    alike = error_statistics(rng.standard_normal((3, 50)), "m").ellipsoid
+    assert len({(interval.lower, interval.upper) for interval in alike.intervals}) == 1
+    assert "3 axes that cannot be told apart" in alike.intervals[0].method
+    apart = error_statistics(np.array([[9.0], [3.0], [1.0]]) * rng.standard_normal((3, 50)), "m").ellipsoid
+    assert len({interval.lower for interval in apart.intervals}) == 3
+    for sd, interval in zip(apart.sd, apart.intervals, strict=True):
+        assert interval.lower < sd < interval.upper
+
+
+def test_repeated_poses_count_once() -> None:
+    once = gaussian(30)
+    ids = np.array([f"p{i}" for i in range(30)])
+    repeated = error_statistics(np.tile(once, 10), "m", groups=np.tile(ids, 10))
+    alone = error_statistics(np.tile(once, 10), "m")
+    single = error_statistics(once + 0.0, "m", groups=ids)
+    assert (repeated.n, repeated.n_poses) == (300, 30)
+    assert "commanded poses were repeated" in repeated.assumption
+    assert repeated.structure.effective_poses == pytest.approx(30, rel=0.02)
+    # As wide as thirty poses allow, where three hundred independent ones would give a third of that.
+    assert width(repeated.intervals.rms) == pytest.approx(width(single.intervals.rms), rel=0.25)
+    assert width(alone.intervals.rms) < 0.5 * width(repeated.intervals.rms)
+    assert repeated.tests.zero_mean.p_value == pytest.approx(single.tests.zero_mean.p_value)
+    assert single.structure.why == "no commanded pose was repeated"
+
+
+def test_percentile_of_repeated_poses_is_of_the_poses() -> None:
+    found = error_statistics(np.repeat(gaussian(80), 3, axis=1), "m", groups=np.repeat(np.arange(80), 3))
+    assert (
+        found.intervals.p95.method == "order statistics of 80 poses, all repetitions of a pose counted as one: at least"
+    )
+
+
+def width(interval: Interval) -> float:
+    return interval.upper - interval.lower
+
+
+AWKWARD = {
+    "gaussian": gaussian,
+    "constant": lambda n: np.full((3, n), 1e-4),
+    "zero": lambda n: np.zeros((3, n)),
+    "collinear": lambda n: np.array([[1.0], [2.0], [3.0]]) * gaussian(n)[:1],
+    "collinear beside zero": lambda n: np.array([[1.0], [2.0], [3.0]]) * gaussian(n)[:1] + np.array([[1e-3], [0], [0]]),
+    "flat": lambda n: np.where(np.arange(3)[:, None] == 2, 0.0, gaussian(n)),
+    "far off": lambda n: gaussian(n) + 1.0,
+    "one wild": lambda n: gaussian(n) * np.where(np.arange(n) == 0, 1e4, 1.0),
+    "tiny": lambda n: gaussian(n) * 1e-9,
+}
+
+
+def numbers(record: object) -> Iterator[float]:
+    """Every float of a record, however deep."""
+    if dataclasses.is_dataclass(record):
+        for field in dataclasses.fields(record):
+            yield from numbers(getattr(record, field.name))
+    elif isinstance(record, tuple):
+        for item in record:
+            yield from numbers(item)
+    elif isinstance(record, np.ndarray):
+        yield from record.ravel().tolist()
+    elif isinstance(record, float):
+        yield record
+
+
+def missing_without_reason(found: ErrorStatistics) -> list[str]:
+    intervals = found.intervals
+    named = {
+        "rms": intervals.rms,
+        "mean_error": intervals.mean_error,
+        "p95": intervals.p95,
+        "covariance": intervals.covariance,
+        "centred": intervals.centred_covariance,
+        "radius zero mean": found.radius95_zero_mean.interval,
+        "radius fitted mean": found.radius95_fitted_mean.interval,
+        **{f"mean {i}": intervals.mean[i] for i in range(3)},
+        **{f"sd {i}": found.ellipsoid.intervals[i] for i in range(3)},
+    }
+    return [name for name, interval in named.items() if interval.upper is None and not interval.why]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 9, 10, 71])
+@pytest.mark.parametrize("kind", AWKWARD)
+@pytest.mark.parametrize("repeated", [False, True])
+def test_awkward_errors_are_handled_and_said(kind: str, n: int, repeated: bool) -> None:
+    """No warning (they are errors here), no NaN; what is missing has its reason."""
+    errors = AWKWARD[kind](n)
+    found = error_statistics(errors, "m", groups=np.arange(n) // 3 if repeated else None, bootstrap=200)
+    assert all(np.isfinite(value) for value in numbers(found))
+    assert missing_without_reason(found) == []
+    assert found.rms == pytest.approx(np.sqrt(np.mean(np.sum(errors**2, axis=0))))
+
+
+def test_one_pose() -> None:
+    found = error_statistics(np.array([[3e-4], [0.0], [4e-4]]), "m")
+    assert (found.rms, found.mean_error, found.p95, found.max) == pytest.approx((5e-4,) * 4)
+    assert found.intervals.rms.why == "one commanded pose shows no scatter between poses"
+    assert found.intervals.covariance.why == "one commanded pose shows no scatter between poses"
+    assert found.ellipsoid.intervals[0].why == "one commanded pose shows no scatter between poses"
+    assert found.intervals.p95.why == "1 pose: too few for a 95th percentile"
+    assert found.radius95_zero_mean.value is None
+    assert found.radius95_zero_mean.why == "1 pose cannot show scatter in three directions; it takes 3"
+    assert found.assumption == "errors taken as Gaussian with zero mean, which so few poses cannot test"
+
+
+def test_two_poses() -> None:
+    found = error_statistics(gaussian(2), "m")
+    assert found.radius95_fitted_mean.why == "2 poses cannot show scatter in three directions; it takes 4"
+    assert found.intervals.rms.upper > 2 * found.rms
+
+
+def test_one_commanded_pose_measured_often_is_one_pose() -> None:
+    found = error_statistics(gaussian(30), "m", groups=np.zeros(30, dtype=int))
+    assert found.n_poses == 1
+    assert found.intervals.rms.upper is None
+    assert found.structure.why == "all rows are of one commanded pose"
+
+
+def test_no_pose_is_an_input_error() -> None:
+    with pytest.raises(InputError, match="there are no poses, and statistics take at least one"):
+        error_statistics(np.zeros((3, 0)), "m")
+
+
+def test_an_error_that_is_not_finite_is_an_input_error() -> None:
+    errors = gaussian(5)
+    errors[1, 3], errors[0, 4] = np.nan, np.inf
+    with pytest.raises(InputError, match="2 errors are not finite numbers, the first that of pose 4"):
+        error_statistics(errors, "m")
+
+
+def test_wrong_shapes() -> None:
+    with pytest.raises(ValueError, match=r"errors must have the shape \(3, N\), not \(5, 3\)"):
+        error_statistics(gaussian(5).T, "m")
+    with pytest.raises(ValueError, match=r"groups must have the shape \(5,\), not \(4,\)"):
+        error_statistics(gaussian(5), "m", groups=np.arange(4))
+
+
+def test_same_seed_same_document() -> None:
+    errors = gaussian(40) + 3e-4
+    one, two, other = (error_statistics(errors, "m", seed=seed).intervals.rms for seed in (0, 0, 1))
+    assert one == two
+    assert one != other
+
+
+def test_confidence_widens_intervals() -> None:
+    wide, narrow = (error_statistics(gaussian(40), "m", confidence=c).intervals.rms for c in (0.99, 0.8))
+    assert wide.lower < narrow.lower < narrow.upper < wide.upper
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("offset", [0.0, 1e-4])
+def test_a_million_poses_are_quick(offset: float) -> None:
+    errors = gaussian(1_000_000) + offset
+    best = min(_seconds(errors) for _ in range(3))
+    # Measured 0.07 to 0.1 s; the limit is that of the requirement, with room for a busy machine in the best of three.
+    assert best < 0.3
+
+
+def _seconds(errors: np.ndarray) -> float:
+    start = time.perf_counter()
+    error_statistics(errors, "m")
+    return time.perf_counter() - start

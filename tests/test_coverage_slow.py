@@ -1,0 +1,132 @@
+"""Does a 95 % interval hold the truth 95 times in 100? Counted over 1,000 simulated sets for each interval."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from robacc.covariance import error_statistics
+from robacc.statistics.intervals import Interval
+from robacc.statistics.quadratic_form import length_quantile
+from robacc.statistics.records import ErrorStatistics, MatrixInterval
+
+SETS = 1000
+COVARIANCES = {
+    "alike": np.eye(3),
+    "oblique": np.array([[1.0, 0.3, 0.0], [0.3, 2.0, -0.5], [0.0, -0.5, 4.0]]),
+    "long": np.diag([1.0, 9.0, 81.0]),
+}
+
+
+class Count:
+    """How often each named interval held the truth."""
+
+    def __init__(self) -> None:
+        self.held: Counter[str] = Counter()
+        self.asked: Counter[str] = Counter()
+        self.missing: Counter[str] = Counter()
+
+    def interval(self, name: str, interval: Interval, truth: float) -> None:
+        if interval.lower is None or interval.upper is None or interval.upper_bound is None:
+            self.missing[name] += 1
+            return
+        self.note(name, interval.lower <= truth <= interval.upper)
+        self.note(f"{name}, upper bound", truth <= interval.upper_bound)
+
+    def matrix(self, name: str, interval: MatrixInterval, truth: np.ndarray) -> None:
+        assert interval.lower is not None
+        assert interval.upper is not None
+        held = (interval.lower <= truth) & (truth <= interval.upper)
+        for i, j in ((0, 0), (1, 1), (2, 2)):
+            self.note(f"{name} diagonal", held[i, j])
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            self.note(f"{name} off the diagonal", held[i, j])
+
+    def note(self, name: str, held: bool) -> None:
+        self.asked[name] += 1
+        self.held[name] += bool(held)
+
+    def shares(self) -> dict[str, float]:
+        return {name: round(self.held[name] / self.asked[name], 4) for name in self.asked}
+
+
+def simulate(covariance: np.ndarray, mean: np.ndarray, n: int, cycles: int = 1, within: float = 0.0) -> Count:
+    rng = np.random.default_rng(11)
+    root = np.linalg.cholesky(covariance)
+    values, axes = np.linalg.eigh(covariance)
+    about_zero = covariance + np.outer(mean, mean)
+    lengths = np.linalg.norm(mean[:, None] + root @ rng.standard_normal((3, 2_000_000)), axis=0)
+    radius = length_quantile(0.95, axes.T @ mean, values)
+    scalars = {
+        "rms": float(np.sqrt(np.trace(about_zero))),
+        "mean_error": float(lengths.mean()),
+        "p95": radius,
+        "radius95_zero_mean": length_quantile(0.95, np.zeros(3), np.linalg.eigvalsh(about_zero)),
+        "radius95_fitted_mean": radius,
+    }
+    sds = np.sqrt(np.linalg.eigvalsh(about_zero)[::-1])
+    groups = None if cycles == 1 else np.repeat(np.arange(n), cycles)
+    count = Count()
+    for _ in range(SETS):
+        own = np.repeat(root @ rng.standard_normal((3, n)), cycles, axis=1)
+        errors = mean[:, None] + np.sqrt(1 - within) * own
+        if within:
+            errors += np.sqrt(within) * root @ rng.standard_normal((3, n * cycles))
+        found = error_statistics(errors, "m", groups=groups, bootstrap=1000, seed=int(rng.integers(2**31)))
+        _count(count, found, scalars, mean, about_zero, covariance, sds)
+    return count
+
+
+def _count(
+    count: Count,
+    found: ErrorStatistics,
+    scalars: dict[str, float],
+    mean: np.ndarray,
+    about_zero: np.ndarray,
+    covariance: np.ndarray,
+    sds: np.ndarray,
+) -> None:
+    intervals = found.intervals
+    by_name = {
+        "rms": intervals.rms,
+        "mean_error": intervals.mean_error,
+        "p95": intervals.p95,
+        "radius95_zero_mean": found.radius95_zero_mean.interval,
+        "radius95_fitted_mean": found.radius95_fitted_mean.interval,
+    }
+    for name, interval in by_name.items():
+        count.interval(name, interval, scalars[name])
+    for axis in range(3):
+        count.interval("mean", intervals.mean[axis], float(mean[axis]))
+        count.interval("principal sd", found.ellipsoid.intervals[axis], float(sds[axis]))
+    count.matrix("covariance", intervals.covariance, about_zero)
+    count.matrix("centred covariance", intervals.centred_covariance, covariance)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [30, 100])
+@pytest.mark.parametrize("offset", [0.0, 2.0])
+@pytest.mark.parametrize("shape", COVARIANCES)
+def test_coverage_of_independent_poses(shape: str, offset: float, n: int) -> None:
+    count = simulate(COVARIANCES[shape], offset * np.array([1.0, 0.5, 0.0]), n)
+    shares = count.shares()
+    print(shape, offset, n, shares)
+    # Axes that cannot be told apart share an interval that holds at least as often as it says.
+    at_least = {"principal sd", "principal sd, upper bound"}
+    assert {name: share for name, share in shares.items() if share < 0.93} == {}
+    assert {name: share for name, share in shares.items() if share > 0.97 and name not in at_least} == {}
+    # Where a test at 1 % rejects a Gaussian that is one, thirty poses leave the percentile without an interval.
+    assert count.missing["p95"] <= 0.05 * SETS
+
+
+@pytest.mark.slow
+def test_coverage_of_repeated_poses() -> None:
+    """Half the variance between poses, half within: five repetitions are not five poses."""
+    count = simulate(COVARIANCES["oblique"], np.zeros(3), 100, cycles=5, within=0.5)
+    shares = count.shares()
+    print(shares)
+    at_least = {"p95", "p95, upper bound", "principal sd", "principal sd, upper bound"}
+    assert {name: share for name, share in shares.items() if share < 0.93} == {}
+    assert {name: share for name, share in shares.items() if share > 0.97 and name not in at_least} == {}

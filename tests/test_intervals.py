@@ -1,0 +1,152 @@
+"""Confidence intervals against closed forms, scipy and a plain resampling loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from robacc.statistics.intervals import (
+    Interval,
+    PoseSampling,
+    chi2_interval,
+    covariance_element,
+    percentile_levels,
+    share_below_maximum,
+)
+
+
+def test_chi_square_interval_is_the_textbook_one() -> None:
+    interval = chi2_interval(4.0, 12.0, 0.9, "x")
+    assert interval.lower == pytest.approx(48 / stats.chi2.ppf(0.95, 12))
+    assert interval.upper == pytest.approx(48 / stats.chi2.ppf(0.05, 12))
+    assert interval.upper_bound == pytest.approx(48 / stats.chi2.ppf(0.1, 12))
+    assert interval.root().upper == pytest.approx(np.sqrt(48 / stats.chi2.ppf(0.05, 12)))
+
+
+def test_covariance_of_proportional_variables_is_a_variance() -> None:
+    """With perfect correlation the covariance is a multiple of the variance, and so is its interval."""
+    interval = chi2_interval(2.0, 30.0, 0.95, "x")
+    low, high = covariance_element(2.0, 18.0, 6.0, 30.0, 0.95)
+    assert (low, high) == pytest.approx((3 * interval.lower, 3 * interval.upper))
+    assert covariance_element(2.0, 18.0, -6.0, 30.0, 0.95) == pytest.approx((-high, -low))
+    assert covariance_element(0.0, 18.0, 0.0, 30.0, 0.95) == (0.0, 0.0)
+
+
+def test_share_below_maximum() -> None:
+    # Of 59 poses all lie below the 95th percentile with a chance of 0.95^59 = 4.85 %.
+    assert share_below_maximum(59, 0.95) == pytest.approx(0.9505, abs=1e-4)
+    assert share_below_maximum(1, 0.95) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("n", [72, 100, 999])
+def test_percentile_levels_lie_between_the_binomial_ranks(n: int) -> None:
+    for level, below in zip(percentile_levels(n, 0.95, 0.95), (0.975, 0.025, 0.05), strict=True):
+        assert level is not None
+        k = int(level * (n + 1) + 1e-9)
+        # At whole ranks: the binomial probability that at least that many lie below the percentile.
+        assert stats.binom.sf(k - 1, n, 0.95) >= below >= stats.binom.sf(k, n, 0.95)
+
+
+def test_interpolation_for_the_median_is_that_of_hettmansperger_and_sheather() -> None:
+    n = 23
+    lower, _, _ = percentile_levels(n, 0.5, 0.95)
+    assert lower is not None
+    rank = lower * (n + 1)
+    r = int(rank)
+    share = (stats.binom.sf(r - 1, n, 0.5) - 0.975) / stats.binom.pmf(r, n, 0.5)
+    assert rank - r == pytest.approx((n - r) * share / (r + (n - 2 * r) * share))
+
+
+def test_percentile_levels_where_poses_are_few() -> None:
+    assert percentile_levels(58, 0.95, 0.95)[1:] == (None, None)
+    lower, upper, bound = percentile_levels(59, 0.95, 0.95)
+    assert lower is not None
+    assert upper is None
+    assert bound is not None
+    assert percentile_levels(71, 0.95, 0.95)[1] is None
+    assert percentile_levels(72, 0.95, 0.95)[1] is not None
+    assert percentile_levels(1, 0.95, 0.95) == (None, None, None)
+
+
+def test_percentile_levels_of_many_poses_join_smoothly() -> None:
+    for few, many in zip(percentile_levels(5000, 0.95, 0.95), percentile_levels(5001, 0.95, 0.95), strict=True):
+        assert few == pytest.approx(many, abs=2e-4)
+
+
+def test_mean_interval_of_many_poses_is_students() -> None:
+    values = np.random.default_rng(0).normal(2.0, 1.0, 3000)
+    interval = PoseSampling(3000, None).mean_interval(values, 0.95, positive=False)
+    expected = stats.t.interval(0.95, 2999, values.mean(), stats.sem(values))
+    assert (interval.lower, interval.upper) == pytest.approx(expected)
+    assert interval.method == "Student's t over 3000 poses"
+
+
+def test_mean_interval_of_very_few_poses_is_students() -> None:
+    values = np.array([1.0, 2.0, 4.0])
+    interval = PoseSampling(3, None).mean_interval(values, 0.95, positive=False)
+    expected = stats.t.interval(0.95, 2, values.mean(), stats.sem(values))
+    assert (interval.lower, interval.upper) == pytest.approx(expected)
+
+
+def test_studentised_bootstrap_against_a_plain_loop() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.exponential(1.0, 25)
+    sampling = PoseSampling(25, None, draws=4000, seed=1)
+    interval = sampling.mean_interval(values, 0.95, positive=False)
+    t = []
+    for _ in range(4000):
+        sample = rng.choice(values, 25)
+        t.append((sample.mean() - values.mean()) / stats.sem(sample))
+    low, high = np.quantile(t, [0.025, 0.975])
+    student = stats.t.ppf(0.975, 24)
+    error = stats.sem(values)
+    # The two draw apart by the noise of 4000 draws, some 5 % of a quantile.
+    assert interval.upper == pytest.approx(values.mean() - min(low, -student) * error, abs=0.15 * abs(low) * error)
+    assert interval.lower == pytest.approx(values.mean() - max(high, student) * error, abs=0.15 * student * error)
+    assert interval.upper - values.mean() > values.mean() - interval.lower
+
+
+def test_repetitions_of_one_pose_bring_nothing_new() -> None:
+    """Each pose written down four times over: the same interval as once."""
+    values = np.random.default_rng(4).chisquare(3, 40)
+    once = PoseSampling(40, None).mean_interval(values, 0.95, positive=True)
+    groups = np.tile(np.arange(40), 4)
+    repeated = PoseSampling(160, groups).mean_interval(np.tile(values, 4), 0.95, positive=True)
+    assert (repeated.lower, repeated.upper) == pytest.approx((once.lower, once.upper))
+
+
+def test_repeated_poses_standard_error_is_the_sandwich() -> None:
+    rng = np.random.default_rng(5)
+    groups = rng.integers(12, size=60)
+    groups[:12] = np.arange(12)
+    values = rng.normal(size=60)
+    sums = [np.sum(values[groups == g] - values.mean()) for g in range(12)]
+    expected = np.sqrt(12 / 11 * np.sum(np.square(sums))) / 60
+    assert PoseSampling(60, groups).standard_error(values) == pytest.approx(expected)
+
+
+def test_same_seed_same_limits_and_another_seed_others() -> None:
+    values = np.random.default_rng(4).chisquare(1, 30)
+
+    def limits(seed: int) -> Interval:
+        return PoseSampling(30, None, seed=seed).mean_interval(values, 0.95, positive=True)
+
+    assert limits(1) == limits(1)
+    assert limits(1) != limits(2)
+
+
+def test_a_positive_quantity_keeps_positive_limits() -> None:
+    interval = PoseSampling(3, None).mean_interval(np.array([0.0, 0.0, 1.0]), 0.95, positive=True)
+    assert interval.lower is not None
+    assert interval.lower >= 0.0
+
+
+def test_where_there_is_nothing_to_go_by() -> None:
+    alone = PoseSampling(4, np.zeros(4, dtype=np.int64)).mean_interval(np.arange(4.0), 0.95, positive=True)
+    assert (alone.lower, alone.upper, alone.upper_bound) == (None, None, None)
+    assert alone.why == "one commanded pose shows no scatter between poses"
+    constant = PoseSampling(20, None).mean_interval(np.full(20, 0.3), 0.95, positive=True)
+    assert (constant.lower, constant.upper) == pytest.approx((0.3, 0.3))
+    assert constant.method == "no scatter"
+    assert alone.root() == alone

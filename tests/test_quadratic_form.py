@@ -1,0 +1,157 @@
+"""The distribution of a Gaussian vector's length, against closed forms, quadrature, Imhof's formula and simulation."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from robacc.statistics.quadratic_form import length_probability, length_quantile, squared_quantile_gradient
+
+ZERO = np.zeros(3)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+@pytest.mark.parametrize("radius", [0.01, 0.1, 1.0, 2.0, 3.0, 6.0])
+def test_equal_weights_are_a_chi_square(rank: int, radius: float) -> None:
+    variance = np.where(np.arange(3) < rank, 1.0, 0.0)
+    expected = stats.chi2.cdf(radius**2, rank)
+    assert length_probability(radius, ZERO, variance) == pytest.approx(expected, abs=1e-13, rel=1e-9)
+
+
+@pytest.mark.parametrize("noncentrality", [1e-3, 0.5, 5.0, 100.0, 1e4])
+def test_equal_weights_with_a_mean_are_a_noncentral_chi_square(noncentrality: float) -> None:
+    mean = np.full(3, np.sqrt(noncentrality / 3))
+    for p in (1e-4, 0.01, 0.3, 0.5, 0.7, 0.95, 0.9999):
+        x = stats.ncx2.ppf(p, 3, noncentrality)
+        expected = stats.ncx2.cdf(x, 3, noncentrality)
+        assert length_probability(np.sqrt(x), mean, np.ones(3)) == pytest.approx(expected, abs=1e-11)
+
+
+def imhof(q: float, mean: np.ndarray, variance: np.ndarray) -> float:
+    """Imhof 1961, eq. (3.2), P(Q <= q), with its integral cut where what is left is below 1e-7."""
+
+    def integrand(u: float) -> float:
+        square = np.square(variance * u)
+        angle = 0.5 * np.sum(np.arctan(variance * u) + mean**2 * u / (1 + square)) - 0.5 * q * u
+        size = np.prod((1 + square) ** 0.25) * np.exp(0.5 * np.sum(mean**2 * variance * u**2 / (1 + square)))
+        return float(np.sin(angle) / (u * size))
+
+    steps = np.append(np.arange(0.0, 400.0, 10.0), np.geomspace(400.0, 4e4, 400))
+    total = sum(integrate.quad(integrand, a, b, limit=200)[0] for a, b in pairwise(steps))
+    return 0.5 - total / np.pi
+
+
+def test_agrees_with_imhof() -> None:
+    variance = np.array([1.0, 0.6, 0.3])
+    for mean in (ZERO, np.array([0.4, -0.3, 0.8])):
+        for radius in (0.8, 2.3):
+            assert imhof(radius**2, mean, variance) == pytest.approx(
+                length_probability(radius, mean, variance), abs=1e-6
+            )
+
+
+def by_quadrature(radius: float, mean: np.ndarray, variance: np.ndarray) -> float:
+    """The density integrated over the ball: Gauss and Legendre in two angles, the third axis in closed form."""
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    angle, weight = 0.5 * np.pi * nodes, 0.5 * np.pi * weights
+    sd = np.sqrt(variance)
+    first, disc = radius * np.sin(angle), radius * np.cos(angle)
+    second, rest = disc[:, None] * np.sin(angle), disc[:, None] * np.cos(angle)
+    third = stats.norm.cdf(rest, mean[2], sd[2]) - stats.norm.cdf(-rest, mean[2], sd[2])
+    density = stats.norm.pdf(first, mean[0], sd[0])[:, None] * stats.norm.pdf(second, mean[1], sd[1]) * third
+    return float(np.sum((weight * disc)[:, None] * weight * rest * density))
+
+
+def test_agrees_with_quadrature_over_the_ball() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(25):
+        mean = rng.normal(size=3) * rng.choice([0.0, 0.5, 2.0, 5.0])
+        variance = 10 ** rng.uniform(-1, 1, 3)
+        p = float(rng.choice([0.01, 0.5, 0.95, 0.999]))
+        radius = length_quantile(p, mean, variance)
+        # 200 nodes hold the reference to 1e-9 for these.
+        assert by_quadrature(radius, mean, variance) == pytest.approx(p, abs=1e-9)
+        assert length_probability(radius, mean, variance) == pytest.approx(p, abs=1e-13)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-4, 1.0, 1e3])
+@pytest.mark.parametrize(
+    ("mean", "variance"),
+    [
+        ([0, 0, 0], [9.0, 4.0, 1.0]),
+        ([0, 0, 0], [1.0, 1e-6, 0.0]),
+        ([3.0, -1.0, 0.5], [9.0, 4.0, 1.0]),
+        ([10.0, 3.0, 7.0], [0.3, 5.0, 1.5]),
+        ([0, 4.0, 0], [1.0, 0.0, 0.0]),
+    ],
+)
+def test_radius_against_simulation(mean: list[float], variance: list[float], scale: float) -> None:
+    m, v = scale * np.array(mean), scale**2 * np.array(variance)
+    radius = length_quantile(0.95, m, v)
+    rng = np.random.default_rng(7)
+    draws = m[:, None] + np.sqrt(v)[:, None] * rng.standard_normal((3, 400_000))
+    share = np.mean(np.sum(np.square(draws), axis=0) <= radius**2)
+    # Four standard errors of the simulated share.
+    assert share == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 400_000))
+
+
+def test_a_mean_across_much_longer_axes() -> None:
+    """Newton's steps are short near a singularity, and must not be taken for a saddle point found."""
+    mean, variance = np.array([-0.0937517, 0.03535186, 0.17628815]), np.array([0.86761577, 0.06954535, 0.02172223])
+    for radius in np.sqrt([0.5, 1.2, 3.707832470433467, 9.0]):
+        assert length_probability(radius, mean, variance) == pytest.approx(
+            by_quadrature(radius, mean, variance), abs=1e-9
+        )
+
+
+def test_any_mean_and_variance() -> None:
+    rng = np.random.default_rng(12)
+    for _ in range(1500):
+        mean = rng.normal(size=3) * 10 ** rng.uniform(-3, 2, 3)
+        variance = 10 ** rng.uniform(-4, 2, 3)
+        p = float(rng.choice([0.05, 0.5, 0.95, 0.99]))
+        radius = length_quantile(p, mean, variance)
+        assert length_probability(radius, mean, variance) == pytest.approx(p, abs=1e-9)
+        wider = length_probability(1.01 * radius, mean, variance)
+        assert p < wider <= 1.0 + 1e-9
+
+
+def test_degenerate_covariances() -> None:
+    assert length_quantile(0.95, ZERO, ZERO) == 0.0
+    assert length_quantile(0.95, np.array([3.0, 0, 4.0]), ZERO) == 5.0
+    one = stats.norm.ppf(0.975)
+    assert length_quantile(0.95, ZERO, np.array([4.0, 0, 0])) == pytest.approx(2 * one, rel=1e-10)
+    off_axis = np.array([0, 0, 3.0])
+    assert length_quantile(0.95, off_axis, np.array([1.0, 0, 0])) == pytest.approx(np.hypot(3.0, one), rel=1e-10)
+    assert length_probability(2.9, off_axis, np.array([1.0, 0, 0])) == 0.0
+    # Next to no scatter along the mean: one-sided in effect.
+    thin = length_quantile(0.95, np.array([3.0, 0, 0]), np.array([1e-12, 0, 0]))
+    assert thin - 3.0 == pytest.approx(1e-6 * stats.norm.ppf(0.95), rel=1e-6)
+
+
+def test_not_three_sigma_of_the_longest_axis() -> None:
+    assert length_quantile(0.95, ZERO, np.ones(3)) == pytest.approx(np.sqrt(stats.chi2.ppf(0.95, 3)), rel=1e-12)
+
+
+def test_gradient_against_differences() -> None:
+    mean, variance = np.array([0.3, -0.2, 0.5]), np.array([1.0, 0.5, 0.2])
+    by_mean, by_covariance = squared_quantile_gradient(length_quantile(0.95, mean, variance), mean, variance)
+    step = 1e-5
+
+    def squared(m: np.ndarray, covariance: np.ndarray) -> float:
+        values, axes = np.linalg.eigh(covariance)
+        return length_quantile(0.95, axes.T @ m, values) ** 2
+
+    full = np.diag(variance)
+    for i in range(3):
+        e = step * np.eye(3)[i]
+        assert by_mean[i] == pytest.approx((squared(mean + e, full) - squared(mean - e, full)) / (2 * step), abs=1e-8)
+        for j in range(3):
+            change = np.zeros((3, 3))
+            change[i, j] += 0.5 * step
+            change[j, i] += 0.5 * step
+            difference = (squared(mean, full + change) - squared(mean, full - change)) / (2 * step)
+            assert by_covariance[i, j] == pytest.approx(difference, abs=1e-8)

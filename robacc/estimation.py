@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.covariance import error_statistics
 from robacc.errors import UsageError
@@ -127,12 +128,13 @@ def estimate(
         unaligned = pose_errors(data, commanded, chosen).figures()
         commanded = commanded_poses(data, alignment.robot)
     errors = pose_errors(data, commanded, chosen)
-    position, orientation = _statistics(data, errors, confidence, seed)
+    groups = _repetitions(data)
+    position, orientation = _statistics(groups, errors, confidence, seed)
     scale = scale or default_scale()
     graded = position, orientation
     if scale.confidence != confidence:
         # A scale states the confidence it demonstrates at; the figures keep the one that was asked for.
-        graded = _statistics(data, errors, scale.confidence, seed)
+        graded = _statistics(groups, errors, scale.confidence, seed)
     return EstimateResult(
         n_poses=data.n,
         commanded=commanded.source,
@@ -151,13 +153,18 @@ def estimate(
 
 
 def _statistics(
-    data: Measurements, errors: PoseErrors, confidence: float, seed: int
+    groups: NDArray[np.int64] | None, errors: PoseErrors, confidence: float, seed: int
 ) -> tuple[ErrorStatistics, ErrorStatistics | None]:
-    groups = data.groups()
     position = error_statistics(errors.position, "m", groups=groups, confidence=confidence, seed=seed)
     if errors.rotation is None:
         return position, None
     return position, error_statistics(errors.rotation, "rad", groups=groups, confidence=confidence, seed=seed)
+
+
+def _repetitions(data: Measurements) -> NDArray[np.int64] | None:
+    """Which rows are of one commanded pose; None where each is of its own."""
+    groups = data.groups()
+    return None if data.n == 0 or groups.max() + 1 == data.n else groups
 
 
 def _check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> None:
@@ -170,7 +177,7 @@ def _check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> 
 def _choose_frame(frame: ErrorFrame | None, commanded: Commanded) -> ErrorFrame:
     if frame is not None:
         return frame
-    return "tool" if commanded.rotation is not None else "base"
+    return "tool" if commanded.oriented else "base"
 
 
 def _worst(data: Measurements, errors: PoseErrors, by: Array) -> tuple[WorstPose, ...]:
@@ -222,7 +229,7 @@ def _notes(
         notes.append("no commanded orientation, so the errors are in the measuring frame")
     if data.rotation is None:
         notes.append("no orientation was measured, so there is no orientation error")
-    elif commanded.rotation is None:
+    elif not commanded.oriented:
         notes.append("no orientation was commanded, so there is no orientation error")
     if robot is not None and robot.effects:
         names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)

@@ -13,6 +13,7 @@ written in the axes of the commanded target, in "base" in those of the measuring
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +21,7 @@ import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.figures import PoseFigures, pose_figures
-from robacc.geometry import Array, Poses, compose, log_so3, rotate_back, transpose
+from robacc.geometry import Array, compose, log_so3, rotate_back, transpose
 from robacc.measurements import Measurements
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Robot
@@ -34,14 +35,21 @@ _BLOCK = 16384
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """Where the target was to be."""
+    """Where the target was to be, handed out block by block so that a million poses are never held at once."""
 
-    position: Array
-    """``(3, N)`` in the measuring frame, m."""
-    rotation: Array | None
-    """``(3, 3, N)``; None where only positions were commanded."""
     source: CommandSource
     """The robot's own kinematics at the commanded joints, or the ``cmd_`` columns."""
+    oriented: bool
+    """Whether an orientation was commanded, and not only a position."""
+    block: Callable[[slice], tuple[Array, Array | None]]
+    """Positions ``(3, n)`` in the measuring frame, m, and rotations ``(3, 3, n)`` of a slice of the poses."""
+
+    @classmethod
+    def at(cls, position: Array, rotation: Array | None, source: CommandSource) -> Commanded:
+        """From positions ``(3, N)`` and rotations ``(3, 3, N)`` as they stand."""
+        return cls(
+            source, rotation is not None, lambda b: (position[:, b], None if rotation is None else rotation[..., b])
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,22 +80,28 @@ def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
             if data.commanded_position is not None:
                 fix += ", or leave out --robot to use the file's own cmd_ columns"
             raise InputError(Problem("has no joint columns for the robot to be commanded by", data.source, fix=fix))
-        poses = _predicted(robot, data, data.q)
-        return Commanded(poses.translation, poses.rotation, "robot")
+        return _predicted(robot, data, data.q)
     if data.commanded_position is None:
         raise UsageError(
             "the poses do not say where the target was to be: give --robot, or columns cmd_x, cmd_y, cmd_z"
         )
-    return Commanded(data.commanded_position, data.commanded_rotation, "file")
+    return Commanded.at(data.commanded_position, data.commanded_rotation, "file")
 
 
-def _predicted(robot: Robot, data: Measurements, q: Array) -> Poses:
+def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
     if not robot.effects and not robot.targets and len(q) == len(robot.variables):
         # An arm without effects is its chain, bit for bit; loading every effect would cost more than 10,000 poses.
-        return build_chain(robot).forward(q)
+        chain = build_chain(robot)
+
+        def block(part: slice) -> tuple[Array, Array]:
+            poses = chain.forward(q[:, part])
+            return poses.translation, poses.rotation
+
+        return Commanded("robot", True, block)
     from robacc.model import predict
 
-    return predict(robot, data)
+    poses = predict(robot, data)
+    return Commanded.at(poses.translation, poses.rotation, "robot")
 
 
 def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> PoseErrors:
@@ -96,22 +110,20 @@ def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> 
     Raises:
         UsageError: frame "tool" without the commanded orientation.
     """
-    if frame == "tool" and commanded.rotation is None:
+    if frame == "tool" and not commanded.oriented:
         raise UsageError(
             "frame tool needs the commanded orientation (cmd_qw …, or --robot); frame base needs positions only"
         )
     position = np.empty((3, data.n))
-    both = data.rotation is not None and commanded.rotation is not None
-    rotation = np.empty((3, data.n)) if both else None
+    rotation = np.empty((3, data.n)) if data.rotation is not None and commanded.oriented else None
     for start in range(0, data.n, _BLOCK):
         block = slice(start, start + _BLOCK)
-        difference = data.position[:, block] - commanded.position[:, block]
-        if frame == "tool" and commanded.rotation is not None:
-            difference = rotate_back(commanded.rotation[..., block], difference)
-        position[:, block] = difference
-        if rotation is not None and data.rotation is not None and commanded.rotation is not None:
-            attained, wanted = data.rotation[..., block], transpose(commanded.rotation[..., block])
-            rotation[:, block] = log_so3(compose(wanted, attained) if frame == "tool" else compose(attained, wanted))
+        wanted, turn = commanded.block(block)
+        difference = data.position[:, block] - wanted
+        position[:, block] = rotate_back(turn, difference) if frame == "tool" and turn is not None else difference
+        if rotation is not None and data.rotation is not None and turn is not None:
+            attained, back = data.rotation[..., block], transpose(turn)
+            rotation[:, block] = log_so3(compose(back, attained) if frame == "tool" else compose(attained, back))
     return PoseErrors(frame, position, rotation)
 
 

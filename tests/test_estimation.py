@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
 from robacc.estimation import estimate
-from robacc.pose_errors import Commanded, commanded_poses, pose_errors
 from robacc.measurements import Measurements
+from robacc.model import predict
+from robacc.pose_errors import Commanded, commanded_poses, pose_errors
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 
 N = 40
@@ -89,7 +90,7 @@ def test_large_orientation_error_is_the_exact_logarithm() -> None:
     turned = np.moveaxis(Rotation.from_rotvec(vector.T).as_matrix(), 0, -1)
     data = Measurements(position=np.zeros((3, 1)), rotation=turned)
     eye = np.eye(3)[..., None]
-    errors = pose_errors(data, Commanded(np.zeros((3, 1)), eye, "file"), "tool")
+    errors = pose_errors(data, Commanded.at(np.zeros((3, 1)), eye, "file"), "tool")
     np.testing.assert_allclose(errors.rotation, vector, atol=1e-14)
 
 
@@ -119,6 +120,25 @@ def test_the_robot_commands_the_pose_and_wins_over_the_file() -> None:
     assert any("no orientation was measured" in note for note in result.notes)
     np.testing.assert_allclose(result.errors.position, d, atol=3e-15)
     np.testing.assert_allclose(estimate(data).errors.position, 0, atol=0)
+
+
+def test_an_arm_without_effects_is_its_chain_bit_for_bit() -> None:
+    q = np.random.default_rng(6).uniform(-2, 2, size=(3, N))
+    data = Measurements(position=np.zeros((3, N)), q=q)
+    position, rotation = commanded_poses(data, dh_robot()).block(slice(None))
+    predicted = predict(dh_robot(), data)
+    np.testing.assert_array_equal(position, predicted.translation)
+    np.testing.assert_array_equal(rotation, predicted.rotation)
+
+
+def test_repeated_poses_are_told_to_the_statistics() -> None:
+    position = np.random.default_rng(7).normal(scale=1e-4, size=(3, 20))
+    data = Measurements(
+        position=position, commanded_position=np.zeros((3, 20)), pose=np.repeat([f"p{i}" for i in range(10)], 2)
+    )
+    assert (estimate(data).position.n, estimate(data).position.n_poses) == (20, 10)
+    alone = dataclasses.replace(data, pose=np.array([f"p{i}" for i in range(20)]))
+    assert estimate(alone).position.n_poses == 20
 
 
 def test_worst_poses_and_ties() -> None:

@@ -32,7 +32,7 @@ LAYERS = (
     ("robacc.tracing",),
     ("robacc.calibration", "robacc.simulation"),
     ("robacc.covariance", "robacc.grade_scale", "robacc.grading", "robacc.pose_errors"),
-    ("robacc.estimation",),
+    ("robacc.estimation", "robacc.prediction"),
     ("robacc.results",),
     ("robacc.io", "robacc.report"),
     ("robacc.cli",),

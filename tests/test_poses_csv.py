@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from robacc.errors import MAX_PROBLEMS, InputError
 from robacc.io import lines, table
-from robacc.io.poses_csv import format_poses, motion_between_rows, read_poses
-from robacc.measurements import Measurements
+from robacc.io.poses_csv import format_poses, read_poses
+from robacc.measurements import Measurements, motion_between_rows
 
 REAL = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "ipa_ur10" / "series_B.csv"
 PLAIN = "q1,q2,x,y,z\n0.1,0.2,1,2,3\n-0.1,0.3,1.5,2.5,3.5\n"
@@ -258,6 +258,12 @@ def test_a_number_sign_inside_a_text_is_no_comment(read: Reader) -> None:
     assert data.pose.tolist() == ["P#1", "P,#2"]
 
 
+def test_quotes_are_no_part_of_a_text(read: Reader) -> None:
+    data = read('x,y,z,pose\n1,2,3,"P 1"\n1,2,3,"6"" pipe"\n')
+    assert data.pose is not None
+    assert data.pose.tolist() == ["P 1", '6" pipe']
+
+
 def test_standard_input(monkeypatch: pytest.MonkeyPatch, read: Reader) -> None:
     class Stdin:
         buffer = io.BytesIO(PLAIN.encode())
@@ -273,19 +279,24 @@ TOKENS = ["1e-3", "1E+2", ".5", "5.", "+5", "-0", " 7 ", "\t8", "0x10", "1_0", "
 TOKENS += ["", " ", "1 2", "1.5abc", "\u0663", "--1", "1e400", "1e-400", "1e", "12345678901234567890", "4.9e-324"]
 
 
+@pytest.mark.parametrize("careful", [False, True])
 @pytest.mark.parametrize("token", TOKENS)
-def test_fast_and_careful_reading_agree(token: str, monkeypatch: pytest.MonkeyPatch, read: Reader) -> None:
-    """NumPy's parser and the one that finds faults must take the same words for the same numbers."""
-
-    def outcome() -> Any:
-        try:
-            return read(f"x,y,z,pose\n1,{token},3,P\n", units_check=False).position.tolist()
-        except InputError as error:
-            return str(error)
-
-    fast = outcome()
-    monkeypatch.setattr(table.TableReader, "_parse_fast", lambda *_: None)
-    assert outcome() == fast
+def test_the_same_words_are_numbers_as_for_numpy(
+    token: str, careful: bool, monkeypatch: pytest.MonkeyPatch, read: Reader
+) -> None:
+    """Whether NumPy or the one that finds faults reads a block must make no difference."""
+    try:
+        expected = float(np.loadtxt([f"1,{token},3"], delimiter=",", comments=None)[1])
+    except ValueError:
+        expected = math.nan
+    if careful:
+        monkeypatch.setattr(table.TableReader, "_parse_fast", lambda *_: None)
+    text = f"x,y,z,pose\n1,{token},3,P\n"
+    if math.isfinite(expected):
+        assert read(text, units_check=False).position[1, 0] == expected
+    else:
+        (found,) = complaints(read, text, units_check=False)
+        assert found.startswith("2, y: ")
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)

@@ -190,6 +190,15 @@ def test_units_are_judged_beside_other_problems(tmp_path: Path) -> None:
     data["y"][3] = np.nan
     found = complaints(tmp_path, data)
     assert [text.partition(":")[0] for text in found] == ["1, q1, q2, q3, q4, q5, q6", "5, y"]
+    data = scaled(1e3, "x", "y", "z")
+    data["x"][3] = np.nan
+    found = complaints(tmp_path, data)
+    assert [text.partition(":")[0] for text in found] == ["1, x, y, z", "5, x"]
+
+
+def test_a_few_values_that_no_joint_reaches_are_enough(tmp_path: Path) -> None:
+    (found,) = complaints(tmp_path, good() | {"q2": np.r_[np.full(N - 1, 0.5), 30.0]})
+    assert found.startswith("1, q2: found joint angles up to 30, which cannot be rad")
 
 
 # Against the robot's size

@@ -33,6 +33,8 @@ _DROP = 42.0
 _ROUNDING = 1e-14
 _MAX_NODES = 8192
 _FEWEST_NODES = 32
+_ABREAST = np.linspace(0.0, 5.0, 41)[:, None]
+"""Horizontal over vertical distances from a singularity at which the path is looked at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +182,10 @@ def _shape_of_path(q: float, mean: Array, variance: Array, saddle: float, curvat
     # and is straightened; along a straight line the integrand never exceeds its value at the saddle point.
     bend = 0.25 / float(np.min(distance))
     while True:
-        # Where the path is nearest to each singularity, a peak may be narrower than the grid.
-        nearest = (np.sqrt(1.0 + 4.0 * bend * distance) - 1.0) / (2.0 * bend)
-        t = np.sort(np.concatenate((grid, nearest)))
+        # Where the path passes a singularity a peak may be narrower than the grid: it is looked at more closely from
+        # where the singularity lies five times as far to the left as below, to where it lies straight below.
+        near = (np.sqrt(np.square(_ABREAST) + 4.0 * bend * distance) - _ABREAST) / (2.0 * bend)
+        t = np.sort(np.concatenate((grid, near.ravel())))
         s: Complex = saddle + 1j * t - bend * np.square(t)
         height = _exponent(s, q, mean, variance)[0].real - at_saddle
         if float(np.max(height)) < 0.5:

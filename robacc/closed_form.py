@@ -29,6 +29,10 @@ from robacc.robots.description import Frame, Robot
 _TRIM = 6.0
 """Poses further off than this many median errors take no part in a second pass: a beam break is not a start."""
 _ALTERNATIONS = 50
+_RELUCTANCE = 1e-3
+"""Of a target to move where the base could instead: the solution of least norm weighs its move a thousand times."""
+_ONE_AXIS = 1e-4
+"""Second smallest eigenvalue over the largest: below it axes are parallel within a degree or so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +86,12 @@ def _both(
     start = None
     if data.rotation is not None and data.n >= 3:
         start = _rotations_by_svd(arm.rotation, data.rotation)
-    return _alternate(arm, data, index, list(tools), start)
+    base, placed = _alternate(arm, data, index, list(tools), start)
+    if data.rotation is not None and start is None:
+        row = Poses(base.rotation[..., None], base.translation[:, None])
+        turned = _tools_from(row @ arm, data, index, placed)
+        placed = [Poses(new.rotation, old.translation) for new, old in zip(turned, placed, strict=True)]
+    return base, placed
 
 
 def _alternate(
@@ -98,7 +107,7 @@ def _alternate(
     previous = np.inf
     translation = np.zeros(3)
     for _ in range(_ALTERNATIONS):
-        translation, offsets, residual = _linear_offsets(arm, data, index, len(tools), rotation)
+        translation, offsets, residual = _linear_offsets(arm, data, index, tools, rotation)
         tools = [Poses(tool.rotation, offset) for tool, offset in zip(tools, offsets, strict=True)]
         if start is not None or previous - residual <= 1e-9 * previous:
             break
@@ -108,23 +117,30 @@ def _alternate(
 
 
 def _linear_offsets(
-    arm: Poses, data: Measurements, index: NDArray[np.int64], count: int, rotation: Array
+    arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses], rotation: Array
 ) -> tuple[Array, list[Array], float]:
-    """Least squares for t_B and each target's g in R_B^T p - p_F = R_B^T t_B + R_F g."""
-    right = np.einsum("ji,jn->in", rotation, data.position) - arm.translation
+    """Least squares for t_B and each target's g in R_B^T p - p_F = R_B^T t_B + R_F g.
+
+    What the poses leave open (along a SCARA's axes) the base takes, which may stand anywhere: targets stay as they are.
+    """
+    count = len(tools)
+    right = np.einsum("ji,jn->in", rotation, data.position) - (arm @ _stack(tools, index)).translation
     matrix = np.zeros((data.n, 3, 3 + 3 * count))
     matrix[:, :, :3] = np.eye(3)
     for target in range(count):
         rows = np.flatnonzero(index == target)
-        matrix[rows, :, 3 + 3 * target : 6 + 3 * target] = np.moveaxis(arm.rotation[:, :, rows], 2, 0)
+        matrix[rows, :, 3 + 3 * target : 6 + 3 * target] = _RELUCTANCE * np.moveaxis(arm.rotation[:, :, rows], 2, 0)
     solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), right.T.ravel(), rcond=1e-10)
     residual = matrix.reshape(-1, 3 + 3 * count) @ solution - right.T.ravel()
-    offsets = [solution[3 + 3 * target : 6 + 3 * target] for target in range(count)]
+    offsets = [tool.translation + _RELUCTANCE * solution[3 + 3 * i : 6 + 3 * i] for i, tool in enumerate(tools)]
     return rotation @ solution[:3], offsets, float(residual @ residual)
 
 
-def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array]:
+def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array] | None:
     """R_B and R_G with R_B R_F R_G = R measured: the null vector of the linear equations R_F R_G - R_B^T R = 0.
+
+    None where there is more than one: turns about one axis only, as all of a SCARA's are, leave open how much of the
+    turn about it is the base's and how much the target's.
 
     Source: robot-world/hand-eye calibration by Kronecker products, A. Li, L. Wang, D. Wu 2010.
     """
@@ -137,7 +153,10 @@ def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array]:
             rows[:, 3 * i + k, k:9:3] = arm[i].T
             rows[:, 3 * i + k, 9:] = -np.einsum("jn,l->njl", measured[:, k], eye[i]).reshape(n, 9)
     gram = np.einsum("nra,nrb->ab", rows, rows)
-    null = np.linalg.eigh(gram)[1][:, 0]
+    values, vectors = np.linalg.eigh(gram)
+    if values[1] < _ONE_AXIS * values[-1]:
+        return None
+    null = vectors[:, 0]
     tool, base = null[:9].reshape(3, 3), null[9:].reshape(3, 3)
     if np.linalg.det(tool) < 0:
         tool, base = -tool, -base

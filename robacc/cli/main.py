@@ -27,6 +27,7 @@ COMMANDS = {
     "trace": (
         "Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it."
     ),
+    "predict": "Covariances, error budget and grade to be expected from parameter tolerances.",
     "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
     "simulate": "A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.",
     "export": "A model as URDF, as far as a URDF can carry it; the rest is said.",

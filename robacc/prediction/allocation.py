@@ -106,9 +106,7 @@ def _again(robot: Robot, prediction: Prediction, factors: Array) -> Prediction:
         dataclasses.replace(parameter, sd=parameter.sd * float(factor))
         for parameter, factor in zip(prediction.parameters, factors, strict=True)
     ]
-    return predict_accuracy(
-        robot, tightened, prediction.configurations, prediction.grade.scale, prediction.meaning
-    )
+    return predict_accuracy(robot, tightened, prediction.configurations, prediction.grade.scale, prediction.meaning)
 
 
 def _factors(share: Array, aims: Array) -> Array:

@@ -1,7 +1,7 @@
 r"""The variance components Vθ, Vr, Vl, Vα by maximum likelihood, from measured poses of one robot.
 
-Each kind of parameter (theta, d, a, alpha; of a URDF the offsets, the lengths and the angles of origins) has its predicted
-variances times one factor φ_c, so with the evidence y (see :mod:`robacc.prediction.evidence`)
+Each kind of parameter (theta, d, a, alpha; of a URDF the offsets, the lengths and the angles of origins) has its
+predicted variances times one factor φ_c, so with the evidence y (see :mod:`robacc.prediction.evidence`)
 
     y ~ N(0, C),  C = I + K_0 + Σ_c φ_c K_c,  K_c = E_c E_c^T,
 
@@ -99,9 +99,7 @@ def variance_components(
         lower, upper = problem.profile_interval(c, eta, top, threshold)
         ratio = max(0.0, 2.0 * (top - problem.at(c, 0.0, eta)[1]))
         components.append(
-            Component(
-                name, len(own), own[0].unit, predicted, factor, factor * predicted, lower, upper, dof, ratio, why
-            )
+            Component(name, len(own), own[0].unit, predicted, factor, factor * predicted, lower, upper, dof, ratio, why)
         )
         if why is not None:
             notes.append(why)

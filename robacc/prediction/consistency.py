@@ -3,8 +3,8 @@
 Both work on :class:`robacc.prediction.evidence.Evidence`: y_i ~ N(0, 1 + S_i²) independent, the rest N(0, 1).
 
 - The normalised squared error e^T (J V J^T + Σ)^-1 e is Σ y_i²/(1 + S_i²) + rest, chi-square with as many degrees of
-  freedom as numbers were measured (less those that an alignment used). Most of these speak of the noise alone; the first
-  sum, with one degree of freedom for each direction that the parameters move, speaks of the tolerances.
+  freedom as numbers were measured (less those that an alignment used). Most of these speak of the noise alone; the
+  first sum, with one degree of freedom for each direction that the parameters move, speaks of the tolerances.
 - Likelihood ratio of the predicted covariance V against s² V with s² estimated. With some twenty directions of very
   unequal strength the chi-square limit is only near, so the null distribution is drawn from the prediction itself.
 """
@@ -161,9 +161,10 @@ def _verdict(parameters: ChiSquare | None, noise: ChiSquare | None, scale: Scale
     if min(parameters.p_value, scale.p_value) >= SIGNIFICANT:
         sentences.append("the measured errors are consistent with the tolerances")
     elif scale.p_value < SIGNIFICANT:
-        size = f"{scale.factor:.2g} times the predicted size"
         word = "larger" if scale.factor > 1.0 else "smaller"
-        sentences.append(f"the measured errors are {word} than the tolerances predict: about {size}")
+        sentences.append(
+            f"the measured errors are {word} than the tolerances predict: about {scale.factor:.2g} times the predicted size"
+        )
     else:
         sentences.append(
             "the measured errors are of the predicted size on the whole but not of the predicted pattern: some "

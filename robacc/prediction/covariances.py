@@ -19,7 +19,6 @@ from robacc.geometry import Array, compose, transpose
 from robacc.prediction.parameters import Parameter
 
 
-
 @dataclass(frozen=True, slots=True)
 class PoseCovariances:
     """Covariances of the tool's error at N poses, in the tool's frame, and what each parameter contributes."""

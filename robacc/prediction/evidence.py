@@ -35,8 +35,8 @@ from robacc.robots.description import Robot
 NoiseSource = Literal["file", "given", "estimated"]
 
 NEGLIGIBLE = 1e-4
-"""A combination of parameters whose predicted effect on all poses together is below this share of one measuring standard
-deviation is noise to all intents: 1 + S² differs from 1 by 1e-8."""
+"""A combination of parameters whose predicted effect on all poses together is below this share of one measuring
+standard deviation is noise to all intents: 1 + S² differs from 1 by 1e-8."""
 _ABSORBED = 1e-9
 """Singular values of the scaled aligned columns below this share of the largest are rounding."""
 _REML_ROUNDS = 200
@@ -164,8 +164,14 @@ def _triangles(
         for part in range(parts):
             weighted = columns[3 * part : 3 * part + 3] * weights[part][:, None, block]
             stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, width)))
-            triangles[part] = np.linalg.qr(stacked, mode="r")
+            triangles[part] = _triangle(stacked)
     return triangles, [3 * data.n] * parts
+
+
+def _triangle(rows: Array) -> Array:
+    """The R factor."""
+    result: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+    return result
 
 
 def _slice(poses: Poses, block: slice) -> Poses:
@@ -226,8 +232,10 @@ def _restricted_likelihood(
     The fixed point of |r_k|² = σ_k² (n_k - tr(G^-1 G_k)), G_k the rows' part of the normal matrix G: H. D. Patterson,
     R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58 (1971).
     """
-    sigma = [value if value is not None else _scale(triangle, n) for value, triangle, n in
-             zip(known, triangles, counts, strict=True)]
+    sigma = [
+        value if value is not None else _scale(triangle, n)
+        for value, triangle, n in zip(known, triangles, counts, strict=True)
+    ]
     for _ in range(_REML_ROUNDS):
         stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
         length = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
@@ -250,7 +258,9 @@ def _restricted_likelihood(
             if new < 1e-12 * _scale(triangle, counts[k]) or new == 0.0:
                 fix = "give it: --noise, or sigma columns"
                 raise InputError(
-                    Problem("the parameters explain every pose exactly, so no noise can be estimated", data.source, fix=fix)
+                    Problem(
+                        "the parameters explain every pose exactly, so no noise can be estimated", data.source, fix=fix
+                    )
                 )
             change = max(change, abs(new / sigma[k] - 1.0))
             sigma[k] = new

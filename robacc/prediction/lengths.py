@@ -7,11 +7,11 @@ singularities lie on the negative real axis, so
 
 converges geometrically on the parabola ζ = μ (iu + 1)^2, with the same few nodes whatever the variances. Source of the
 path: J. A. C. Weideman, L. N. Trefethen, "Parabolic and hyperbolic contours for computing the Bromwich integral",
-Mathematics of Computation 76 (2007) 1341-1356. :mod:`robacc.statistics.quadratic_form` does one vector to the last digit;
-here the error is some 1e-10, and a hundred thousand poses take a fraction of a second.
+Mathematics of Computation 76 (2007) 1341-1356. :mod:`robacc.statistics.quadratic_form` does one vector to the last
+digit; here the error is some 1e-10, and a hundred thousand poses take a fraction of a second.
 
-The mean is E|Z| = 2 sqrt(2/pi) R_G(v_1, v_2, v_3): a Gaussian vector is a length (of mean 2 sqrt(2/pi)) times a direction
-on the sphere, and Carlson's R_G (DLMF 19.16.3, 19.23.5) is the mean of sqrt(n^T V n) over directions n.
+The mean is E|Z| = 2 sqrt(2/pi) R_G(v_1, v_2, v_3): a Gaussian vector is a length (of mean 2 sqrt(2/pi)) times a
+direction on the sphere, and Carlson's R_G (DLMF 19.16.3, 19.23.5) is the mean of sqrt(n^T V n) over directions n.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ _CLOSE = 1e-10
 def principal_variances(covariance: Array) -> Array:
     """Eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending; rounding below zero is cut off."""
     values = np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T
-    return np.maximum(values, 0.0)
+    result: Array = np.maximum(values, 0.0)
+    return result
 
 
 def _cdf_and_density(q: Array, variances: Array) -> tuple[Array, Array]:
@@ -84,7 +85,8 @@ def _quantiles(probability: float, variances: Array) -> Array:
         q = q * np.exp(step)
         if q.size == 0 or float(np.max(np.abs(step))) < _CLOSE:
             break
-    return np.sqrt(q * power)
+    result: Array = np.sqrt(q * power)
+    return result
 
 
 def _first_guess(probability: float, shares: Array) -> Array:

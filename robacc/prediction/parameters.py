@@ -94,7 +94,9 @@ def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> 
         )
         if robot.convention != "urdf":
             fix += ", or each joint in the robot file a tolerance"
-        raise InputError(Problem(f"no parameter of {robot.name} has a tolerance, so no error can be predicted", fix=fix))
+        raise InputError(
+            Problem(f"no parameter of {robot.name} has a tolerance, so no error can be predicted", fix=fix)
+        )
     return tuple(found)
 
 
@@ -103,7 +105,9 @@ _EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
 
 def _of_frame(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[Parameter]:
     return [
-        Parameter(f"{frame}.{kind}", None, kind, frame, arm.chain.index(owner, kind), _unit(arm, owner, kind), sds[kind])
+        Parameter(
+            f"{frame}.{kind}", None, kind, frame, arm.chain.index(owner, kind), _unit(arm, owner, kind), sds[kind]
+        )
         for kind in FRAME_PARAMETERS
         if sds.get(kind, 0.0) > 0.0
     ]

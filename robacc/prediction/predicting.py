@@ -162,7 +162,7 @@ def predict_accuracy(
         configurations,
         position,
         orientation,
-        budget=tuple(sorted(by_parameter, key=lambda share: (-share.position, -share.orientation))),
+        budget=tuple(sorted(by_parameter, key=_largest_first)),
         by_joint=_summed(by_parameter, [share.joint or share.name.split(".")[0] for share in by_parameter], "joint"),
         by_kind=_summed(by_parameter, [parameter.component for parameter in parameters], "kind"),
         grade=predicted_grade(position, orientation, scale),
@@ -233,7 +233,12 @@ def _summed(shares: Sequence[Share], keys: Sequence[str], what: Literal["joint",
         Share(key, joints[key] if what == "joint" else None, key if what == "kind" else None, None, None, *total)
         for key, total in sums.items()
     ]
-    return tuple(sorted(summed, key=lambda share: -share.position))
+    return tuple(sorted(summed, key=_largest_first))
+
+
+def _largest_first(share: Share) -> tuple[float, float]:
+    """Rounded, so that equal shares stay in the chain's order on every machine."""
+    return -round(share.position, 9), -round(share.orientation, 9)
 
 
 def predicted_grade(position: PredictedErrors, orientation: PredictedErrors, scale: Scale) -> PredictedGrade:

@@ -1,13 +1,13 @@
 """The tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
 
-    units: {length: mm, angle: deg}
-    distribution: limits            # normal (default) | uniform | limits
-    coverage: 3                     # limits only: the standard deviations that a limit stands for
-    all: {theta: 0.01, d: 0.2, a: 0.2, alpha: 0.01}   # every moving joint
-    joints:
-      j2: {a: 0.5}                  # goes before all
-    base: {x: 0.5, yaw: 0.05}
-    tool: {z: 0.1}
+units: {length: mm, angle: deg}
+distribution: limits            # normal (default) | uniform | limits
+coverage: 3                     # limits only: the standard deviations that a limit stands for
+all: {theta: 0.01, d: 0.2, a: 0.2, alpha: 0.01}   # every moving joint
+joints:
+  j2: {a: 0.5}                  # goes before all
+base: {x: 0.5, yaw: 0.05}
+tool: {z: 0.1}
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ whose width is the one of largest marginal likelihood (MacKay 1992; REML).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,6 +43,8 @@ class Options:
     """Misfit of position (m) and orientation (rad), where known; else estimated."""
     tolerance: float = 1e-8
     """A step that changes the whitened prediction by less than this share of the residual is the last."""
+    settled: float = 1e-3
+    """Misfits that change by less than this share (prior widths by ten times it) are settled."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,12 @@ class Fit:
     degrees_of_freedom: float
     """Components that took part less effective coefficients."""
     steps: int
+    gram: Array
+    """``(K, K)`` whitened normal matrix of the kept coefficients, without priors."""
+    moment: Array
+    """``(K,)`` right side of the normal equations: ``(gram + precision) theta = moment`` at the solution."""
+    precision: Array
+    """``(K,)`` prior precision."""
     widths: dict[str, float] = field(default_factory=dict)
     """Prior width of each group, in units of its terms' weights."""
 
@@ -80,6 +88,16 @@ class Fit:
     def dropped(self) -> tuple[Dropped, ...]:
         """Coefficients without a number."""
         return self.identifiability.dropped
+
+    def without(self, names: Collection[str]) -> Array:
+        """``(P,)`` coefficients that least squares gives where those of ``names`` are zero, to first order."""
+        columns = self.identifiability.kept
+        rest = np.array([self.names[i] not in names for i in columns], dtype=bool)
+        theta = np.zeros_like(self.theta)
+        matrix = (self.gram + np.diag(self.precision))[np.ix_(rest, rest)]
+        scale = 1.0 / np.sqrt(np.diag(matrix))
+        theta[columns[rest]] = scale * np.linalg.solve(matrix * scale[:, None] * scale, scale * self.moment[rest])
+        return theta
 
     @property
     def outliers(self) -> NDArray[np.int64]:
@@ -132,6 +150,7 @@ class _Solver:
         self.precision = _fixed_precision(self.terms, options.priors)
         self.widths: dict[str, float] = {}
         self.steps = 0
+        self.gram, self.gradient = np.zeros((0, 0)), np.zeros(0)
         self._start_weights()
         self.identifiability = self._identify()
 
@@ -152,7 +171,7 @@ class _Solver:
         share = effective * (0.5 if self.rows == 6 else 1.0)
         self.misfit = _misfit(self.data, self.residual, kept, share, share)
         self.weight = weights(self.data, *_positive(self.misfit, self.residual))
-        return any(abs(a - b) > 1e-3 * b for a, b in zip(self.misfit, before, strict=True))
+        return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, before, strict=True))
 
     # -- linear algebra over blocks
 
@@ -309,7 +328,9 @@ class _Solver:
         for name, members in self.groups.items():
             for i in members:
                 self.precision[i] = noise / (self.widths[name] * self.terms[i].weight) ** 2
-        return any(abs(self.widths[k] - before.get(k, 0.0)) > 1e-2 * self.widths[k] for k in self.widths)
+        return any(
+            abs(self.widths[k] - before.get(k, 0.0)) > 10 * self.options.settled * self.widths[k] for k in self.widths
+        )
 
     # -- outliers and result
 
@@ -358,6 +379,9 @@ class _Solver:
             chi_square,
             freedom,
             self.steps,
+            self.gram,
+            self.gradient + self.gram @ self.theta[columns],
+            self.precision[columns],
             dict(self.widths),
         )
 

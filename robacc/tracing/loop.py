@@ -20,6 +20,7 @@ from robacc.model import Model
 from robacc.observation import observed_jacobian, residuals
 from robacc.tracing.candidates import (
     ORDER_STEP,
+    Batch,
     Candidate,
     batches,
     corrections,
@@ -31,10 +32,12 @@ from robacc.tracing.evidence import Columns
 from robacc.tracing.selection import FALSE_ALARM, Chosen, Selection, Step
 
 _ROUNDS = 4
+SELECTION_POSES = 800
+"""Poses that a choice looks at, at most: fits and figures are of all of them."""
 _BETTER = 10.0
 """Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
 REGISTERED = ("base_frame", "tool_frame")
-SEARCH = Options(tolerance=1e-5)
+SEARCH = Options(tolerance=1e-4, settled=1e-2)
 
 
 @dataclass(frozen=True)
@@ -64,9 +67,11 @@ class Scene:
             found += corrections(arm, self.data)
         return found
 
-    def selection(self, rows: NDArray[np.bool_], start: Sequence[Effect] = ()) -> Selection:
+    def selection(
+        self, rows: NDArray[np.bool_], start: Sequence[Effect] = (), most: int = SELECTION_POSES
+    ) -> Selection:
         """A choice on some of the poses, from nothing or from effects already found."""
-        at = np.flatnonzero(rows & self.kept)
+        at = self._thinned(rows, most)
         count = self.base.shape[1]
         system = Columns(
             np.concatenate((self.base[:, :, at], self.pool_columns[:, :, at]), axis=1), self.residual[:, at]
@@ -90,6 +95,19 @@ class Scene:
         for effect in start:
             choice.start_with(self._candidate(effect))
         return choice
+
+    def batches(self, rows: NDArray[np.bool_], most: int) -> list[Batch]:
+        """The rich blocks on the poses that :meth:`selection` chooses on."""
+        return batches(self.model.arm, self.blocks, self._thinned(rows, most))
+
+    def _thinned(self, rows: NDArray[np.bool_], most: int) -> NDArray[np.int64]:
+        """Rows to choose on: all of them, or so many of them, drawn by commanded pose and not by place in the file."""
+        at = np.flatnonzero(rows & self.kept)
+        if at.size <= most:
+            return at
+        groups = self.data.groups()[at]
+        draw = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
+        return np.sort(at[np.argsort(draw, kind="stable")[:most]])
 
     def _candidate(self, effect: Effect) -> Candidate:
         """The candidate that an effect is, with the prior it competes by."""
@@ -160,10 +178,16 @@ def _identity(effect: Effect, term: Term) -> str:
     return f"{term.name}|{scope}"
 
 
-def choose(scene: Scene, rows: NDArray[np.bool_], start: Sequence[Effect] = (), empirical: bool = True) -> Selection:
+def choose(
+    scene: Scene,
+    rows: NDArray[np.bool_],
+    start: Sequence[Effect] = (),
+    empirical: bool = True,
+    most: int = SELECTION_POSES,
+) -> Selection:
     """Named effects first; where they leave structure, or take many to explain it, a correction may do better."""
-    named = scene.selection(rows, start)
-    blocks = batches(scene.model.arm, scene.blocks, np.flatnonzero(rows & scene.kept)) if empirical else []
+    named = scene.selection(rows, start, most)
+    blocks = scene.batches(rows, most) if empirical else []
     named.blocks = blocks
     if any(one.candidate.is_correction for one in named.chosen):
         named.run(with_blocks=True)
@@ -175,7 +199,7 @@ def choose(scene: Scene, rows: NDArray[np.bool_], start: Sequence[Effect] = (), 
     structured = bool(left) and left[0].p_value <= FALSE_ALARM
     if not structured and len(named.chosen) < 3:
         return named
-    mixed = scene.selection(rows)
+    mixed = scene.selection(rows, (), most)
     mixed.blocks = blocks
     mixed.run(with_blocks=True)
     if structured:

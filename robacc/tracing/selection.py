@@ -23,6 +23,8 @@ _SWAP = 1.0
 """A rival takes a finding's place where it is better by more than this: equals do not change places for ever."""
 _FRAMES = ("base_frame", "tool_frame")
 _MOST = 12
+_FEW_ENOUGH = 6
+"""More findings than this are a sign of something without a name; testing each again would not mend that."""
 _SWEEPS = 4
 
 Expand = Callable[[Candidate], Array]
@@ -219,9 +221,9 @@ class Selection:
     def run(self, with_blocks: bool = False, most: int = _MOST) -> None:
         """Forward until nothing is significant, each time putting every earlier finding to the test again."""
         if self.chosen:
-            self._revise(with_blocks)
+            self._revise()
         self._forward(with_blocks, most)
-        if not with_blocks:
+        if not with_blocks and len(self.chosen) <= _FEW_ENOUGH:
             self._rebuild(most)
 
     def _forward(self, with_blocks: bool, most: int, without: tuple[object, ...] | None = None) -> None:
@@ -241,7 +243,7 @@ class Selection:
                 return
             self.add(best)
             self.steps.append(Step("add", str(best.candidate.effect), ranking[:40]))
-            self._revise(with_blocks, without)
+            self._revise(without)
 
     def _rebuild(self, most: int) -> None:
         """Forbid each finding in turn and choose again: what greed took first may have stood in for two others."""
@@ -257,16 +259,18 @@ class Selection:
             else:
                 self.chosen, self.steps = before, steps
 
-    def _revise(self, with_blocks: bool, without: tuple[object, ...] | None = None) -> None:
+    def _revise(self, without: tuple[object, ...] | None = None) -> None:
         """Drop what is no longer needed, and give a finding's place to a rival that does better in it."""
+        if len(self.chosen) > _FEW_ENOUGH:
+            return
         for _ in range(_SWEEPS):
-            if not any([self._revise_one(one, with_blocks, without) for one in list(self.chosen)]):
+            if not any([self._revise_one(one, without) for one in list(self.chosen)]):
                 return
 
-    def _revise_one(self, one: Chosen, with_blocks: bool, without: tuple[object, ...] | None) -> bool:
+    def _revise_one(self, one: Chosen, without: tuple[object, ...] | None) -> bool:
         if one not in self.chosen or len(self.chosen) < 2:
             return False
-        own, ranking = self.contest(one, with_blocks)
+        own, ranking = self.contest(one)
         if own.p_value > FALSE_ALARM:
             self.chosen.remove(one)
             self.steps.append(Step("drop", str(one.candidate.effect), ranking[:10]))
@@ -281,14 +285,14 @@ class Selection:
             return True
         return False
 
-    def contest(self, one: Chosen, with_blocks: bool = False) -> tuple[Ranked, list[Ranked]]:
-        """A finding against all rivals for its place, with every other finding kept."""
+    def contest(self, one: Chosen) -> tuple[Ranked, list[Ranked]]:
+        """A finding against all named rivals for its place, with every other finding kept."""
         conditioned = self.condition(without=one)
         own = self._own(one, conditioned)
         kept = self.chosen
         self.chosen = [other for other in kept if other is not one]
         try:
-            ranking = self.rank(conditioned, with_blocks)
+            ranking = self.rank(conditioned)
         finally:
             self.chosen = kept
         key = one.candidate.effect.key()

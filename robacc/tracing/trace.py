@@ -30,6 +30,8 @@ from robacc.tracing.selection import FALSE_ALARM, RIVAL, Chosen, Ranked, Selecti
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 Progress = Callable[[str, int, int], None]
 
+_FOLD_POSES = 400
+"""Poses that the choice within a fold looks at, at most."""
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
 _MOST_ALTERNATIVES = 4
@@ -235,7 +237,7 @@ def _hold_out(
     for number, (learn, rest) in enumerate(parts(assigned)):
         progress("cross-fitting", number + 1, count + 1)
         train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
-        selection = choose(loop.scene, learn, empirical=empirical)
+        selection = choose(loop.scene, learn, empirical=empirical, most=_FOLD_POSES)
         effects = _ordered(refined(selection, one) for one in selection.chosen)
         declared = fit(loop.declared.model, train, SEARCH)
         complete = fit(loop.declared.model.with_free(*effects), train, SEARCH) if effects else declared
@@ -248,9 +250,7 @@ def _hold_out(
             if not again:
                 without[effect.key()][:, rest] = after[:, rest]
                 continue
-            left = [one for one in effects if one not in again]
-            lacking = fit(loop.declared.model.with_free(*left), train, SEARCH) if left else declared
-            without[effect.key()][:, rest] = held_out(lacking, test)
+            without[effect.key()][:, rest] = _lacking(complete, again, test)
     return _Held(before, after, without, chosen, count)
 
 
@@ -258,10 +258,15 @@ def _on(loop: Loop, holdout: Measurements) -> _Held:
     """Poses of their own: the models of all the other poses, as they stand."""
     without = {}
     for effect in loop.effects:
-        left = [one for one in loop.effects if one is not effect]
-        lacking = fit(loop.declared.model.with_free(*left), loop.scene.data, SEARCH) if left else loop.declared
-        without[effect.key()] = held_out(lacking, holdout)
+        without[effect.key()] = _lacking(loop.final, [effect], holdout)
     return _Held(held_out(loop.declared, holdout), held_out(loop.final, holdout), without, {}, 0)
+
+
+def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array:
+    """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them."""
+    arm = complete.model.arm
+    names = {term.name for effect in absent for term in effect.terms(arm, test)}
+    return residuals(test, complete.model.bind(test).poses(complete.without(names)))
 
 
 def _ordered(effects: Iterable[Effect]) -> tuple[Effect, ...]:

@@ -43,6 +43,8 @@ class Options:
     """Misfit of position (m) and orientation (rad), where known; else estimated."""
     tolerance: float = 1e-8
     """A step that changes the whitened prediction by less than this share of the residual is the last."""
+    start: Array | None = None
+    """``(P,)`` coefficients to start from; base and tool are then not registered in closed form first."""
     settled: float = 1e-3
     """Misfits that change by less than this share (prior widths by ten times it) are settled."""
 
@@ -55,6 +57,8 @@ class Fit:
     """With base and tool registered: coefficients are about its robot."""
     names: tuple[str, ...]
     terms: tuple[Term, ...]
+    owners: tuple[int, ...]
+    """For each coefficient the number of its effect among the model's free ones."""
     theta: Array
     """``(P,)``; zero where not identifiable."""
     covariance: Array
@@ -89,10 +93,10 @@ class Fit:
         """Coefficients without a number."""
         return self.identifiability.dropped
 
-    def without(self, names: Collection[str]) -> Array:
-        """``(P,)`` coefficients that least squares gives where those of ``names`` are zero, to first order."""
+    def without(self, effects: Collection[int]) -> Array:
+        """``(P,)`` coefficients that least squares gives where those of some free effects are zero, to first order."""
         columns = self.identifiability.kept
-        rest = np.array([self.names[i] not in names for i in columns], dtype=bool)
+        rest = np.array([self.owners[i] not in effects for i in columns], dtype=bool)
         theta = np.zeros_like(self.theta)
         matrix = (self.gram + np.diag(self.precision))[np.ix_(rest, rest)]
         scale = 1.0 / np.sqrt(np.diag(matrix))
@@ -115,7 +119,7 @@ def fit(model: Model, data: Measurements, options: Options = Options()) -> Fit:
         UsageError: the data lack what an effect needs.
     """
     names = {effect.name for effect in model.free}
-    if names & {"base_frame", "tool_frame"}:
+    if names & {"base_frame", "tool_frame"} and options.start is None:
         robot = register(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = Model(type(model.arm).of(robot), model.known, model.free)
     solver = _Solver(model, data, options)
@@ -143,7 +147,7 @@ class _Solver:
         self.bound: list[BoundModel] = [model.bind(part) for part in self.parts]
         self.terms = self.bound[0].terms if self.bound else ()
         self.names = tuple(term.name for term in self.terms)
-        self.theta = np.zeros(len(self.terms))
+        self.theta = np.zeros(len(self.terms)) if options.start is None else options.start.copy()
         self.rows = 3 if data.rotation is None else 6
         self.misfit = options.misfit or (0.0, 0.0)
         self.groups = _groups(self.terms)
@@ -367,6 +371,7 @@ class _Solver:
             self.model,
             self.names,
             self.terms,
+            self.bound[0].owners,
             self.theta,
             covariance,
             self.identifiability,

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robacc.effects.base import Effect
 from robacc.effects.specification import Known, entry_of
 from robacc.fitting import Fit
 from robacc.model import Model
@@ -19,21 +18,23 @@ def fold(fit: Fit) -> Robot:
 
     The fitted values are near the nominal ones by construction: coefficients the poses cannot tell apart stay at zero.
     """
-    values = {name: float(value) for name, value in zip(fit.names, fit.theta, strict=True)}
+    values: list[dict[str, float]] = [{} for _ in fit.model.free]
+    for name, owner, value in zip(fit.names, fit.owners, fit.theta, strict=True):
+        values[owner][name] = float(value)
     return fold_values(fit.model, values)
 
 
-def fold_values(model: Model, values: Mapping[str, float]) -> Robot:
-    """The same for coefficients given by name."""
+def fold_values(model: Model, values: Sequence[Mapping[str, float]]) -> Robot:
+    """The same for coefficients given by name, for each of the model's free effects."""
     robot = model.arm.robot
     listed = [Known(known.effect, dict(known.values)) for known in model.known]
-    for effect in model.free:
+    for effect, found in zip(model.free, values, strict=True):
         # Base and tool terms of the chain are about the robot as it stands, so each effect is folded on the last.
         arm = Arm.of(robot)
         if effect.is_constant:
-            robot = effect.apply(arm, values)
+            robot = effect.apply(arm, found)
             continue
-        own = {name: value for name, value in values.items() if _belongs(name, effect) and value != 0}
+        own = {name: value for name, value in found.items() if value != 0}
         same = next((i for i, known in enumerate(listed) if known.effect.key() == effect.key()), None)
         if same is not None:
             before = listed[same].values
@@ -43,14 +44,3 @@ def fold_values(model: Model, values: Mapping[str, float]) -> Robot:
             listed.append(Known(effect, own))
     entries: list[Mapping[str, Any]] = [entry_of(known.effect, known.values) for known in listed]
     return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))
-
-
-def _belongs(name: str, effect: Effect) -> bool:
-    if name == effect.name:
-        return True
-    prefix = f"{effect.name}."
-    if not name.startswith(prefix):
-        return False
-    return not effect.joints or any(
-        name == prefix + joint or name.startswith(f"{prefix}{joint}.") for joint in effect.joints
-    )

@@ -67,9 +67,17 @@ class Model:
             terms = known.effect.terms(self.arm, data)
             fixed.extend(terms)
             values.extend(known.values.get(term.name, 0.0) for term in terms)
-        free = [term for effect in self.free for term in effect.terms(self.arm, data)]
+        free = [effect.terms(self.arm, data) for effect in self.free]
         nominal = _with_targets(self.arm, self.arm.chain.scalars(q), data)
-        return BoundModel(self.arm, data.n, tuple(nominal), tuple(fixed), np.array(values), tuple(free))
+        return BoundModel(
+            self.arm,
+            data.n,
+            tuple(nominal),
+            tuple(fixed),
+            np.array(values),
+            tuple(term for terms in free for term in terms),
+            tuple(i for i, terms in enumerate(free) for _ in terms),
+        )
 
 
 def predict(robot: Robot, data: Measurements) -> Poses:
@@ -119,6 +127,8 @@ class BoundModel:
     fixed: tuple[Term, ...]
     fixed_values: Array
     terms: tuple[Term, ...]
+    owners: tuple[int, ...] = ()
+    """For each term the number of its effect among the model's free ones."""
 
     @property
     def names(self) -> tuple[str, ...]:

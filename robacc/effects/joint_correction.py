@@ -41,7 +41,7 @@ class JointCorrection(Effect):
         confused_with="everything that acts on the same joint: it is offered last",
         source="a parameter times a regressor, as every effect here; prior width by marginal likelihood (REML)",
         example="{effect: joint_correction, joints: [j3], drivers: [j2], range: [[-1, 1]], degree: 3, "
-        "values: {j3.T2: 1e-4}}",
+        "values: {j3.j2.T2: 1e-4}}",
     )
 
     @classmethod
@@ -76,10 +76,11 @@ class JointCorrection(Effect):
         for joint in self.joints:
             motion = arm.axis_motion(joint)
             unit = "rad" if arm.is_revolute(joint) else "m"
-            group = f"{self.name}.{joint}.{'_'.join(self.drivers)}"
+            by = "_".join(self.drivers)
+            group = f"{self.name}.{joint}.{by}"
             for label, size, column in self._basis(arm, data, joint):
                 part = Part(motion, column)
-                terms.append(Term(f"{self.name}.{joint}.{label}", unit, 1e-4, (part,), group, 1.0 / size))
+                terms.append(Term(f"{self.name}.{joint}.{by}.{label}", unit, 1e-4, (part,), group, 1.0 / size))
         return tuple(terms)
 
     def _basis(self, arm: Arm, data: Measurements, joint: str) -> Iterator[tuple[str, float, Array]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from robacc.observation import residuals
 from robacc.parameters import Parameter, parameters
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
+from robacc.tracing.candidates import ORDER_STEP
 from robacc.tracing.loop import REGISTERED, SEARCH, Loop, choose, close_loop, coarse, refined
 from robacc.tracing.mistakes import refuse_mistake
 from robacc.tracing.selection import FALSE_ALARM, RIVAL, Chosen, Ranked, Selection, Step
@@ -30,11 +32,16 @@ from robacc.tracing.selection import FALSE_ALARM, RIVAL, Chosen, Ranked, Selecti
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 Progress = Callable[[str, int, int], None]
 
+_MOST_TO_ADVISE = 200
+"""Coefficients beyond which rivals are not fitted to find the poses that would decide."""
 _FOLD_POSES = 400
 """Poses that the choice within a fold looks at, at most."""
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
 _MOST_ALTERNATIVES = 4
+_MOST_LINES = 6
+_WEAK_LINE = 0.3
+"""A line below this share of the strongest is not named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +159,7 @@ def trace(
     refuse_mistake(model.arm.robot, data)
     progress("searching", 0, n_folds + 1)
     loop = close_loop(model, data, SEARCH, empirical=empirical)
-    final = fit(loop.declared.model.with_free(*loop.effects), data, Options()) if loop.effects else loop.declared
+    final = _polished(loop, data)
     held = _hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
     nominal_residual = residuals(data, model.bind(data).poses(np.zeros(len(model.bind(data).terms))))
     noise = lack_of_fit(final, data)
@@ -193,10 +200,19 @@ def trace(
     )
 
 
+def _polished(loop: Loop, data: Measurements) -> Fit:
+    """The final fit to full convergence; shrunk blocks are left as the search found them."""
+    if not loop.effects:
+        return loop.declared
+    if loop.final.widths:
+        return loop.final
+    return fit(loop.declared.model.with_free(*_ordered(loop.effects)), data, Options())
+
+
 def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: float, seed: int) -> tuple[Advice, ...]:
     advice = []
     for effect, finding in zip(loop.effects, findings, strict=True):
-        if finding.alternatives:
+        if finding.alternatives and loop.final.theta.size <= _MOST_TO_ADVISE:
             nearest = finding.alternatives[0]
             rival = rival_effect(nearest.effect, nearest.joints, nearest.settings)
             one = advise(loop.declared, loop.effects, effect, rival, data, noise, seed)
@@ -236,11 +252,13 @@ def _hold_out(
     count = int(assigned.max()) + 1
     for number, (learn, rest) in enumerate(parts(assigned)):
         progress("cross-fitting", number + 1, count + 1)
-        train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
+        train, test = data.subset(np.flatnonzero(learn & loop.final.kept)), data.subset(np.flatnonzero(rest))
         selection = choose(loop.scene, learn, empirical=empirical, most=_FOLD_POSES)
         effects = _ordered(refined(selection, one) for one in selection.chosen)
-        declared = fit(loop.declared.model, train, SEARCH)
-        complete = fit(loop.declared.model.with_free(*effects), train, SEARCH) if effects else declared
+        declared = fit(loop.declared.model, train, _fold_options(loop.declared))
+        complete = declared
+        if effects:
+            complete = fit(loop.declared.model.with_free(*effects), train, _fold_options(loop.final))
         before[:, rest] = held_out(declared, test)
         after[:, rest] = held_out(complete, test)
         for name in {(one.name, one.joints) for one in effects}:
@@ -254,6 +272,11 @@ def _hold_out(
     return _Held(before, after, without, chosen, count)
 
 
+def _fold_options(found: Fit) -> Options:
+    """A fold weighs rows as the whole did, and its outliers are already left out."""
+    return dataclasses.replace(SEARCH, robust=False, misfit=found.misfit)
+
+
 def _on(loop: Loop, holdout: Measurements) -> _Held:
     """Poses of their own: the models of all the other poses, as they stand."""
     without = {}
@@ -264,9 +287,8 @@ def _on(loop: Loop, holdout: Measurements) -> _Held:
 
 def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array:
     """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them."""
-    arm = complete.model.arm
-    names = {term.name for effect in absent for term in effect.terms(arm, test)}
-    return residuals(test, complete.model.bind(test).poses(complete.without(names)))
+    numbers = {i for i, effect in enumerate(complete.model.free) if effect in absent}
+    return residuals(test, complete.model.bind(test).poses(complete.without(numbers)))
 
 
 def _ordered(effects: Iterable[Effect]) -> tuple[Effect, ...]:
@@ -290,10 +312,10 @@ def _finding(loop: Loop, effect: Effect, final: Fit, held: _Held | None, data: M
         rows = final.kept if held.folds else slice(None)
         before = pose_figures(held.without[effect.key()][:, rows]).position.rms
         after = pose_figures(held.after[:, rows]).position.rms
-    prefix = {term.name for term in effect.terms(final.model.arm, data)}
-    own_parameters = tuple(p for p in parameters(final) if p.name in prefix)
+    number = final.model.free.index(effect)
+    own_parameters = tuple(p for p, owner in zip(parameters(final), final.owners, strict=True) if owner == number)
     folds_chosen = (held.chosen.get((effect.name, effect.joints), 0), held.folds) if held is not None else (0, 0)
-    lines = _lines(effect, own_parameters)
+    lines = _lines(effect, own_parameters, data, final)
     return Finding(
         effect.name,
         effect.joints,
@@ -337,22 +359,33 @@ def _alternatives(selection: Selection, one: Chosen, own: Ranked, rivals: Sequen
     return tuple(found)
 
 
-def _lines(effect: Effect, own: Sequence[Parameter]) -> tuple[Line, ...]:
-    """The strong lines of a periodic error: amplitude beyond three standard errors, strongest first."""
-    if effect.name != "transmission_error":
+def _lines(effect: Effect, own: Sequence[Parameter], data: Measurements, final: Fit) -> tuple[Line, ...]:
+    """The strong lines of a periodic error, strongest first: peaks of the spectrum of the curve that was fitted.
+
+    Neighbouring orders of a profile share one physical line, so the curve's own spectrum at the angles seen tells more
+    than its coefficients. Peaks are taken one at a time, each with its cosine and sine fitted and taken out.
+    """
+    if effect.name != "transmission_error" or data.q is None:
         return ()
-    values = {p.name: p for p in own}
-    found = []
-    for order in effect.settings()["orders"]:
-        stem = f"{effect.name}.{effect.joints[0]}"
-        cosine, sine = (values.get(f"{stem}.{kind}{order:.6g}") for kind in ("cos", "sin"))
-        if cosine is None or sine is None:
-            continue
-        amplitude = math.hypot(cosine.value, sine.value)
-        error = math.hypot(cosine.std or 0.0, sine.std or 0.0) / math.sqrt(2)
-        if amplitude > 3 * error:
-            found.append(Line(float(order), amplitude, math.atan2(sine.value, cosine.value)))
-    return tuple(sorted(found, key=lambda line: -line.amplitude))
+    seen = data.q[final.model.arm.number(effect.joints[0])]
+    angle = np.sort(seen)[:: max(1, seen.size // 2000)]
+    orders = effect.settings()["orders"]
+    curve = np.zeros_like(angle)
+    for order, cosine, sine in zip(orders, own[::2], own[1::2], strict=True):
+        curve += cosine.value * np.cos(order * angle) + sine.value * np.sin(order * angle)
+    grid = np.arange(min(orders), max(orders) + 1e-9, ORDER_STEP) if len(orders) > 2 else np.array(orders)
+    lines: list[Line] = []
+    for _ in range(min(_MOST_LINES, grid.size)):
+        waves = np.exp(1j * grid[:, None] * angle)
+        best = int(np.argmax(np.abs(waves @ curve)))
+        basis = np.stack((np.cos(grid[best] * angle), np.sin(grid[best] * angle)), axis=1)
+        cosine_sine = np.linalg.lstsq(basis, curve, rcond=None)[0]
+        amplitude = float(np.hypot(*cosine_sine))
+        if lines and amplitude < _WEAK_LINE * lines[0].amplitude:
+            break
+        curve = curve - basis @ cosine_sine
+        lines.append(Line(float(grid[best]), amplitude, float(np.arctan2(cosine_sine[1], cosine_sine[0]))))
+    return tuple(sorted(lines, key=lambda line: -line.amplitude))
 
 
 def _seen(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:
@@ -378,8 +411,8 @@ def _finding_warnings(effect: Effect, final: Fit, data: Measurements, chosen: tu
 def _rests_on(effect: Effect, final: Fit, data: Measurements) -> int | None:
     """Number of poses that carry half of a finding's contribution, where they are few."""
     bound = final.model.bind(data)
-    names = {term.name for term in effect.terms(final.model.arm, data)}
-    lacking = np.where([name in names for name in final.names], 0.0, final.theta)
+    number = final.model.free.index(effect)
+    lacking = np.where(np.array(final.owners) == number, 0.0, final.theta)
     try:
         moved = bound.poses(lacking).translation - final.poses.translation
     except RobaccError:

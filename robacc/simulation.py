@@ -23,6 +23,8 @@ from robacc.robots.summary import low_discrepancy
 _DECIMALS = 6
 """Of commanded joint variables: a microradian or micrometre, about what a controller's display resolves."""
 _STREAMS = {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4}
+_MOST_ROWS = 2_000_000
+"""Some GB of arrays and text; what more is meant to be is a slip of the keyboard."""
 _WARM_UP = 3.0
 """Time constants that a warm-up lasts: 95 % of the rise is then over."""
 
@@ -76,7 +78,8 @@ def simulate(robot: Robot, plan: Plan) -> Simulation:
 
     Raises:
         InputError: a slide has no limits, or the robot's effects cannot be read.
-        UsageError: the plan lacks a circumstance that an effect depends on, or more outliers than rows.
+        UsageError: the plan lacks a circumstance that an effect depends on, or has more outliers than rows, or too many
+            rows.
     """
     data = _circumstances(robot, plan)
     poses = predict(robot, data)
@@ -134,6 +137,8 @@ def _circumstances(robot: Robot, plan: Plan) -> Measurements:
     """Everything but what is measured: poses visited in order, cycle after cycle, and each target measured there."""
     targets = tuple(robot.targets) if len(robot.targets) > 1 else (None,)
     visits = plan.poses * plan.cycles
+    if visits * len(targets) > _MOST_ROWS:
+        raise UsageError(f"{visits * len(targets)} rows are more than the {_MOST_ROWS} that are made at once")
     pose = np.tile(np.arange(plan.poses), plan.cycles).repeat(len(targets))
     visit = np.arange(visits).repeat(len(targets))
     q = joint_samples(robot, plan)

@@ -22,6 +22,13 @@ from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 EFFECTS = tuple(REGISTRY)
 ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")
 N = 5
+OTHER_FORMS = {
+    "backlash": {"by": "gravity"},
+    "joint_compliance": {"masses": "unknown"},
+    "transmission_error": {"orders": [3.5], "shrunk": True},
+    "thermal_expansion": {"time_constant_s": 600.0},
+}
+"""Settings that neither the default, nor the example, nor a trace of data with every column has."""
 
 
 def example(name: str) -> dict[str, object]:
@@ -36,6 +43,9 @@ def forms(name: str, one: Arm, data: Measurements) -> list[Effect]:
     found = [REGISTRY[name].default(one, data)]
     if one.robot == arm("puma560").robot:
         found.append(known_effects(dataclasses.replace(one.robot, effects=(example(name),)))[0].effect)
+    if name in OTHER_FORMS:
+        cls = REGISTRY[name]
+        found.append(cls.from_settings(cls.possible_joints(one)[1:2], OTHER_FORMS[name]))
     competing = list(REGISTRY[name].candidates(one, data))
     return found + competing[:1] + competing[-1:]
 

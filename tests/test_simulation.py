@@ -173,6 +173,11 @@ def test_commanded_poses_are_those_of_the_robot_without_effects() -> None:
     assert points.sigma_rotation is None
 
 
+def test_more_rows_than_fit_are_refused_before_they_are_made() -> None:
+    with pytest.raises(UsageError, match="20000000000 rows are more than the 2000000 that are made at once"):
+        simulate(PUMA, Plan(200_000, cycles=100_000))
+
+
 def test_a_circumstance_that_an_effect_needs_is_asked_for() -> None:
     with pytest.raises(UsageError, match="payload_compliance needs the column payload_kg"):
         simulate(WITH_EFFECTS, Plan(3))

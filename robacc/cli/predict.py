@@ -90,6 +90,7 @@ def predict(
     from robacc.report.console import say_warnings
 
     _check_options(poses, samples, against, align, noise, target)
+    sigma = _noise(noise)
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
     given = None if tolerances is None else _tolerances(tolerances, arm)
     grades: Scale = default_scale() if scale is None else load_scale(read_text(scale), scale)
@@ -108,7 +109,7 @@ def predict(
             measured,
             parameters,
             what=split_list(align),
-            noise=_noise(noise),
+            noise=sigma,
             confidence=confidence,
             seed=seed,
         )

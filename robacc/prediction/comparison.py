@@ -103,8 +103,8 @@ def _one_draw(evidence: Evidence) -> str:
     directions = evidence.y.size
     text = (
         f"all {evidence.n_poses} poses are of one robot and share one draw of its parameters, so they are not "
-        f"{evidence.n_poses} independent tests of the tolerances; the covariance of all poses together, J V Jᵀ + noise, was "
-        f"used. Of {evidence.n_components} measured numbers {directions} speak of the parameters"
+        f"{evidence.n_poses} independent tests of the tolerances; the covariance of all poses together, "
+        f"J V Jᵀ + noise, was used. Of {evidence.n_components} measured numbers {directions} speak of the parameters"
     )
     if directions:
         # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.

@@ -163,7 +163,8 @@ def _verdict(parameters: ChiSquare | None, noise: ChiSquare | None, scale: Scale
     elif scale.p_value < SIGNIFICANT:
         word = "larger" if scale.factor > 1.0 else "smaller"
         sentences.append(
-            f"the measured errors are {word} than the tolerances predict: about {scale.factor:.2g} times the predicted size"
+            f"the measured errors are {word} than the tolerances predict: about {scale.factor:.2g} times "
+            "the predicted size"
         )
     else:
         sentences.append(

@@ -194,7 +194,8 @@ def _errors(
 
 
 def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configurations) -> WorstPose:
-    index = int(np.argmax(rms))
+    # The first of equal ones: which of them rounding makes the largest differs between machines.
+    index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
     values, vectors = np.linalg.eigh(covariance[:, :, index])
     direction = vectors[:, 2]
     if direction[np.argmax(np.abs(direction))] < 0:

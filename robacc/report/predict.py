@@ -52,7 +52,7 @@ def prediction_lines(
     yield from (BLANK, heading("Worst pose"))
     for name, errors in (("position", prediction.position), ("orientation", prediction.orientation)):
         yield from _worst(robot, errors, name, width)
-    yield from (BLANK, heading("Error budget: share of the variance"))
+    yield from (BLANK, heading("Error budget: share of the variance (parameters by the sum of both)"))
     budget = sorted(prediction.budget, key=lambda share: -round(share.position + share.orientation, 9))
     yield from _budget("parameter", budget[:_LISTED])
     if len(budget) > _LISTED:

@@ -39,7 +39,7 @@ def _errors(comparison: Comparison) -> list[Line]:
         (name, with_unit(rms, unit), with_unit(sigma, unit), _SOURCES[source])
         for name, rms, sigma, source, unit in found
     ]
-    return columns((f"measured, {aligned}", "RMS error", "noise along an axis", ""), rows)
+    return [Line(f"measured, {aligned}"), *columns(("", "RMS error", "noise along an axis", ""), rows)]
 
 
 def _tests(comparison: Comparison) -> list[Line]:

@@ -18,7 +18,14 @@ from robacc.errors import InputError
 from robacc.geometry import Array
 from robacc.statistics.covariance_intervals import ONE_POSE, ellipsoid, matrix_interval
 from robacc.statistics.distributions import student_quantile
-from robacc.statistics.intervals import Interval, PoseSampling, percentile_levels, share_below_maximum, tails
+from robacc.statistics.intervals import (
+    Interval,
+    PoseSampling,
+    interpolated,
+    percentile_levels,
+    share_below_maximum,
+    tails,
+)
 from robacc.statistics.multivariate import AssumptionTests, assumption_tests, second_moment
 from robacc.statistics.radius import radius95, satterthwaite_rms
 from robacc.statistics.records import ErrorStatistics, Intervals, Radius, Unit
@@ -90,7 +97,7 @@ def error_statistics(
         centred_covariance=centred_covariance,
         rms=float(np.sqrt(np.trace(covariance))),
         mean_error=float(np.mean(lengths)),
-        p95=float(np.percentile(lengths, 95.0)),
+        p95=interpolated(lengths, [0.95 * (n - 1)])[0],
         max=float(np.max(lengths)),
         share_below_max=share_below_maximum(sampling.n_groups, confidence),
         intervals=Intervals(
@@ -217,8 +224,8 @@ def _p95_interval(
         )
     if n < FEWEST_FOR_MODEL or levels == (None, None, None):
         return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")
-    known = [level for level in levels if level is not None]
-    limits = iter(np.quantile(lengths, known, method="weibull").tolist())
+    # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
+    limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
     lower, upper, bound = (None if level is None else next(limits) for level in levels)
     why = None if upper is not None else f"{n} poses: too few for an upper limit without assuming a distribution"
     method = f"order statistics of {n} poses"

@@ -11,6 +11,7 @@ from robacc.statistics.intervals import (
     PoseSampling,
     chi2_interval,
     covariance_element,
+    interpolated,
     percentile_levels,
     share_below_maximum,
 )
@@ -31,6 +32,15 @@ def test_covariance_of_proportional_variables_is_a_variance() -> None:
     assert (low, high) == pytest.approx((3 * interval.lower, 3 * interval.upper))
     assert covariance_element(2.0, 18.0, -6.0, 30.0, 0.95) == pytest.approx((-high, -low))
     assert covariance_element(0.0, 18.0, 0.0, 30.0, 0.95) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 20, 101])
+def test_interpolated_is_numpys_quantile(n: int) -> None:
+    values = np.random.default_rng(n).normal(size=n)
+    levels = np.array([0.0, 0.03, 0.5, 0.95, 0.999, 1.0])
+    assert interpolated(values, (levels * (n - 1)).tolist()) == pytest.approx(np.quantile(values, levels).tolist())
+    weibull = np.quantile(values, levels, method="weibull")
+    assert interpolated(values, (levels * (n + 1) - 1).tolist()) == pytest.approx(weibull.tolist())
 
 
 def test_share_below_maximum() -> None:

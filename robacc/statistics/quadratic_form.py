@@ -33,7 +33,9 @@ _DROP = 42.0
 _ROUNDING = 1e-14
 _MAX_NODES = 8192
 _FEWEST_NODES = 32
-_ABREAST = np.linspace(0.0, 5.0, 41)[:, None]
+_RISE = 0.5
+"""The integrand may rise by e^0.5 above its value at the saddle point; what cancels then is no digit."""
+_ABREAST = np.linspace(0.0, 5.0, 21)[:, None]
 """Horizontal over vertical distances from a singularity at which the path is looked at."""
 
 
@@ -113,12 +115,15 @@ def _probability(q: float, mean: Array, variance: Array) -> _Path:
         return _Path(0.0, 1.0, 0.0, 0.0, np.zeros(3), np.zeros((3, 3)))
     upper = q > float(np.sum(variance) + np.sum(np.square(mean)))
     saddle, curvature = _saddle_point(q, mean, variance, upper)
-    bend, end = _shape_of_path(q, mean, variance, saddle, curvature)
+    bend, end, top = _shape_of_path(q, mean, variance, saddle, curvature)
     uncertainty = _ROUNDING * (1.0 + abs(saddle) * q)
     nodes, last = _FEWEST_NODES, math.inf
     while True:
-        integrals = _trapezoid(q, mean, variance, saddle, bend, end, nodes)
-        tail = integrals[0]
+        integrals = _trapezoid(q, mean, variance, saddle, bend, end, nodes, top)
+        if integrals is None:
+            bend, end, top = _shape_of_path(q, mean, variance, saddle, curvature, 0.25 * bend)
+            continue
+        tail = float(integrals[0])
         if abs(tail - last) <= uncertainty or nodes >= _MAX_NODES:
             break
         last, nodes = tail, 2 * nodes
@@ -172,15 +177,20 @@ def _exponent(s: Complex, q: float, mean: Array, variance: Array) -> tuple[Compl
     return value, w
 
 
-def _shape_of_path(q: float, mean: Array, variance: Array, saddle: float, curvature: float) -> tuple[float, float]:
-    """The path's bend b in saddle + i t - b t^2, and the t beyond which the integrand is negligible."""
-    grid = 2.0 ** np.arange(-2.0, 80.0, 0.25) / math.sqrt(curvature)
+def _shape_of_path(
+    q: float, mean: Array, variance: Array, saddle: float, curvature: float, most: float = math.inf
+) -> tuple[float, float, float]:
+    """The path's bend b in saddle + i t - b t^2, at ``most`` as given, its end, and the exponent it should not exceed.
+
+    At its end, a t, the integrand has become negligible.
+    """
+    grid = 2.0 ** np.arange(-2.0, 60.0, 0.5) / math.sqrt(curvature)
     distance = saddle + 0.5 / variance[variance > 0.0]
     at_saddle = _exponent(np.array([complex(saddle)]), q, mean, variance)[0].real[0]
     # First a parabola whose focus is the first branch point: from its vertex the exponent of that axis falls
     # steadily. Where the mean lies along an axis of less scatter the path may come near that axis's own singularity,
     # and is straightened; along a straight line the integrand never exceeds its value at the saddle point.
-    bend = 0.25 / float(np.min(distance))
+    bend = min(0.25 / float(np.min(distance)), most)
     while True:
         # Where the path passes a singularity a peak may be narrower than the grid: it is looked at more closely from
         # where the singularity lies five times as far to the left as below, to where it lies straight below.
@@ -188,18 +198,25 @@ def _shape_of_path(q: float, mean: Array, variance: Array, saddle: float, curvat
         t = np.sort(np.concatenate((grid, near.ravel())))
         s: Complex = saddle + 1j * t - bend * np.square(t)
         height = _exponent(s, q, mean, variance)[0].real - at_saddle
-        if float(np.max(height)) < 0.5:
+        if float(np.max(height)) < _RISE:
             break
         bend *= 0.25
     relevant = np.flatnonzero(height > -_DROP)
-    return bend, float(t[min(relevant[-1] + 1, t.size - 1)])
+    return bend, float(t[min(relevant[-1] + 1, t.size - 1)]), float(at_saddle) + 2.0 * _RISE
 
 
-def _trapezoid(q: float, mean: Array, variance: Array, saddle: float, bend: float, end: float, nodes: int) -> Array:
-    """The integrals for weights 1, s (density), d log M/dm_i and d log M/dC_ij, in that order, ``(14,)``."""
+def _trapezoid(
+    q: float, mean: Array, variance: Array, saddle: float, bend: float, end: float, nodes: int, top: float
+) -> Array | None:
+    """The integrals for weights 1, s (density), d log M/dm_i and d log M/dC_ij, in that order, ``(14,)``.
+
+    None where a node's exponent is above ``top``: the path crosses a peak that its shape was to avoid.
+    """
     t = np.linspace(0.0, end, nodes + 1)
     s: Complex = saddle + 1j * t - bend * np.square(t)
     value, w = _exponent(s, q, mean, variance)
+    if float(np.max(value.real)) > top:
+        return None
     # The path is symmetric about the real axis: twice the upper half's imaginary part, half weight at t = 0.
     factor = np.exp(value) * (1j - 2.0 * bend * t) * (end / nodes / math.pi)
     factor[0] *= 0.5

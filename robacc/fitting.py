@@ -29,6 +29,8 @@ _STEPS = 40
 _HALVINGS = 12
 _REWEIGHTINGS = 6
 _PRIOR_ROUNDS = 60
+_ROUNDING = 1e-10
+"""m or rad: far below any instrument, far above rounding; of data without noise no row is an outlier within it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,7 +348,7 @@ class _Solver:
         if scale <= 0:
             return kept
         limit = _limit(self.rows, self.data.n)
-        trimmed = distance <= limit * scale
+        trimmed = (distance <= limit * scale) | (np.abs(self.residual).max(axis=0) <= _ROUNDING)
         return (
             trimmed if trimmed.sum() >= max(0.8 * self.data.n, len(self.identifiability.kept) / self.rows + 1) else kept
         )

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robacc.effects.specification import Known, entry_of
+from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.fitting import Fit
 from robacc.model import Model
 from robacc.robots.arm import Arm
@@ -44,3 +44,18 @@ def fold_values(model: Model, values: Sequence[Mapping[str, float]]) -> Robot:
             listed.append(Known(effect, own))
     entries: list[Mapping[str, Any]] = [entry_of(known.effect, known.values) for known in listed]
     return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))
+
+
+def settle(robot: Robot) -> Robot:
+    """The robot with the constant effects of its file written into its own numbers; the others stay listed, in SI.
+
+    Raises:
+        InputError: the file's ``effects:`` cannot be read.
+    """
+    rest = []
+    for known in known_effects(robot):
+        if known.effect.is_constant:
+            robot = known.effect.apply(Arm.of(robot), known.values)
+        else:
+            rest.append(entry_of(known.effect, known.values))
+    return dataclasses.replace(robot, effects=tuple(rest), effect_units=(1.0, 1.0))

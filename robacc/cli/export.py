@@ -25,6 +25,7 @@ def export(
     from robacc import results
     from robacc.cli.output import emit
     from robacc.errors import UsageError
+    from robacc.folding import settle
     from robacc.io.files import sha256_of, write_text
     from robacc.io.robot_file import read_robot
     from robacc.report.console import say_warnings
@@ -33,7 +34,7 @@ def export(
     if form is Format.json and urdf == "-":
         raise UsageError("--format json tells of the file that --urdf names; name one other than -")
     robot = read_robot(model, base_link=base_link, tip_link=tip_link)
-    text, losses = robot_to_urdf(robot)
+    text, losses = robot_to_urdf(settle(robot))
     if urdf == "-":
         sys.stdout.write(text)
         sys.stdout.flush()

@@ -401,3 +401,25 @@ def test_what_cannot_be_compared() -> None:
         compare_with_measured(ROBOT, data, PARAMETERS, noise=(0.0, None))
     with pytest.raises(UsageError, match=r"the confidence is a probability of at least 0.5 and below 1, not 1"):
         compare_with_measured(ROBOT, data, PARAMETERS, confidence=1.0)
+
+
+def test_frames_that_do_not_agree_are_noticed() -> None:
+    data = simulated(0)
+    moved = dataclasses.replace(data, position=data.position + 0.2)
+    found = compare_with_measured(ROBOT, moved, PARAMETERS)
+    assert found.hint == "errors this large come from frames that do not agree; try --align base_frame,tool_frame"
+    aligned = compare_with_measured(ROBOT, moved, PARAMETERS, what=("base_frame",))
+    assert aligned.hint is None
+    assert compare_with_measured(ROBOT, data, PARAMETERS).hint is None
+    wrong = compare_with_measured(ROBOT, dataclasses.replace(data, q=-data.q), PARAMETERS, what=("base_frame",))
+    assert wrong.hint is not None
+    assert wrong.hint.startswith("errors this large come from units, joint signs")
+
+
+def test_few_poses() -> None:
+    few = compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS)
+    assert "Of 12 measured numbers 12 speak of the parameters" in few.one_draw
+    assert few.one_draw.endswith("; more poses would show more")
+    assert few.consistency.noise is None
+    with pytest.raises(InputError, match="an alignment of 2 poses leaves nothing to compare; measure more poses"):
+        compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS, what=("base_frame", "tool_frame"))

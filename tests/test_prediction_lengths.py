@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import integrate, special, stats
 
+from robacc.prediction.carlson import carlson_rg
 from robacc.prediction.lengths import (
     length_probabilities,
     length_quantiles,
@@ -54,10 +55,19 @@ def test_mixture_quantile_solves_the_mixture() -> None:
 
 def test_mean_length_is_the_integral_of_the_survival() -> None:
     for v in SHAPES[:, :4].T:
-        # The length of one standard deviation each way of the smallest radii is lost below 1e-3, which is 1e-3 at most.
         scale = np.sqrt(v.sum())
         tail, _ = integrate.quad(lambda r, v=v: 1 - length_probability(r, np.zeros(3), v), 1e-9, 12 * scale, limit=200)
-        assert mean_lengths(v[:, None])[0] == pytest.approx(tail, rel=1e-6)
+        assert mean_lengths(np.sort(v)[:, None])[0] == pytest.approx(tail, rel=1e-6)
+
+
+def test_carlsons_integral_is_scipys() -> None:
+    values = np.sort(np.exp(np.random.default_rng(0).uniform(-60, 5, (3, 2000))), axis=0)
+    values[0, :100] = 0.0
+    values[1, :50] = 0.0
+    values[:, 0] = 0.0
+    values[:, 1] = 2.5
+    np.testing.assert_allclose(carlson_rg(values), special.elliprg(*values), rtol=2e-14)
+    assert carlson_rg(np.zeros((3, 0))).shape == (0,)
 
 
 def test_principal_variances_are_never_negative() -> None:

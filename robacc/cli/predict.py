@@ -145,7 +145,8 @@ def predict(
         from robacc.io.predict_json import per_pose_csv
 
         write_text(per_pose, per_pose_csv(found, arm.variable_names))
-    say_warnings(warning for data in (planned, measured) if data is not None for warning in data.warnings)
+    warnings = [warning for data in (planned, measured) if data is not None for warning in data.warnings]
+    say_warnings(warnings if compared is None or compared.hint is None else [*warnings, compared.hint])
     emit(form, output, table=table, document=document)
 
 

@@ -155,6 +155,7 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
             "source_orientation": noise.source_orientation,
         },
         "verdict": found.verdict,
+        "hint": comparison.hint,
         "normalised_squared_error": {
             "total": _chi_square(found.total),
             "parameters": _chi_square(found.parameters),

@@ -19,6 +19,11 @@ from robacc.prediction.parameters import Parameter
 from robacc.registration import Alignment, align
 from robacc.robots.description import Robot
 
+_FEWEST_ALIGNED = 3
+"""With fewer poses, base and tool absorb all that was measured."""
+_FAR = 20.0
+"""Errors of more times the predicted size are no tolerances', they are frames' or units'."""
+
 Noise = tuple[float | None, float | None]
 
 
@@ -36,6 +41,8 @@ class Comparison:
     evidence: Evidence
     consistency: Consistency
     components: Components | None
+    hint: str | None
+    """What errors too large for any tolerance suggest."""
     one_draw: str
     """What it does to the tests that the poses are of one robot, and how that is accounted for."""
 
@@ -68,8 +75,13 @@ def compare_with_measured(
     _check(data, noise, confidence)
     alignment = align(robot, data, what) if what else None
     aligned = robot if alignment is None else alignment.robot
+    if alignment is not None and data.n < _FEWEST_ALIGNED:
+        fix = "measure more poses, or align nothing"
+        text = f"an alignment of {data.n} poses leaves nothing to compare"
+        raise InputError(Problem(text, data.source, fix=fix))
     evidence = gather_evidence(aligned, data, parameters, noise=noise, aligned=tuple(what))
     errors = residuals(data, predict(aligned, data))
+    tests = consistency(evidence, seed=seed)
     return Comparison(
         data.n,
         data.source or "the data",
@@ -77,10 +89,19 @@ def compare_with_measured(
         None if data.rotation is None else _rms(errors[3:]),
         alignment,
         evidence,
-        consistency(evidence, seed=seed),
+        tests,
         variance_components(evidence, parameters, confidence),
+        _hint(tests, alignment),
         _one_draw(evidence),
     )
+
+
+def _hint(tests: Consistency, alignment: Alignment | None) -> str | None:
+    if tests.scale is None or tests.scale.factor < _FAR:
+        return None
+    if alignment is None:
+        return "errors this large come from frames that do not agree; try --align base_frame,tool_frame"
+    return "errors this large come from units, joint signs or the order of the joints rather than from tolerances"
 
 
 def _check(data: Measurements, noise: Noise, confidence: float) -> None:
@@ -109,9 +130,8 @@ def _one_draw(evidence: Evidence) -> str:
     if directions:
         # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
         known = 100.0 / math.sqrt(2.0 * directions)
-        text += (
-            f": the size of the tolerances is known to some {known:.0f} %, and more poses do not help, more robots do"
-        )
+        text += f": the size of the tolerances is known to some {known:.0f} %"
+        text += ", and more poses do not help, more robots do" if evidence.rest_dof else "; more poses would show more"
     if evidence.n_aligned:
         text += f". The alignment used {evidence.n_aligned} degrees of freedom, which no longer count"
     return text

@@ -22,6 +22,7 @@ import numpy as np
 
 from robacc.chain import BLOCK
 from robacc.geometry import Array
+from robacc.prediction.carlson import carlson_rg
 from robacc.statistics.distributions import normal_quantile
 
 _NODES = 12
@@ -130,8 +131,5 @@ def _mixture(q: float, shares: Array, count: int, exact: float) -> tuple[float, 
 
 
 def mean_lengths(variances: Array) -> Array:
-    """E|Z| ``(N,)`` for variances ``(3, N)``."""
-    from scipy.special import elliprg
-
-    result: Array = 2.0 * math.sqrt(2.0 / math.pi) * np.asarray(elliprg(*variances), dtype=float)
-    return result
+    """E|Z| ``(N,)`` for variances ``(3, N)``, ascending."""
+    return 2.0 * math.sqrt(2.0 / math.pi) * carlson_rg(variances)

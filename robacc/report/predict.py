@@ -119,13 +119,16 @@ def _worst(robot: Robot, errors: PredictedErrors, name: str, width: int) -> list
 def _budget(what: str, shares: Sequence[Share]) -> list[Line]:
     names = ("position", "orientation")
     largest = {name: max((getattr(share, name) for share in shares), default=0.0) for name in names}
+    # What a table of 80 columns leaves for two bars after names, tolerance and percentages.
+    longest = max((len(share.name) for share in shares), default=0)
+    width = max(2, min(_BAR, (44 - longest) // 2)) if what == "parameter" else _BAR
     rows = []
     for share in shares:
         tolerance = [] if share.tolerance is None or share.unit is None else [with_unit(share.tolerance, share.unit)]
         cells = []
         for name in names:
             value = getattr(share, name)
-            cells += [percent(value), bar(value, largest[name], _BAR)]
+            cells += [percent(value), bar(value, largest[name], width)]
         rows.append((share.name, *tolerance, *cells))
     return columns((what, *(["1 sd"] if what == "parameter" else []), "position", "", "orientation", ""), rows)
 

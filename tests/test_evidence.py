@@ -84,7 +84,7 @@ def test_evidence_of_several_columns_is_the_largest_marginal_likelihood(size: fl
         at_own_width = direct_evidence(base, candidate, residual, found.width)
         assert found.evidence[0] == pytest.approx(max(at_own_width[0], 0.0), abs=1e-8)
         anywhere = direct_evidence(base, candidate, residual, np.geomspace(1e-6, 1e6, 200))
-        # Half a step of the grid is 0.23 in log width: by the curvature of four coefficients, 4/4 x 0.23^2 nats at most.
+        # Half a step of the grid is 0.23 in log width: by the curvature of four coefficients, 0.23^2 nats at most.
         assert found.evidence[0] >= anywhere.max() - 0.053
 
 

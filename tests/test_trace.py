@@ -1,0 +1,276 @@
+"""The closed loop on arms whose truth is known: what is there is named, what is not is not."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from arms import arm
+
+from robacc.effects.request import build, parse_requests
+from robacc.measurements import Measurements
+from robacc.model import Model, predict
+from robacc.robots.description import Robot
+from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.simulation import Plan, simulate
+from robacc.tracing.trace import Trace, trace
+
+NOISE = 2e-5
+DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"
+Entry = dict[str, Any]
+
+
+def entry(effect: str, joint: str, value: float) -> Entry:
+    return {"effect": effect, "joints": [joint], "values": {joint: value}}
+
+
+WAVE: Entry = {
+    "effect": "transmission_error",
+    "joints": ["j3"],
+    "orders": [12.5],
+    "values": {"j3.cos12.5": 2e-4, "j3.sin12.5": -1e-4},
+}
+CASES: dict[str, tuple[str, Entry]] = {
+    "gear": ("puma560", entry("gear_ratio", "j2", 4e-4)),
+    "backlash": ("irb1600", entry("backlash", "j3", 2e-4)),
+    "wave": ("irb1600", WAVE),
+    "compliance": ("panda", entry("joint_compliance", "panda_joint2", 5e-6)),
+}
+
+
+def geometry(name: str, seed: int = 0) -> Entry:
+    """Errors of zeros that every trace here declares and fits."""
+    rng = np.random.default_rng(seed)
+    joints = list(arm(name).names[1:])
+    return {
+        "effect": "joint_offset",
+        "joints": joints,
+        "values": {joint: float(rng.normal(scale=1e-3)) for joint in joints},
+    }
+
+
+def measured(name: str, *effects: Entry, n: int = 80, seed: int = 1, **changes: Any) -> Measurements:
+    plan = Plan(n, seed=seed, noise_position=NOISE, orientation=False)
+    robot = dataclasses.replace(arm(name).robot, effects=(geometry(name), *effects))
+    return simulate(robot, dataclasses.replace(plan, **changes)).data
+
+
+def traced(robot: Robot, data: Measurements, declared: str = DECLARED, **options: Any) -> Trace:
+    one = Model.of(robot).arm
+    return trace(Model.of(robot, build(parse_requests(declared), one, data)), data, **options)
+
+
+@cache
+def case(which: str) -> tuple[Measurements, Trace]:
+    name, effect = CASES[which]
+    data = measured(name, effect)
+    return data, traced(arm(name).robot, data)
+
+
+def named(found: Trace) -> list[tuple[str, tuple[str, ...]]]:
+    return [(finding.effect, finding.joints) for finding in found.findings]
+
+
+@pytest.mark.parametrize("name", ["puma560", "panda", "stanford", "scara"])
+def test_a_clean_arm_is_left_alone(name: str) -> None:
+    for seed in range(2):
+        found = traced(arm(name).robot, measured(name, n=60, seed=seed))
+        assert named(found) == []
+        assert found.verdict == "clean"
+        assert not found.unexplained.structured
+        assert found.gain is None
+        assert found.after.fitted == found.before.fitted
+        # Nothing found, so what is left is the noise: 180 numbers, 30 to 40 of them used.
+        assert found.noise.noise.position == pytest.approx(NOISE, rel=0.3)
+
+
+@pytest.mark.slow
+def test_two_hundred_clean_arms() -> None:
+    wrong = []
+    for seed in range(200):
+        name = ("puma560", "panda", "irb1600")[seed % 3]
+        found = traced(arm(name).robot, measured(name, n=60 + 60 * (seed % 5), seed=1000 + seed), n_folds=2)
+        if found.findings:
+            wrong.append((seed, named(found)))
+    print("named on a clean arm:", wrong)
+    assert len(wrong) <= 4
+
+
+@pytest.mark.parametrize("which", CASES)
+def test_what_is_there_is_named_and_nothing_besides(which: str) -> None:
+    _, effect = CASES[which]
+    _, found = case(which)
+    assert named(found) == [(effect["effect"], tuple(effect["joints"]))]
+    (finding,) = found.findings
+    assert found.verdict == "explained"
+    assert finding.p_value < 1e-6
+    assert finding.chosen_again == (5, 5)
+    assert not finding.warnings
+    for parameter, value in zip(finding.parameters, effect["values"].values(), strict=True):
+        assert parameter.std is not None
+        if which == "wave":  # its order is fitted too, which moves its phase
+            continue
+        assert abs(parameter.value - value) < 4 * parameter.std
+    assert finding.held_out_before is not None
+    assert finding.held_out_after is not None
+    assert finding.held_out_after < 0.7 * finding.held_out_before
+    assert found.before.held_out is not None
+    assert found.after.held_out is not None
+    # The only finding: without it is before.
+    assert finding.held_out_before == pytest.approx(found.before.held_out.position.rms, rel=0.02)
+    assert found.gain is not None
+    assert 0 < found.gain.low < found.gain.value < found.gain.high
+
+
+def test_a_searched_order_is_found_off_the_grid() -> None:
+    (finding,) = case("wave")[1].findings
+    (line,) = finding.lines
+    assert line.order == pytest.approx(12.5, abs=0.05)
+    assert line.amplitude == pytest.approx(np.hypot(2e-4, 1e-4), rel=0.15)
+    ((joint, low, high),) = finding.seen
+    assert joint == "j3"
+    assert low < high
+
+
+@pytest.mark.parametrize("which", CASES)
+def test_the_written_model_predicts_as_fitted_and_finds_nothing_more(which: str) -> None:
+    data, found = case(which)
+    again = parse_robot(robot_to_yaml(found.robot), "model.yaml")
+    poses = predict(again, data)
+    np.testing.assert_allclose(poses.translation, found.final.poses.translation, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(poses.rotation, found.final.poses.rotation, rtol=0, atol=1e-12)
+    second = traced(again, data)
+    assert named(second) == []
+    assert second.verdict == "clean"
+
+
+def test_several_effects_at_once() -> None:
+    gear, lag = entry("gear_ratio", "j2", 4e-4), entry("backlash", "j3", 2e-4)
+    data = measured("puma560", gear, lag, WAVE)
+    found = traced(arm("puma560").robot, data)
+    assert sorted(named(found)) == [
+        ("backlash", ("j3",)),
+        ("gear_ratio", ("j2",)),
+        ("transmission_error", ("j3",)),
+    ]
+    # Each finding's part in the whole: without it the poses held out are worse.
+    for finding in found.findings:
+        assert finding.held_out_after is not None
+        assert finding.held_out_before is not None
+        assert finding.held_out_after < finding.held_out_before
+
+
+def test_the_order_of_rows_does_not_matter() -> None:
+    data, found = case("gear")
+    order = np.random.default_rng(0).permutation(data.n)
+    other = traced(arm("puma560").robot, data.subset(order))
+    assert named(other) == named(found)
+    assert other.findings[0].p_value == pytest.approx(found.findings[0].p_value, rel=1e-3)
+    for mine, yours in zip(other.findings[0].parameters, found.findings[0].parameters, strict=True):
+        assert mine.value == pytest.approx(yours.value, rel=1e-6)
+    assert found.after.held_out is not None
+    assert other.after.held_out is not None
+    assert other.after.held_out.position.rms == pytest.approx(found.after.held_out.position.rms, rel=1e-4)
+
+
+def test_the_seed_moves_held_out_figures_by_noise_alone() -> None:
+    data, found = case("backlash")
+    other = traced(arm("irb1600").robot, data, seed=12)
+    assert named(other) == named(found)
+    assert other.after.fitted == found.after.fitted
+    assert found.after.held_out is not None
+    assert other.after.held_out is not None
+    assert other.after.held_out != found.after.held_out
+    assert other.after.held_out.position.rms == pytest.approx(found.after.held_out.position.rms, rel=0.15)
+
+
+def test_the_same_call_twice_is_the_same_to_the_bit() -> None:
+    data, found = case("gear")
+    again = traced(arm("puma560").robot, data)
+    assert again.findings == found.findings
+    assert again.after == found.after
+    np.testing.assert_array_equal(again.final.theta, found.final.theta)
+
+
+def test_a_beam_break_is_no_effect() -> None:
+    plan = Plan(80, seed=1, noise_position=NOISE, orientation=False, outliers=3, outlier_size=0.01)
+    made = simulate(arm("puma560").robot, plan)
+    found = traced(arm("puma560").robot, made.data)
+    assert named(found) == []
+    assert found.final.outliers.tolist() == made.outliers.tolist()
+    assert any(warning.startswith("left out as no part of the rest: 3 row(s)") for warning in found.warnings)
+
+
+def test_frames_that_nobody_declared_are_found() -> None:
+    robot = arm("ur10").robot
+    data = simulate(robot, Plan(60, seed=3, noise_position=NOISE, orientation=False)).data
+    moved = dataclasses.replace(data, position=data.position + np.array([[3e-4], [-2e-4], [5e-4]]))
+    found = traced(robot, moved, "")
+    assert named(found) == [("base_frame", ())]
+    assert found.nominal.fitted == found.before.fitted
+    frame = {parameter.name: parameter.value for parameter in found.findings[0].parameters}
+    assert frame["base_frame.z"] == pytest.approx(robot.base.xyz[2] + 5e-4, abs=5e-5)
+
+
+def test_effects_that_do_the_same_are_alternatives() -> None:
+    # The pedestal's tilt and the bearing of an upright first axis: the same moment, about the same place.
+    one = arm("puma560")
+    data = measured("puma560", {"effect": "base_compliance", "values": {"value": 4e-6}})
+    found = traced(one.robot, data)
+    (finding,) = found.findings
+    stands_for = [finding.effect, *(other.effect for other in finding.alternatives)]
+    assert {"base_compliance", "lateral_compliance"} <= set(stands_for)
+    assert all(0.5 <= other.likeness <= 1 + 1e-9 for other in finding.alternatives)
+    assert found.next_poses
+
+
+def test_noise_beyond_what_the_file_says_is_unexplained_and_not_an_effect() -> None:
+    data = measured("puma560", noise_position=5 * NOISE)
+    stated = dataclasses.replace(data, sigma_position=np.full(data.position.shape, NOISE))
+    found = traced(arm("puma560").robot, stated)
+    assert named(found) == []
+    assert found.verdict == "unexplained"
+    assert found.unexplained.structured
+    assert found.unexplained.noise_rms == pytest.approx(np.sqrt(3) * NOISE)
+    assert found.noise.noise.source == "file"
+    assert found.noise.ratio == pytest.approx(5, rel=0.2)
+    assert any("times the measuring noise (known from the file)" in hint for hint in found.unexplained.hints)
+
+
+def test_noise_is_known_from_repeats() -> None:
+    found = traced(arm("puma560").robot, measured("puma560", n=40, cycles=3))
+    assert named(found) == []
+    assert found.noise.noise.source == "repeats"
+    assert found.noise.noise.position == pytest.approx(NOISE, rel=0.2)
+    assert found.verdict == "clean"
+
+
+def test_poses_of_their_own_judge_instead_of_folds() -> None:
+    name, effect = CASES["gear"]
+    data, found = case("gear")
+    apart = measured(name, effect, n=30, seed=50)
+    judged = traced(arm(name).robot, data, holdout=apart)
+    assert judged.n_folds == 0
+    assert named(judged) == named(found)
+    residual = apart.position - predict(judged.robot, apart).translation
+    assert judged.after.held_out is not None
+    rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=0))))
+    assert judged.after.held_out.position.rms == pytest.approx(rms, rel=1e-2)
+
+
+def test_too_few_poses_hold_none_out_and_say_so() -> None:
+    data = measured("scara", n=5, orientation=True)
+    found = traced(arm("scara").robot, data, "base_frame")
+    assert found.after.held_out is None
+    assert found.n_folds == 0
+    assert any("too few to hold any out" in warning for warning in found.warnings)
+
+
+def test_progress_is_told() -> None:
+    told: list[tuple[str, int, int]] = []
+    data, _ = case("gear")
+    traced(arm("puma560").robot, data, n_folds=3, progress=lambda what, done, of: told.append((what, done, of)))
+    assert told == [("searching", 0, 4), *(("cross-fitting", i, 4) for i in (1, 2, 3))]

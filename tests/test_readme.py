@@ -16,12 +16,13 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def test_worked_example_is_real_output(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    block = re.search(r"```text\n\$ robacc (.*)\n([\s\S]*?)```", README)
-    assert block is not None
-    result = CliRunner().invoke(app, block[1].split(), catch_exceptions=False)
-    assert result.exit_code == 0
-    assert result.stdout.startswith(block[2])
-    assert len(block[2].splitlines()) > 20
+    blocks = re.findall(r"```text\n\$ robacc ((?:trace|estimate) .*)\n([\s\S]*?)```", README)
+    assert len(blocks) == 2
+    for command, output in blocks:
+        result = CliRunner().invoke(app, command.split(), catch_exceptions=False)
+        assert result.exit_code == 0
+        assert result.stdout.startswith(output)
+        assert len(output.splitlines()) > 20
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -133,8 +133,8 @@ def waves(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> li
             continue
         phase = orders[:, None] * angle
         basis = np.concatenate((np.cos(phase), np.sin(phase)))
-        # Neighbours of the grid say the same: what counts as independent are orders one period of the range apart.
-        independent = max(1.0, float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
+        # Neighbours of the grid say the same: what counts as independent are orders half a period of the range apart.
+        independent = max(1.0, 2 * float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
         result.append(Waves(joint, arm.number(joint), orders, basis, angle, -math.log(_UNITS * independent)))
     return result
 

@@ -15,8 +15,9 @@ from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, Waves
 from robacc.tracing.evidence import Columns, Conditioned, Scores, judge
 
-FALSE_ALARM = 0.01
-"""Over all candidates together, that anything at all is named on a clean arm."""
+FALSE_ALARM = 0.005
+"""Bound over all candidates together that anything at all is named on a clean arm; half of the one in a hundred that is
+promised, because orders and knots are searched more finely than they are counted."""
 RIVAL = 5.0
 """A rival within this many nats of the finding's own evidence (odds of 150 to 1) is named as an alternative."""
 _SWAP = 1.0

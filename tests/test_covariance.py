@@ -289,11 +289,11 @@ def test_confidence_widens_intervals() -> None:
 def test_a_million_poses_are_quick(offset: float) -> None:
     errors = gaussian(1_000_000) + offset
     best = min(_seconds(errors) for _ in range(3))
-    # Measured 0.07 to 0.1 s; the limit is that of the requirement, with room for a busy machine in the best of three.
+    # Measured 0.07 to 0.1 s on a quiet machine. Processor time, so that a busy one does not decide.
     assert best < 0.3
 
 
 def _seconds(errors: np.ndarray) -> float:
-    start = time.perf_counter()
+    start = time.process_time()
     error_statistics(errors, "m")
-    return time.perf_counter() - start
+    return time.process_time() - start

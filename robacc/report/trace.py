@@ -44,7 +44,7 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
     yield BLANK
     yield heading("3. What was found")
     if not result.findings:
-        yield Line("nothing, at a false-alarm rate of 1 % over everything that competed")
+        yield Line("nothing, at a false-alarm rate below 1 % over everything that competed")
     for number, finding in enumerate(result.findings, 1):
         yield from _finding(number, finding, width)
     yield BLANK

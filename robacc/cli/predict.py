@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
@@ -81,7 +82,7 @@ def predict(
     """
     from robacc.cli.output import emit
     from robacc.grading import default_scale, load_scale
-    from robacc.io.files import read_text, sha256_of
+    from robacc.io.files import read_text
     from robacc.io.robot_file import read_robot
     from robacc.prediction.allocation import allocate as allocated
     from robacc.prediction.comparison import compare_with_measured
@@ -128,11 +129,8 @@ def predict(
     def document() -> dict[str, Any]:
         from robacc.io.predict_json import payload
 
-        files = ((robot, "robot"), (tolerances, "tolerances"), (scale, "scale"))
-        inputs = [InputFile.at(path, sha256_of(path), kind) for path, kind in files if path is not None]
-        for data, path, kind in ((planned, poses, "poses"), (measured, against, "against")):
-            if data is not None and path is not None:
-                inputs.append(InputFile.at(path, data.sha256 or "", kind))
+        read = ((planned, poses, "poses"), (measured, against, "against"))
+        inputs = _records(((robot, "robot"), (tolerances, "tolerances"), (scale, "scale")), read)
         return envelope("predict", payload(found, needed, compared), options=options, inputs=inputs, seed=seed)
 
     def table(stream: TextIO) -> None:
@@ -172,6 +170,19 @@ def _check_options(
         raise UsageError("--target is of sampled configurations; the poses of a file name theirs in a column target")
     if poses == "-" and against == "-":
         raise UsageError("standard input can be read once: --poses or --against, not both")
+
+
+def _records(
+    files: Sequence[tuple[str | None, str]], read: Sequence[tuple[Measurements | None, str | None, str]]
+) -> list[InputFile]:
+    """The record of every file that was given."""
+    from robacc.io.files import sha256_of
+
+    records = [InputFile.at(path, sha256_of(path), kind) for path, kind in files if path is not None]
+    for data, path, kind in read:
+        if data is not None and path is not None:
+            records.append(InputFile.at(path, data.sha256 or "", kind))
+    return records
 
 
 def _tolerances(path: str, arm: Robot) -> Tolerances:

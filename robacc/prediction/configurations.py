@@ -56,7 +56,9 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
         raise InputError(Problem("has no joint columns: the prediction needs the configurations", data.source, fix=fix))
     bound = _nominal(robot).bind(data)
     labels = tuple(f"line {data.line(i)}" for i in range(data.n))
-    return Configurations(data.q, bound.nominal, labels, f"the {data.n} poses of {data.source or 'the data'}")
+    return Configurations(
+        data.q, bound.nominal, labels, f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}"
+    )
 
 
 def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | None = None) -> Configurations:
@@ -84,7 +86,7 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     points = (low_discrepancy(len(low), n) + shift[:, None]) % 1.0
     q = low[:, None] + (high - low)[:, None] * points
     scalars = tuple(Arm.of(robot).chain.scalars(q))
-    source = f"{n} configurations spread evenly over the joint ranges (seed {seed})"
+    source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
     return Configurations(q, scalars, None, source, (*notes, *chosen))
 
 

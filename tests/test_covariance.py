@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -287,13 +287,18 @@ def test_confidence_widens_intervals() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 1e-4])
 def test_a_million_poses_are_quick(offset: float) -> None:
+    """A ratio in one run, since the machine may be busy: about as long as sorting two million numbers, 0.2 s or less."""
     errors = gaussian(1_000_000) + offset
-    best = min(_seconds(errors) for _ in range(3))
-    # Measured 0.07 to 0.1 s on a quiet machine. Processor time, so that a busy one does not decide.
-    assert best < 0.3
+    shuffled = np.random.default_rng(0).permutation(2_000_000.0 + np.arange(2_000_000))
+    own, sort = [], []
+    for _ in range(5):
+        own.append(seconds(lambda: error_statistics(errors, "m")))
+        sort.append(seconds(lambda: np.sort(shuffled, kind="stable")))
+    # Measured 1 to 1.8 on a machine with other work; a pass over the poses too many would add as much again.
+    assert min(own) < 3 * min(sort)
 
 
-def _seconds(errors: np.ndarray) -> float:
-    start = time.process_time()
-    error_statistics(errors, "m")
-    return time.process_time() - start
+def seconds(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start

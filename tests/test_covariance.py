@@ -287,7 +287,7 @@ def test_confidence_widens_intervals() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 1e-4])
 def test_a_million_poses_are_quick(offset: float) -> None:
-    """A ratio in one run, since the machine may be busy: about as long as sorting two million numbers, 0.2 s or less."""
+    """As a ratio in one run, since the machine may be busy: about as long as sorting two million numbers."""
     errors = gaussian(1_000_000) + offset
     shuffled = np.random.default_rng(0).permutation(2_000_000.0 + np.arange(2_000_000))
     own, sort = [], []

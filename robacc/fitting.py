@@ -29,8 +29,8 @@ _STEPS = 40
 _HALVINGS = 12
 _REWEIGHTINGS = 6
 _PRIOR_ROUNDS = 60
-_ROUNDING = 1e-10
-"""m or rad: far below any instrument, far above rounding; of data without noise no row is an outlier within it."""
+_ROUNDING = 1e-9
+"""m or rad: below any instrument, above rounding; of data without noise no row is an outlier within it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -475,8 +475,11 @@ def _one_misfit(residual: Array, known: Array | float, used: float) -> float:
 
 
 def _positive(misfit: tuple[float, float], residual: Array) -> tuple[float, float]:
-    """A floor far below rounding's reach, so that data without any noise can be weighed at all."""
-    return max(misfit[0], 1e-12), max(misfit[1], 1e-12)
+    """A floor below any instrument's reach, so that data without any noise can be weighed at all.
+
+    Position with noise beside orientation without any is weighed within what the normal equations can hold.
+    """
+    return max(misfit[0], _ROUNDING), max(misfit[1], _ROUNDING)
 
 
 def _noise(data: Measurements, misfit: tuple[float, float], given: bool) -> Noise:

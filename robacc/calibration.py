@@ -21,6 +21,7 @@ from robacc.model import Model
 from robacc.noise import LackOfFit, lack_of_fit
 from robacc.observation import residuals
 from robacc.parameters import Correlation, Parameter, correlations, parameters
+from robacc.parsimony import without_idle_rotations
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.loop import REGISTERED, close_loop
@@ -81,7 +82,8 @@ def calibrate(
     options = options or Options()
     plan = _Plan(robot, data, requests, options, priors or {})
     effects = plan.effects(data)
-    found = fit(Model.of(robot, effects), data, plan.options_for(effects, data))
+    found = _fitted(plan, effects, data)
+    effects = found.model.free
     frames = tuple(effect for effect in effects if effect.name in REGISTERED)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
     nominal = _nominal(robot, data)
@@ -156,6 +158,13 @@ class _Plan:
         return dataclasses.replace(self.options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
 
 
+def _fitted(plan: _Plan, effects: tuple[Effect, ...], data: Measurements) -> Fit:
+    """The fit of all effects; with priors as they stand, else without rotations that the data do not show."""
+    model, options = Model.of(plan.robot, effects), plan.options_for(effects, data)
+    found = fit(model, data, options)
+    return found if plan.priors or found.widths else without_idle_rotations(found, model, data, options)
+
+
 def _searched(request: Request) -> bool:
     cls = effect_class(request.name)
     return request.joints is None and cls.per_joint and not cls.is_constant
@@ -179,7 +188,7 @@ def _hold_out(
     search = Options(robust=plan.options.robust, tolerance=1e-6)
     if holdout is not None:
         alone = fit(Model.of(plan.robot, frames), data, search)
-        whole = fit(Model.of(plan.robot, effects), data, plan.options_for(effects, data))
+        whole = _fitted(plan, effects, data)
         return held_out(alone, holdout), held_out(whole, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:

@@ -80,9 +80,7 @@ def rpy_from_rotation(rotation: Array) -> Array:
     across = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], across)
     pole = across < 1e-15
-    yaw = np.where(
-        pole, np.arctan2(-rotation[0, 1], rotation[1, 1]), np.arctan2(rotation[1, 0], rotation[0, 0])
-    )
+    yaw = np.where(pole, np.arctan2(-rotation[0, 1], rotation[1, 1]), np.arctan2(rotation[1, 0], rotation[0, 0]))
     # Second and third column of (Rz(yaw) Ry(pitch))^T R, along its own second axis.
     sine, cosine = np.sin(yaw), np.cos(yaw)
     roll = np.arctan2(

@@ -88,15 +88,12 @@ class Measurements:
         By the ``pose`` column where there is one, else rows whose commanded joints (or commanded pose) are equal.
         """
         if self.pose is not None:
-            key: NDArray[Any] = self.pose
-        elif self.q is not None:
-            key = np.ascontiguousarray(np.round(self.q.T, 9)).view([("", float)] * self.q.shape[0]).ravel()
-        elif self.commanded_position is not None:
-            rounded = np.round(self.commanded_position.T, 9)
-            key = np.ascontiguousarray(rounded).view([("", float)] * 3).ravel()
-        else:
-            return np.arange(self.n)
-        return np.unique(key, return_inverse=True)[1].astype(np.int64)
+            return np.unique(self.pose, return_inverse=True)[1].astype(np.int64)
+        if self.q is not None:
+            return _equal_columns(self.q)
+        if self.commanded_position is not None:
+            return _equal_columns(self.commanded_position)
+        return np.arange(self.n)
 
 
 def motion_between_rows(q: Array) -> tuple[Array, Array]:
@@ -111,3 +108,22 @@ def motion_between_rows(q: Array) -> tuple[Array, Array]:
     largest = np.max(np.abs(speed), axis=0, initial=0.0)
     np.divide(speed, largest, out=speed, where=largest > 0)
     return direction, speed
+
+
+def _equal_columns(values: Array) -> NDArray[np.int64]:
+    """``(N,)`` number of each column of ``(K, N)``, the same for columns equal to 1e-9, by content and not by place.
+
+    Sorting one hash a column takes a tenth of the time that sorting whole columns takes; a collision, which is all but
+    impossible, is noticed and sorted in full.
+    """
+    mixed = np.zeros(values.shape[1], dtype=np.uint64)
+    for row in values:
+        bits = (np.round(row, 9) + 0.0).view(np.uint64)
+        mixed = (mixed ^ bits) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    _, first, number = np.unique(mixed, return_index=True, return_inverse=True)
+    if first.size == mixed.size or all(
+        np.array_equal(np.round(row, 9), np.round(row, 9)[first][number]) for row in values
+    ):
+        return number.astype(np.int64)
+    return np.unique(np.round(values, 9), axis=1, return_inverse=True)[1].ravel().astype(np.int64)

@@ -27,6 +27,7 @@ LAYERS = (
         "robacc.identifiability",
         "robacc.noise",
         "robacc.parameters",
+        "robacc.parsimony",
         "robacc.registration",
     ),
     ("robacc.tracing",),

@@ -22,6 +22,7 @@ from robacc.model import Model
 from robacc.noise import LackOfFit, lack_of_fit
 from robacc.observation import residuals
 from robacc.parameters import Parameter, parameters
+from robacc.parsimony import without_idle_rotations
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.candidates import ORDER_STEP
@@ -202,11 +203,11 @@ def trace(
 
 def _polished(loop: Loop, data: Measurements) -> Fit:
     """The final fit to full convergence; shrunk blocks are left as the search found them."""
-    if not loop.effects:
-        return loop.declared
     if loop.final.widths:
         return loop.final
-    return fit(loop.declared.model.with_free(*_ordered(loop.effects)), data, Options())
+    model = loop.declared.model.with_free(*_ordered(loop.effects))
+    found = fit(model, data, Options()) if loop.effects else loop.declared
+    return without_idle_rotations(found, model, data, Options())
 
 
 def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: float, seed: int) -> tuple[Advice, ...]:
@@ -259,6 +260,9 @@ def _hold_out(
         complete = declared
         if effects:
             complete = fit(loop.declared.model.with_free(*effects), train, _fold_options(loop.final))
+        if not complete.widths:
+            model = loop.declared.model.with_free(*effects)
+            complete = without_idle_rotations(complete, model, train, _fold_options(loop.final))
         before[:, rest] = held_out(declared, test)
         after[:, rest] = held_out(complete, test)
         for name in {(one.name, one.joints) for one in effects}:

@@ -18,7 +18,7 @@ from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.statistics.distributions import chi2_sf
 
-_NEEDED = 0.01
+_NEEDED = 0.001
 """The rotations stay where chance alone would make them this large less often."""
 
 

@@ -87,8 +87,8 @@ def test_fit_against_scipy(n: int, capsys: pytest.CaptureFixture[str]) -> None:
     other = fastest(lambda: peer(found, data), times)
     with capsys.disabled():
         print(
-            f"\n  30 parameters, {n} poses: {bare * 1e3:.1f} ms, {other / bare:.1f} times as fast as scipy trf from the "
-            f"same start ({other * 1e3:.1f} ms; wanted 3 times); {own * 1e3:.1f} ms with registration"
+            f"\n  30 parameters, {n} poses: {bare * 1e3:.1f} ms, {other / bare:.1f} times as fast as scipy trf from "
+            f"the same start ({other * 1e3:.1f} ms; wanted 3 times); {own * 1e3:.1f} ms with registration"
         )
 
 

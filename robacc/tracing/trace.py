@@ -160,7 +160,8 @@ def trace(
     refuse_mistake(model.arm.robot, data)
     progress("searching", 0, n_folds + 1)
     loop = close_loop(model, data, SEARCH, empirical=empirical)
-    final = _polished(loop, data)
+    declared = without_idle_rotations(loop.declared, loop.declared.model, data, Options())
+    final = _polished(loop, data) if loop.effects else declared
     held = _hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
     nominal_residual = residuals(data, model.bind(data).poses(np.zeros(len(model.bind(data).terms))))
     noise = lack_of_fit(final, data)
@@ -177,14 +178,14 @@ def trace(
     return Trace(
         robot=fold(final),
         verdict=_verdict(findings, unexplained),
-        declared=loop.declared,
+        declared=declared,
         final=final,
         noise=noise,
         nominal=Stage(
             pose_figures(nominal_residual[:, rows]), None if held is None else pose_figures(held_nominal[:, kept])
         ),
         before=Stage(
-            pose_figures(loop.declared.residual[:, rows]),
+            pose_figures(declared.residual[:, rows]),
             None if held is None else pose_figures(held.before[:, kept]),
         ),
         after=Stage(pose_figures(final.residual[:, rows]), after_held),
@@ -206,7 +207,7 @@ def _polished(loop: Loop, data: Measurements) -> Fit:
     if loop.final.widths:
         return loop.final
     model = loop.declared.model.with_free(*_ordered(loop.effects))
-    found = fit(model, data, Options()) if loop.effects else loop.declared
+    found = fit(model, data, Options())
     return without_idle_rotations(found, model, data, Options())
 
 
@@ -257,12 +258,13 @@ def _hold_out(
         selection = choose(loop.scene, learn, empirical=empirical, most=_FOLD_POSES)
         effects = _ordered(refined(selection, one) for one in selection.chosen)
         declared = fit(loop.declared.model, train, _fold_options(loop.declared))
+        declared = without_idle_rotations(declared, loop.declared.model, train, _fold_options(loop.declared))
         complete = declared
         if effects:
-            complete = fit(loop.declared.model.with_free(*effects), train, _fold_options(loop.final))
-        if not complete.widths:
             model = loop.declared.model.with_free(*effects)
-            complete = without_idle_rotations(complete, model, train, _fold_options(loop.final))
+            complete = fit(model, train, _fold_options(loop.final))
+            if not complete.widths:
+                complete = without_idle_rotations(complete, model, train, _fold_options(loop.final))
         before[:, rest] = held_out(declared, test)
         after[:, rest] = held_out(complete, test)
         for name in {(one.name, one.joints) for one in effects}:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect
 from robacc.errors import RobaccError
 from robacc.figures import Gain, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
 from robacc.folding import fold
-from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.noise import LackOfFit, lack_of_fit
@@ -26,17 +24,15 @@ from robacc.parsimony import without_idle_rotations
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.candidates import ORDER_STEP
-from robacc.tracing.loop import REGISTERED, SEARCH, Loop, choose, close_loop, coarse, refined
+from robacc.tracing.held_out import Held, Progress, frames_first, hold_out
+from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse
 from robacc.tracing.mistakes import refuse_mistake
 from robacc.tracing.selection import FALSE_ALARM, RIVAL, Chosen, Ranked, Selection, Step
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
-Progress = Callable[[str, int, int], None]
 
 _MOST_TO_ADVISE = 200
 """Coefficients beyond which rivals are not fitted to find the poses that would decide."""
-_FOLD_POSES = 400
-"""Poses that the choice within a fold looks at, at most."""
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
 _MOST_ALTERNATIVES = 4
@@ -127,17 +123,6 @@ class Trace:
     warnings: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Held:
-    """Held-out residuals ``(M, N)`` of every row, and of each finding's absence, with how often each was chosen."""
-
-    before: Array
-    after: Array
-    without: dict[tuple[object, ...], Array]
-    chosen: dict[tuple[str, tuple[str, ...]], int]
-    folds: int
-
-
 def trace(
     model: Model,
     data: Measurements,
@@ -160,9 +145,10 @@ def trace(
     refuse_mistake(model.arm.robot, data)
     progress("searching", 0, n_folds + 1)
     loop = close_loop(model, data, SEARCH, empirical=empirical)
+    held = hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
+    loop = _reproduced(loop, held, data)
     declared = without_idle_rotations(loop.declared, loop.declared.model, data, Options())
     final = _polished(loop, data) if loop.effects else declared
-    held = _hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
     nominal_residual = residuals(data, model.bind(data).poses(np.zeros(len(model.bind(data).terms))))
     noise = lack_of_fit(final, data)
     findings = tuple(_finding(loop, effect, final, held, data) for effect in loop.effects)
@@ -202,11 +188,24 @@ def trace(
     )
 
 
+def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
+    """The loop without findings that came back in no fold: what no part of the poses shows again is not reported."""
+    if held is None or not held.folds:
+        return loop
+    effects = tuple(effect for effect in loop.effects if (effect.name, effect.joints) in held.chosen)
+    if len(effects) == len(loop.effects):
+        return loop
+    keys = {coarse(effect) for effect in effects}
+    loop.selection.chosen = [one for one in loop.selection.chosen if coarse(one.candidate.effect) in keys]
+    final = fit(loop.declared.model.with_free(*frames_first(effects)), data, SEARCH) if effects else loop.declared
+    return dataclasses.replace(loop, effects=effects, final=final)
+
+
 def _polished(loop: Loop, data: Measurements) -> Fit:
     """The final fit to full convergence; shrunk blocks are left as the search found them."""
     if loop.final.widths:
         return loop.final
-    model = loop.declared.model.with_free(*_ordered(loop.effects))
+    model = loop.declared.model.with_free(*frames_first(loop.effects))
     found = fit(model, data, Options())
     return without_idle_rotations(found, model, data, Options())
 
@@ -230,82 +229,10 @@ def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:
     return "explained" if named and not left.structured else "partly_explained"
 
 
-# -- held-out figures
-
-
-def _hold_out(
-    loop: Loop,
-    data: Measurements,
-    holdout: Measurements | None,
-    n_folds: int,
-    seed: int,
-    empirical: bool,
-    progress: Progress,
-) -> _Held | None:
-    if holdout is not None:
-        return _on(loop, holdout)
-    assigned = folds(data, n_folds, seed)
-    if assigned is None:
-        return None
-    shape = loop.final.residual.shape
-    before, after = np.empty(shape), np.empty(shape)
-    without = {effect.key(): np.empty(shape) for effect in loop.effects}
-    chosen: dict[tuple[str, tuple[str, ...]], int] = {}
-    count = int(assigned.max()) + 1
-    for number, (learn, rest) in enumerate(parts(assigned)):
-        progress("cross-fitting", number + 1, count + 1)
-        train, test = data.subset(np.flatnonzero(learn & loop.final.kept)), data.subset(np.flatnonzero(rest))
-        selection = choose(loop.scene, learn, empirical=empirical, most=_FOLD_POSES)
-        effects = _ordered(refined(selection, one) for one in selection.chosen)
-        declared = fit(loop.declared.model, train, _fold_options(loop.declared))
-        declared = without_idle_rotations(declared, loop.declared.model, train, _fold_options(loop.declared))
-        complete = declared
-        if effects:
-            model = loop.declared.model.with_free(*effects)
-            complete = fit(model, train, _fold_options(loop.final))
-            if not complete.widths:
-                complete = without_idle_rotations(complete, model, train, _fold_options(loop.final))
-        before[:, rest] = held_out(declared, test)
-        after[:, rest] = held_out(complete, test)
-        for name in {(one.name, one.joints) for one in effects}:
-            chosen[name] = chosen.get(name, 0) + 1
-        for effect in loop.effects:
-            again = [one for one in effects if (one.name, one.joints) == (effect.name, effect.joints)]
-            if not again:
-                without[effect.key()][:, rest] = after[:, rest]
-                continue
-            without[effect.key()][:, rest] = _lacking(complete, again, test)
-    return _Held(before, after, without, chosen, count)
-
-
-def _fold_options(found: Fit) -> Options:
-    """A fold weighs rows as the whole did, and its outliers are already left out."""
-    return dataclasses.replace(SEARCH, robust=False, misfit=found.misfit)
-
-
-def _on(loop: Loop, holdout: Measurements) -> _Held:
-    """Poses of their own: the models of all the other poses, as they stand."""
-    without = {}
-    for effect in loop.effects:
-        without[effect.key()] = _lacking(loop.final, [effect], holdout)
-    return _Held(held_out(loop.declared, holdout), held_out(loop.final, holdout), without, {}, 0)
-
-
-def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array:
-    """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them."""
-    numbers = {i for i, effect in enumerate(complete.model.free) if effect in absent}
-    return residuals(test, complete.model.bind(test).poses(complete.without(numbers)))
-
-
-def _ordered(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Frames first, so that they keep their parameters where poses cannot tell two apart."""
-    return tuple(sorted(effects, key=lambda effect: effect.name not in REGISTERED))
-
-
 # -- findings
 
 
-def _finding(loop: Loop, effect: Effect, final: Fit, held: _Held | None, data: Measurements) -> Finding:
+def _finding(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measurements) -> Finding:
     one = next((c for c in loop.selection.chosen if coarse(c.candidate.effect) == coarse(effect)), None)
     if one is not None:
         own, rivals = loop.selection.contest(one)
@@ -461,7 +388,7 @@ def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexp
     )
 
 
-def _warnings(final: Fit, data: Measurements, held: _Held | None, holdout: Measurements | None) -> tuple[str, ...]:
+def _warnings(final: Fit, data: Measurements, held: Held | None, holdout: Measurements | None) -> tuple[str, ...]:
     warnings = list(data.warnings)
     if held is None:
         warnings.append(f"{data.n} poses are too few to hold any out: every figure is of poses that were fitted")

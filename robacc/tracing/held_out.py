@@ -1,0 +1,162 @@
+"""The whole search run again without each fold, so that every pose gets an honest error.
+
+Folds are independent of each other; where there are many poses they are shared between two processes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.crossfit import folds, held_out, parts
+from robacc.effects.base import Effect
+from robacc.fitting import Fit, Options, fit
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.observation import residuals
+from robacc.parsimony import without_idle_rotations
+from robacc.tracing.loop import REGISTERED, SEARCH, Loop, choose, refined
+
+Progress = Callable[[str, int, int], None]
+
+_FOLD_POSES = 400
+"""Poses that the choice within a fold looks at, at most."""
+_SHARED_FROM = 600
+"""Poses from which a second process is worth its start."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """Held-out residuals ``(M, N)`` of every row, and of each finding's absence, with how often each was chosen."""
+
+    before: Array
+    after: Array
+    without: dict[tuple[object, ...], Array]
+    chosen: dict[tuple[str, tuple[str, ...]], int]
+    folds: int
+
+
+@dataclass(frozen=True)
+class _Fold:
+    """Residuals ``(M, n)`` of the rows that one fold held out."""
+
+    before: Array
+    after: Array
+    without: tuple[Array, ...]
+    """For each finding of the whole loop, in its order."""
+    chosen: frozenset[tuple[str, tuple[str, ...]]]
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a fold needs, the same for all."""
+
+    loop: Loop
+    data: Measurements
+    assigned: NDArray[np.int64]
+    empirical: bool
+
+
+def hold_out(
+    loop: Loop,
+    data: Measurements,
+    holdout: Measurements | None,
+    n_folds: int,
+    seed: int,
+    empirical: bool,
+    progress: Progress,
+) -> Held | None:
+    """Held-out residuals by cross-fitting, or of poses of their own; None where there are too few poses."""
+    if holdout is not None:
+        return _on(loop, holdout)
+    assigned = folds(data, n_folds, seed)
+    if assigned is None:
+        return None
+    shape = loop.final.residual.shape
+    before, after = np.empty(shape), np.empty(shape)
+    without = {effect.key(): np.empty(shape) for effect in loop.effects}
+    chosen: dict[tuple[str, tuple[str, ...]], int] = {}
+    masks = [rest for _, rest in parts(assigned)]
+    for number, (rest, one) in enumerate(zip(masks, _folds(_Work(loop, data, assigned, empirical)), strict=True)):
+        progress("cross-fitting", number + 1, len(masks) + 1)
+        before[:, rest], after[:, rest] = one.before, one.after
+        for effect, lacking in zip(loop.effects, one.without, strict=True):
+            without[effect.key()][:, rest] = lacking
+        for name in one.chosen:
+            chosen[name] = chosen.get(name, 0) + 1
+    return Held(before, after, without, chosen, len(masks))
+
+
+def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Frames first, so that they keep their parameters where poses cannot tell two apart."""
+    return tuple(sorted(effects, key=lambda effect: effect.name not in REGISTERED))
+
+
+_shared: _Work | None = None
+"""The work of a pool's processes, which they inherit by fork: nothing of it is copied or pickled."""
+
+
+def _folds(work: _Work) -> Iterator[_Fold]:
+    numbers = range(int(work.assigned.max()) + 1)
+    alone = "fork" not in multiprocessing.get_all_start_methods() or (os.cpu_count() or 1) < 2
+    if alone or work.data.n < _SHARED_FROM:
+        yield from (_fold(work, number) for number in numbers)
+        return
+    global _shared
+    _shared = work
+    try:
+        with multiprocessing.get_context("fork").Pool(2) as pool:
+            yield from pool.imap(_shared_fold, numbers)
+    finally:
+        _shared = None
+
+
+def _shared_fold(number: int) -> _Fold:
+    assert _shared is not None
+    return _fold(_shared, number)
+
+
+def _fold(work: _Work, number: int) -> _Fold:
+    loop, data = work.loop, work.data
+    learn, rest = work.assigned != number, work.assigned == number
+    train, test = data.subset(np.flatnonzero(learn & loop.final.kept)), data.subset(np.flatnonzero(rest))
+    selection = choose(loop.scene, learn, empirical=work.empirical, most=_FOLD_POSES)
+    effects = frames_first(refined(selection, one) for one in selection.chosen)
+    declared = fit(loop.declared.model, train, _options(loop.declared))
+    declared = without_idle_rotations(declared, loop.declared.model, train, _options(loop.declared))
+    complete = declared
+    if effects:
+        model = loop.declared.model.with_free(*effects)
+        complete = fit(model, train, _options(loop.final))
+        if not complete.widths:
+            complete = without_idle_rotations(complete, model, train, _options(loop.final))
+    after = held_out(complete, test)
+    without = []
+    for effect in loop.effects:
+        again = [one for one in effects if (one.name, one.joints) == (effect.name, effect.joints)]
+        without.append(_lacking(complete, again, test) if again else after)
+    names = frozenset((one.name, one.joints) for one in effects)
+    return _Fold(held_out(declared, test), after, tuple(without), names)
+
+
+def _options(found: Fit) -> Options:
+    """A fold weighs rows as the whole did, and its outliers are already left out."""
+    return dataclasses.replace(SEARCH, robust=False, misfit=found.misfit)
+
+
+def _on(loop: Loop, holdout: Measurements) -> Held:
+    """Poses of their own: the models of all the other poses, as they stand."""
+    without = {effect.key(): _lacking(loop.final, [effect], holdout) for effect in loop.effects}
+    return Held(held_out(loop.declared, holdout), held_out(loop.final, holdout), without, {}, 0)
+
+
+def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array:
+    """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them."""
+    numbers = {i for i, effect in enumerate(complete.model.free) if effect in absent}
+    return residuals(test, complete.model.bind(test).poses(complete.without(numbers)))

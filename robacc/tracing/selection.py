@@ -241,10 +241,10 @@ class Selection:
                 ranking = [one for one in ranking if one.candidate.effect.key() != without]
             best = ranking[0] if ranking else None
             if best is None or best.p_value > FALSE_ALARM:
-                self.steps.append(Step("stop", None, ranking[:40]))
+                self.steps.append(Step("stop", None, ranking))
                 return
             self.add(best)
-            self.steps.append(Step("add", str(best.candidate.effect), ranking[:40]))
+            self.steps.append(Step("add", str(best.candidate.effect), ranking))
             self._revise(without)
 
     def _rebuild(self, most: int) -> None:

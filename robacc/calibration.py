@@ -11,6 +11,7 @@ import numpy as np
 from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
+from robacc.errors import InputError
 from robacc.figures import Gain, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
 from robacc.folding import fold
@@ -196,11 +197,15 @@ def _hold_out(
     rows = 3 if data.rotation is None else 6
     before, after = np.empty((rows, data.n)), np.empty((rows, data.n))
     again = any(_searched(request) for request in plan.requests)
-    for learn, rest in parts(assigned):
-        train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
-        chosen = plan.effects(train) if again else effects
-        before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)
-        after[:, rest] = held_out(fit(Model.of(plan.robot, chosen), train, search), test)
+    try:
+        for learn, rest in parts(assigned):
+            train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
+            chosen = plan.effects(train) if again else effects
+            before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)
+            after[:, rest] = held_out(fit(Model.of(plan.robot, chosen), train, search), test)
+    except InputError:
+        # What is left to learn from without a fold is too little for what is fitted.
+        return None
     return before, after
 
 

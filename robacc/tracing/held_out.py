@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect
+from robacc.errors import InputError
 from robacc.fitting import Fit, Options, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -83,14 +84,24 @@ def hold_out(
     without = {effect.key(): np.empty(shape) for effect in loop.effects}
     chosen: dict[tuple[str, tuple[str, ...]], int] = {}
     masks = [rest for _, rest in parts(assigned)]
-    for number, (rest, one) in enumerate(zip(masks, _folds(_Work(loop, data, assigned, empirical)), strict=True)):
-        progress("cross-fitting", number + 1, len(masks) + 1)
+    try:
+        done = _folds(_Work(loop, data, assigned, empirical))
+        results = [_reported(one, number, len(masks), progress) for number, one in enumerate(done)]
+    except InputError:
+        # What is left to learn from without a fold is too little for what is fitted.
+        return None
+    for rest, one in zip(masks, results, strict=True):
         before[:, rest], after[:, rest] = one.before, one.after
         for effect, lacking in zip(loop.effects, one.without, strict=True):
             without[effect.key()][:, rest] = lacking
         for name in one.chosen:
             chosen[name] = chosen.get(name, 0) + 1
     return Held(before, after, without, chosen, len(masks))
+
+
+def _reported(one: _Fold, number: int, count: int, progress: Progress) -> _Fold:
+    progress("cross-fitting", number + 1, count + 1)
+    return one
 
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:

@@ -18,14 +18,15 @@ from robacc.folding import fold
 from robacc.geometry import Array
 from robacc.identifiability import Identifiability
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.model import Model, predict
 from robacc.noise import LackOfFit, lack_of_fit
 from robacc.observation import residuals
 from robacc.parameters import Correlation, Parameter, correlations, parameters
 from robacc.parsimony import without_idle_rotations
+from robacc.registration import ALIGNABLE
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.loop import REGISTERED, close_loop
+from robacc.tracing.loop import close_loop
 from robacc.tracing.mistakes import refuse_mistake
 
 _OVERFIT = 1.5
@@ -85,15 +86,16 @@ def calibrate(
     effects = plan.effects(data)
     found = _fitted(plan, effects, data)
     effects = found.model.free
-    frames = tuple(effect for effect in effects if effect.name in REGISTERED)
+    frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
-    nominal = _nominal(robot, data)
+    nominal = residuals(data, predict(robot, data))
     held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed)
     rows = found.kept
     if holdout is None:
         nominal_held, groups, kept = nominal, data.groups(), rows
     else:
-        nominal_held, groups, kept = _nominal(robot, holdout), holdout.groups(), np.ones(holdout.n, dtype=bool)
+        nominal_held = residuals(holdout, predict(robot, holdout))
+        groups, kept = holdout.groups(), np.ones(holdout.n, dtype=bool)
 
     def stage(fitted: Array, apart: Array | None) -> Stage:
         return Stage(pose_figures(fitted[:, rows]), None if apart is None else pose_figures(apart[:, kept]))
@@ -169,11 +171,6 @@ def _fitted(plan: _Plan, effects: tuple[Effect, ...], data: Measurements) -> Fit
 def _searched(request: Request) -> bool:
     cls = effect_class(request.name)
     return request.joints is None and cls.per_joint and not cls.is_constant
-
-
-def _nominal(robot: Robot, data: Measurements) -> Array:
-    bound = Model.of(robot).bind(data)
-    return residuals(data, bound.poses(np.zeros(0)))
 
 
 def _hold_out(

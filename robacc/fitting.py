@@ -167,7 +167,7 @@ class _Solver:
         self.residual = self._residuals(self.theta)
         if self.options.misfit is None:
             self.misfit = _misfit(self.data, self.residual, np.ones(self.data.n, dtype=bool), 0.0, 0.0)
-        self.weight = weights(self.data, *_positive(self.misfit, self.residual))
+        self.weight = weights(self.data, *_positive(self.misfit))
 
     def _update_weights(self, kept: NDArray[np.bool_], effective: float) -> bool:
         """Estimate the misfit again; whether it changed enough to matter."""
@@ -176,7 +176,7 @@ class _Solver:
         before = self.misfit
         share = effective * (0.5 if self.rows == 6 else 1.0)
         self.misfit = _misfit(self.data, self.residual, kept, share, share)
-        self.weight = weights(self.data, *_positive(self.misfit, self.residual))
+        self.weight = weights(self.data, *_positive(self.misfit))
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, before, strict=True))
 
     # -- linear algebra over blocks
@@ -474,7 +474,7 @@ def _one_misfit(residual: Array, known: Array | float, used: float) -> float:
     return float(np.sqrt(high))
 
 
-def _positive(misfit: tuple[float, float], residual: Array) -> tuple[float, float]:
+def _positive(misfit: tuple[float, float]) -> tuple[float, float]:
     """A floor below any instrument's reach, so that data without any noise can be weighed at all.
 
     Position with noise beside orientation without any is weighed within what the normal equations can hold.

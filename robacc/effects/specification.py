@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import REGISTRY, Effect, Term, effect_class
+from robacc.effects.base import Effect, Term, effect_class
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -129,8 +129,3 @@ def entry_of(effect: Effect, values: Mapping[str, float]) -> dict[str, Any]:
         entry["joints"] = list(effect.joints)
     short = {short_name(effect, name): value for name, value in values.items()}
     return {**entry, **effect.settings(), "values": short}
-
-
-def catalogue_order(effect: Effect) -> int:
-    """Place of an effect in the catalogue: what comes first keeps its parameters where poses cannot tell two apart."""
-    return list(REGISTRY).index(effect.name)

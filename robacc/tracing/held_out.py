@@ -22,7 +22,8 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.observation import residuals
 from robacc.parsimony import without_idle_rotations
-from robacc.tracing.loop import REGISTERED, SEARCH, Loop, choose, refined
+from robacc.registration import ALIGNABLE
+from robacc.tracing.loop import SEARCH, Loop, choose, refined
 
 Progress = Callable[[str, int, int], None]
 
@@ -106,7 +107,7 @@ def _reported(one: _Fold, number: int, count: int, progress: Progress) -> _Fold:
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Frames first, so that they keep their parameters where poses cannot tell two apart."""
-    return tuple(sorted(effects, key=lambda effect: effect.name not in REGISTERED))
+    return tuple(sorted(effects, key=lambda effect: effect.name not in ALIGNABLE))
 
 
 _shared: _Work | None = None

@@ -18,6 +18,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.observation import observed_jacobian, residuals
+from robacc.registration import ALIGNABLE
 from robacc.tracing.candidates import (
     ORDER_STEP,
     Batch,
@@ -36,7 +37,6 @@ SELECTION_POSES = 800
 """Poses that a choice looks at, at most: fits and figures are of all of them."""
 _BETTER = 10.0
 """Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
-REGISTERED = ("base_frame", "tool_frame")
 SEARCH = Options(tolerance=1e-4, settled=1e-2)
 
 
@@ -241,8 +241,8 @@ def close_loop(
             break
         effects = chosen
         # A frame that was found is registered anew by every fit, so it does not compete again.
-        frames = tuple(effect for effect in effects if effect.name in REGISTERED)
-        rest = tuple(effect for effect in effects if effect.name not in REGISTERED)
+        frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
+        rest = tuple(effect for effect in effects if effect.name not in ALIGNABLE)
         present = fit(declared.model.with_free(*frames, *rest), data, options)
         scene = linearise(present, data, (*model.free, *frames), only)
         selection = choose(scene, everything, rest, empirical)

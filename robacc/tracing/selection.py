@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.transmission_error import TransmissionError
 from robacc.geometry import Array
+from robacc.registration import ALIGNABLE
 from robacc.tracing.candidates import Batch, Candidate, Waves
 from robacc.tracing.evidence import Columns, Conditioned, Scores, judge
 
@@ -23,7 +24,6 @@ RIVAL = 5.0
 """A rival within this many nats of the finding's own evidence (odds of 150 to 1) is named as an alternative."""
 _SWAP = 1.0
 """A rival takes a finding's place where it is better by more than this: equals do not change places for ever."""
-_FRAMES = ("base_frame", "tool_frame")
 _MOST = 12
 _FEW_ENOUGH = 6
 """More findings than this are a sign of something without a name; testing each again would not mend that."""
@@ -250,7 +250,7 @@ class Selection:
     def _rebuild(self, most: int) -> None:
         """Forbid each finding in turn and choose again: what greed took first may have stood in for two others."""
         for one in sorted(self.chosen, key=lambda item: -item.columns.size):
-            if one not in self.chosen or one.candidate.effect.name in _FRAMES:
+            if one not in self.chosen or one.candidate.effect.name in ALIGNABLE:
                 continue
             before, total, steps = list(self.chosen), self.total(), list(self.steps)
             self.chosen = [other for other in before if other is not one]

@@ -16,7 +16,7 @@ from robacc.figures import Gain, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
 from robacc.folding import fold
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.model import Model, predict
 from robacc.noise import LackOfFit, lack_of_fit
 from robacc.observation import residuals
 from robacc.parameters import Parameter, parameters
@@ -149,17 +149,14 @@ def trace(
     loop = _reproduced(loop, held, data)
     declared = without_idle_rotations(loop.declared, loop.declared.model, data, Options())
     final = _polished(loop, data) if loop.effects else declared
-    nominal_residual = residuals(data, model.bind(data).poses(np.zeros(len(model.bind(data).terms))))
+    nominal_residual = residuals(data, predict(model.arm.robot, data))
     noise = lack_of_fit(final, data)
     findings = tuple(_finding(loop, effect, final, held, data) for effect in loop.effects)
     unexplained = _left(loop, final, noise, data)
     rows = loop.final.kept
     shown = data if holdout is None else holdout
     kept = rows if holdout is None else np.ones(holdout.n, dtype=bool)
-    if holdout is not None:
-        held_nominal = residuals(holdout, model.bind(holdout).poses(np.zeros(len(model.bind(holdout).terms))))
-    else:
-        held_nominal = nominal_residual
+    held_nominal = residuals(holdout, predict(model.arm.robot, holdout)) if holdout is not None else nominal_residual
     after_held = None if held is None else pose_figures(held.after[:, kept])
     return Trace(
         robot=fold(final),

@@ -51,17 +51,15 @@ def calibrate(
     An effect of joints named without brackets is fitted on the joints where the data show it; with brackets, exactly
     there. Example: robacc calibrate poses.csv --robot arm.yaml --fit base_frame,tool_frame,joint_offset,link_geometry
     """
-    from robacc import results
     from robacc.calibration import calibrate as fit_effects
     from robacc.calibration import tolerance_priors
-    from robacc.cli.output import emit
+    from robacc.cli.output import Outlets, deliver
     from robacc.effects.request import parse_requests
     from robacc.errors import UsageError
     from robacc.fitting import Options
     from robacc.io.files import write_text
     from robacc.io.fit_json import calibration_payload
     from robacc.report.calibrate import draw_calibration
-    from robacc.report.console import say_warnings
 
     arm, data, apart, inputs = load(poses, robot, holdout, ordered, base_link, tip_link)
     requests = parse_requests(fit)
@@ -94,12 +92,13 @@ def calibrate(
         "base_link": base_link,
         "tip_link": tip_link,
     }
-    say_warnings(found.warnings)
-    emit(
-        form,
-        output,
+    deliver(
+        Outlets(form, output),
+        "calibrate",
+        payload=lambda: calibration_payload(found, data),
         table=lambda stream: draw_calibration(found, data, poses, robot, fit, stream),
-        document=lambda: results.envelope(
-            "calibrate", calibration_payload(found, data), options=options, inputs=inputs, seed=seed
-        ),
+        options=options,
+        inputs=inputs,
+        seed=seed,
+        warnings=found.warnings,
     )

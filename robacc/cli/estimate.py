@@ -20,7 +20,7 @@ from robacc.cli.options import (
     TipLinkOption,
     split_list,
 )
-from robacc.results import InputFile, envelope
+from robacc.results import InputFile
 
 if TYPE_CHECKING:
     from robacc.estimation import EstimateResult
@@ -65,9 +65,8 @@ def estimate(
 
     The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns.
     """
-    from robacc.cli.output import emit
+    from robacc.cli.output import Outlets, deliver
     from robacc.estimation import estimate as estimated
-    from robacc.report.console import say_warnings
 
     arm, data, inputs = _load(poses, robot, base_link, tip_link, ordered)
     found = estimated(
@@ -93,15 +92,23 @@ def estimate(
 
         draw_estimate(found, poses, robot, stream)
 
-    def document() -> dict[str, Any]:
+    def keys() -> dict[str, Any]:
         from robacc.io.estimate_json import payload
 
-        return envelope("estimate", payload(found), options=options, inputs=_records(inputs, scale), seed=seed)
+        return payload(found)
 
     if per_pose is not None:
         _write_per_pose(per_pose, found, data)
-    say_warnings(found.warnings)
-    emit(form, output, table=table, document=document)
+    deliver(
+        Outlets(form, output),
+        "estimate",
+        payload=keys,
+        table=table,
+        options=options,
+        inputs=_records(inputs, scale),
+        seed=seed,
+        warnings=found.warnings,
+    )
 
 
 def _load(

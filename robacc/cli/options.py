@@ -33,6 +33,16 @@ FormatOption = Annotated[Format, typer.Option("--format", help="A table to read,
 OutputOption = Annotated[
     str, typer.Option("--output", "-o", metavar="FILE", help="Write there, whole or not at all; - is standard output.")
 ]
+GateOption = Annotated[
+    str | None,
+    typer.Option("--gate", metavar="FILE", help="Judge the result by this gate file (YAML); exit 4 fail, 5 undecided."),
+]
+JunitOption = Annotated[
+    str | None, typer.Option("--junit", metavar="FILE", help="Write the gate's outcome there, as JUnit XML.")
+]
+ReportOption = Annotated[
+    str | None, typer.Option("--report", metavar="FILE", help="Write the result there, as one HTML page.")
+]
 SeedOption = Annotated[
     int, typer.Option("--seed", metavar="N", min=0, help="Seed of everything drawn at random, bootstrap included.")
 ]

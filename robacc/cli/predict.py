@@ -18,7 +18,7 @@ from robacc.cli.options import (
     TipLinkOption,
     split_list,
 )
-from robacc.results import InputFile, envelope
+from robacc.results import InputFile
 
 if TYPE_CHECKING:
     from robacc.grading import Scale
@@ -80,7 +80,7 @@ def predict(
 
     At the poses of --poses, else at those of --against, else at configurations spread over the joint ranges.
     """
-    from robacc.cli.output import emit
+    from robacc.cli.output import Outlets, deliver
     from robacc.grading import default_scale, load_scale
     from robacc.io.files import read_text
     from robacc.io.robot_file import read_robot
@@ -88,7 +88,6 @@ def predict(
     from robacc.prediction.comparison import compare_with_measured
     from robacc.prediction.parameters import NORMAL, uncertain_parameters
     from robacc.prediction.predicting import predict_accuracy, step_limits
-    from robacc.report.console import say_warnings
 
     _check_options(poses, samples, against, align, noise, target)
     sigma = _noise(noise)
@@ -126,12 +125,10 @@ def predict(
         "tip_link": tip_link,
     }
 
-    def document() -> dict[str, Any]:
+    def keys() -> dict[str, Any]:
         from robacc.io.predict_json import payload
 
-        read = ((planned, poses, "poses"), (measured, against, "against"))
-        inputs = _records(((robot, "robot"), (tolerances, "tolerances"), (scale, "scale")), read)
-        return envelope("predict", payload(found, needed, compared), options=options, inputs=inputs, seed=seed)
+        return payload(found, needed, compared)
 
     def table(stream: TextIO) -> None:
         from robacc.report.predict import draw_prediction
@@ -143,9 +140,18 @@ def predict(
         from robacc.io.predict_json import per_pose_csv
 
         write_text(per_pose, per_pose_csv(found, arm.variable_names))
+    read = ((planned, poses, "poses"), (measured, against, "against"))
     warnings = [warning for data in (planned, measured) if data is not None for warning in data.warnings]
-    say_warnings(warnings if compared is None or compared.hint is None else [*warnings, compared.hint])
-    emit(form, output, table=table, document=document)
+    deliver(
+        Outlets(form, output),
+        "predict",
+        payload=keys,
+        table=table,
+        options=options,
+        inputs=_records(((robot, "robot"), (tolerances, "tolerances"), (scale, "scale")), read),
+        seed=seed,
+        warnings=warnings if compared is None or compared.hint is None else [*warnings, compared.hint],
+    )
 
 
 def _check_options(

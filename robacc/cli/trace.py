@@ -46,14 +46,12 @@ def trace(
 
     Example: robacc trace poses.csv --robot arm.yaml --declared base_frame,tool_frame --write-model better.yaml
     """
-    from robacc import results
-    from robacc.cli.output import emit
+    from robacc.cli.output import Outlets, deliver
     from robacc.cli.progress import progress_bar
     from robacc.effects.request import build, parse_requests
     from robacc.io.files import write_text
     from robacc.io.fit_json import trace_payload
     from robacc.model import Model
-    from robacc.report.console import say_warnings
     from robacc.report.trace import draw_trace
     from robacc.robots.arm import Arm
     from robacc.tracing.trace import trace as close_the_loop
@@ -83,12 +81,13 @@ def trace(
         "base_link": base_link,
         "tip_link": tip_link,
     }
-    say_warnings(found.warnings)
-    emit(
-        form,
-        output,
+    deliver(
+        Outlets(form, output),
+        "trace",
+        payload=lambda: trace_payload(found, data),
         table=lambda stream: draw_trace(found, poses, robot, declared, stream),
-        document=lambda: results.envelope(
-            "trace", trace_payload(found, data), options=options, inputs=inputs, seed=seed
-        ),
+        options=options,
+        inputs=inputs,
+        seed=seed,
+        warnings=found.warnings,
     )

@@ -24,7 +24,15 @@ def read_text(path: str | os.PathLike[str], limit: int = TEXT_LIMIT) -> str:
         InputError: The file is missing, a folder, unreadable, too large, binary, or in another encoding.
     """
     name = os.fspath(path)
-    data = _read_bytes(name, limit)
+    return decoded(read_bytes(name, limit), name)
+
+
+def decoded(data: bytes, name: str) -> str:
+    """The text of a file's bytes, as :func:`read_text` takes them; ``name`` is for messages.
+
+    Raises:
+        InputError: The bytes are no text, or in another encoding.
+    """
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
     else:
@@ -41,7 +49,12 @@ def read_text(path: str | os.PathLike[str], limit: int = TEXT_LIMIT) -> str:
         raise InputError(Problem(message, name, line, fix="save it as UTF-8")) from None
 
 
-def _read_bytes(name: str, limit: int) -> bytes:
+def read_bytes(name: str, limit: int) -> bytes:
+    """All of a file, read once, so that a pipe will do.
+
+    Raises:
+        InputError: The file is missing, a folder, unreadable or larger than ``limit`` bytes.
+    """
     path = Path(name)
     try:
         if path.is_dir():

@@ -12,7 +12,7 @@ from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
 from robacc.errors import InputError
-from robacc.figures import Gain, Stage, paired_gain, pose_figures
+from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
 from robacc.folding import fold
 from robacc.geometry import Array
@@ -26,6 +26,7 @@ from robacc.parsimony import without_idle_rotations
 from robacc.registration import ALIGNABLE
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.tracing.curves import Curve, curves
 from robacc.tracing.loop import close_loop
 from robacc.tracing.mistakes import refuse_mistake
 
@@ -57,6 +58,12 @@ class Calibration:
     """Rows of high leverage: index and share."""
     n_folds: int
     warnings: tuple[str, ...]
+    residuals: Residuals
+    """Of every pose, those left out as outliers too."""
+    apart: Residuals | None
+    """Of the poses of ``holdout``, where there are such."""
+    curves: tuple[tuple[Effect, Curve], ...]
+    """For each effect that is no constant, the residual along it over what drives it, without and with it."""
 
 
 def calibrate(
@@ -117,6 +124,11 @@ def calibrate(
         _leverage(found, data),
         0 if held is None or holdout is not None else min(n_folds, int(groups.max()) + 1),
         _warnings(found, data, after),
+        Residuals(
+            nominal, registered.residual, found.residual, *(held if held is not None and holdout is None else ())
+        ),
+        None if held is None or holdout is None else Residuals(nominal_held, *held),
+        tuple((e, curve) for e in effects if not e.is_constant for curve in curves(e, found, data)),
     )
 
 

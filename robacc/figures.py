@@ -40,6 +40,18 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True)
+class Residuals:
+    """Residuals ``(3 or 6, N)`` of the same poses at every stage: m, and rad, in the measuring frame."""
+
+    nominal: Array
+    before: Array
+    after: Array
+    held_before: Array | None = None
+    """By models that had no part of the pose; None where none was held out."""
+    held_after: Array | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Gain:
     """How much the position's root mean square fell on poses held out, with an interval over poses."""
 

@@ -95,7 +95,7 @@ def calibrate(
     deliver(
         Outlets(form, output),
         "calibrate",
-        payload=lambda: calibration_payload(found, data),
+        payload=lambda: calibration_payload(found, data, arm, apart),
         table=lambda stream: draw_calibration(found, data, poses, robot, fit, stream),
         options=options,
         inputs=inputs,

@@ -84,7 +84,7 @@ def trace(
     deliver(
         Outlets(form, output),
         "trace",
-        payload=lambda: trace_payload(found, data),
+        payload=lambda: trace_payload(found, data, arm, apart),
         table=lambda stream: draw_trace(found, poses, robot, declared, stream),
         options=options,
         inputs=inputs,

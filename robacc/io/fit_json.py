@@ -6,18 +6,26 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robacc.calibration import Calibration
-from robacc.figures import ErrorFigures, Gain, PoseFigures, Stage
+from robacc.figures import ErrorFigures, Gain, PoseFigures, Residuals, Stage
+from robacc.fitting import Fit
 from robacc.identifiability import Identifiability
+from robacc.io.pose_json import curve_document, pose_document, robot_document
 from robacc.measurements import Measurements
 from robacc.noise import LackOfFit
 from robacc.parameters import Parameter
+from robacc.robots.description import Robot
 from robacc.tracing.selection import Ranked
 from robacc.tracing.trace import Finding, Trace
 
 
-def calibration_payload(found: Calibration, data: Measurements) -> dict[str, Any]:
-    """Keys of ``robacc.calibrate/1``."""
+def calibration_payload(
+    found: Calibration, data: Measurements, robot: Robot, apart: Measurements | None = None
+) -> dict[str, Any]:
+    """Keys of ``robacc.calibrate/1``: ``robot`` as delivered, ``apart`` the poses held out, where they are others."""
     fit = found.fit
     return {
         "n_poses": data.n,
@@ -36,11 +44,18 @@ def calibration_payload(found: Calibration, data: Measurements) -> dict[str, Any
         "outliers": [{"line": data.line(int(i))} for i in fit.outliers],
         "leverage": [{"line": data.line(i), "share": share} for i, share in found.leverage],
         "warnings": list(found.warnings),
+        "curves": [
+            {"effect": effect.name, "joints": list(effect.joints), **curve_document(curve)}
+            for effect, curve in found.curves
+        ],
+        **_pictured(found, found.fit, data, robot, apart),
     }
 
 
-def trace_payload(found: Trace, data: Measurements) -> dict[str, Any]:
-    """Keys of ``robacc.trace/1``."""
+def trace_payload(
+    found: Trace, data: Measurements, robot: Robot, apart: Measurements | None = None
+) -> dict[str, Any]:
+    """Keys of ``robacc.trace/1``: ``robot`` as delivered, ``apart`` the poses held out, where they are others."""
     from robacc.parameters import parameters
 
     return {
@@ -72,6 +87,20 @@ def trace_payload(found: Trace, data: Measurements) -> dict[str, Any]:
         "not_offered": [{"effect": name, "why": why} for name, why in found.missing.items()],
         "outliers": [{"line": data.line(int(i))} for i in found.final.outliers],
         "warnings": list(found.warnings),
+        **_pictured(found, found.final, data, robot, apart),
+    }
+
+
+def _pictured(
+    found: Calibration | Trace, fit: Fit, data: Measurements, robot: Robot, apart: Measurements | None
+) -> dict[str, Any]:
+    def poses(of: Measurements, residuals: Residuals, used: NDArray[np.bool_] | None) -> dict[str, Any]:
+        return pose_document(of, of.position - residuals.nominal[:3], residuals, used)
+
+    return {
+        "robot": robot_document(robot, data.q),
+        "poses": poses(data, found.residuals, fit.kept),
+        "poses_apart": None if apart is None or found.apart is None else poses(apart, found.apart, None),
     }
 
 
@@ -100,6 +129,7 @@ def _finding(one: Finding) -> dict[str, Any]:
             {"order": line.order, "amplitude_rad": line.amplitude, "phase_rad": line.phase} for line in one.lines
         ],
         "seen": [{"joint": joint, "low": low, "high": high} for joint, low, high in one.seen],
+        "curves": [curve_document(curve) for curve in one.curves],
         "warnings": list(one.warnings),
     }
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.errors import RobaccError
-from robacc.figures import Gain, Stage, paired_gain, pose_figures
+from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
 from robacc.folding import fold
 from robacc.measurements import Measurements
@@ -24,6 +24,7 @@ from robacc.parsimony import without_idle_rotations
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.candidates import ORDER_STEP
+from robacc.tracing.curves import Curve, curves
 from robacc.tracing.held_out import Held, Progress, frames_first, hold_out
 from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse
 from robacc.tracing.mistakes import refuse_mistake
@@ -84,6 +85,8 @@ class Finding:
     seen: tuple[tuple[str, float, float], ...]
     """Joint ranges that it was learnt in: name, low, high (rad or m)."""
     warnings: tuple[str, ...]
+    curves: tuple[Curve, ...]
+    """The residual along it over what drives it, without and with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +124,10 @@ class Trace:
     next_poses: tuple[Advice, ...]
     """What to measure to decide between a finding and its nearest rival."""
     warnings: tuple[str, ...]
+    residuals: Residuals
+    """Of every pose, those left out as outliers too."""
+    apart: Residuals | None
+    """Of the poses of ``holdout``, where there are such."""
 
 
 def trace(
@@ -182,6 +189,13 @@ def trace(
         n_folds=0 if held is None else held.folds,
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=_warnings(final, data, held, holdout),
+        residuals=Residuals(
+            nominal_residual,
+            declared.residual,
+            final.residual,
+            *((held.before, held.after) if held is not None and holdout is None else ()),
+        ),
+        apart=Residuals(held_nominal, held.before, held.after) if held is not None and holdout is not None else None,
     )
 
 
@@ -260,6 +274,7 @@ def _finding(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Me
         lines,
         _seen(effect, final, data),
         _finding_warnings(effect, final, data, folds_chosen),
+        curves(effect, final, data),
     )
 
 
@@ -358,7 +373,7 @@ def _rests_on(effect: Effect, final: Fit, data: Measurements) -> int | None:
 
 
 def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexplained:
-    ranking = loop.selection.rank(loop.selection.condition(), with_blocks=True)
+    ranking = loop.selection.rank(with_blocks=True)
     best = ranking[0] if ranking else None
     p_value = 1.0 if best is None else best.p_value
     hints = []

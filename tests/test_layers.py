@@ -33,9 +33,11 @@ LAYERS = (
     ("robacc.tracing",),
     ("robacc.calibration", "robacc.simulation"),
     ("robacc.covariance", "robacc.grade_scale", "robacc.grading", "robacc.pose_errors"),
-    ("robacc.estimation", "robacc.prediction"),
+    ("robacc.error_frames", "robacc.estimation", "robacc.prediction"),
     ("robacc.results",),
     ("robacc.io", "robacc.report"),
+    ("robacc.pictures",),
+    ("robacc.html",),
     ("robacc.cli",),
     ("robacc.__main__",),
 )

@@ -93,9 +93,13 @@ def estimate(
         draw_estimate(found, poses, robot, stream)
 
     def keys() -> dict[str, Any]:
-        from robacc.io.estimate_json import payload
+        from robacc.error_frames import position_moments
+        from robacc.io.estimate_json import payload, pose_payload
+        from robacc.pose_errors import commanded_poses
 
-        return payload(found)
+        aligned = arm if found.alignment is None else found.alignment.robot
+        moments = position_moments(data, commanded_poses(data, aligned))
+        return {**payload(found), **pose_payload(data, arm, moments)}
 
     if per_pose is not None:
         _write_per_pose(per_pose, found, data)

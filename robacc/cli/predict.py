@@ -126,9 +126,9 @@ def predict(
     }
 
     def keys() -> dict[str, Any]:
-        from robacc.io.predict_json import payload
+        from robacc.io.predict_json import payload, pose_payload
 
-        return payload(found, needed, compared)
+        return {**payload(found, needed, compared), **pose_payload(found, arm)}
 
     def table(stream: TextIO) -> None:
         from robacc.report.predict import draw_prediction

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
+from robacc.error_frames import Moments
 from robacc.estimation import EstimateResult, WorstPose
 from robacc.geometry import Array
+from robacc.io.pose_json import pose_document, robot_document, rounded
 from robacc.io.statistics_json import figures_document, grade_document, statistics_document
 from robacc.measurements import Measurements
+from robacc.pose_errors import ErrorFrame
+from robacc.robots.description import Robot
 
 
 def payload(result: EstimateResult) -> dict[str, Any]:
@@ -37,6 +41,23 @@ def payload(result: EstimateResult) -> dict[str, Any]:
         ],
         "notes": result.notes,
         "warnings": result.warnings,
+    }
+
+
+def pose_payload(data: Measurements, robot: Robot | None, moments: Mapping[ErrorFrame, Moments]) -> dict[str, Any]:
+    """Keys for pictures: the robot in outline, every pose, and the position errors in both frames."""
+    return {
+        "robot": robot_document(robot, data.q),
+        "poses": pose_document(data, data.position - moments["base"].errors),
+        "position_by_frame": {
+            frame: {
+                "mean_m": one.mean,
+                "covariance_m2": one.covariance,
+                "centred_covariance_m2": one.centred,
+                "errors_m": rounded(one.errors),
+            }
+            for frame, one in moments.items()
+        },
     }
 
 

@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from robacc.io.pose_json import robot_document, rounded
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.comparison import Comparison
 from robacc.prediction.components import Components
 from robacc.prediction.consistency import ChiSquare
 from robacc.prediction.predicting import PredictedErrors, Prediction, Share
+from robacc.robots.assembly import build_chain
+from robacc.robots.description import Robot
 
 
 def payload(
@@ -39,6 +42,20 @@ def payload(
         "allocation": None if allocation is None else _allocation(allocation),
         "against": None if comparison is None else _comparison(comparison),
         "notes": prediction.notes,
+    }
+
+
+def pose_payload(prediction: Prediction, robot: Robot) -> dict[str, Any]:
+    """Keys for pictures: the robot in outline, and where the accuracy is predicted."""
+    where = prediction.configurations
+    reached = build_chain(robot).poses(where.scalars, where.n)
+    return {
+        "robot": robot_document(robot, where.q),
+        "poses": {
+            "label": [where.label(i) for i in range(where.n)],
+            "q": rounded(where.q),
+            "commanded_m": rounded(reached.translation),
+        },
     }
 
 
@@ -85,6 +102,8 @@ def _errors(errors: PredictedErrors) -> dict[str, Any]:
             f"sd_{unit}": worst.sd,
         },
         f"covariance_{unit}2": np.moveaxis(errors.covariance, -1, 0),
+        f"pose_rms_{unit}": errors.pose_rms,
+        f"pose_radius95_{unit}": errors.pose_radius95,
     }
 
 

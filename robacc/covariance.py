@@ -8,6 +8,7 @@ were repeated, they come from resampling poses. Each interval says which.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +29,7 @@ from robacc.statistics.intervals import (
 )
 from robacc.statistics.multivariate import AssumptionTests, assumption_tests, second_moment
 from robacc.statistics.radius import radius95, satterthwaite_rms
-from robacc.statistics.records import ErrorStatistics, Intervals, Radius, Unit
+from robacc.statistics.records import ErrorStatistics, Intervals, Radius, Statistic, Unit
 from robacc.statistics.structure import pose_structure
 
 SIGNIFICANCE = 0.01
@@ -117,6 +118,49 @@ def error_statistics(
         structure=pose_structure(errors, sampling.groups),
         assumption=assumption.text,
     )
+
+
+def length_intervals(
+    errors: Array,
+    confidences: Sequence[float],
+    *,
+    groups: NDArray[Any] | None = None,
+    bootstrap: int = 2000,
+    seed: int = 0,
+) -> tuple[Mapping[Statistic, Interval], ...]:
+    """Intervals of the error's length alone, as :func:`error_statistics` has them, at each of ``confidences``.
+
+    Args:
+        errors: ``(3, N)``, as there.
+        confidences: Of the intervals; any between 0 and 1.
+        groups: As there.
+        bootstrap: As there.
+        seed: As there.
+
+    Raises:
+        InputError: No error at all, or one that is not finite.
+        ValueError: The shape of ``errors`` or ``groups`` is wrong.
+    """
+    errors = _checked(errors)
+    sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
+    assumption = _assumption(assumption_tests(_pose_means(errors, sampling)), sampling)
+    gaussian = assumption.shape and assumption.independent
+    mean, covariance = np.mean(errors, axis=1), second_moment(errors)
+    centred = second_moment(errors - mean[:, None])
+    squares = np.einsum("in,in->n", errors, errors)
+    lengths = np.sqrt(squares)
+
+    def at(confidence: float) -> Mapping[Statistic, Interval]:
+        zero_mean = gaussian and assumption.zero_mean
+        about_zero = radius95(errors, np.zeros(3), covariance, zero_mean, sampling, confidence)
+        about_mean = radius95(errors, mean, centred, gaussian, sampling, confidence)
+        return {
+            "rms": _rms_interval(covariance, squares, zero_mean, sampling, confidence),
+            "mean_error": sampling.mean_interval(lengths, confidence, positive=True),
+            "p95": _p95_interval(lengths, assumption, about_zero, about_mean, sampling, confidence),
+        }
+
+    return tuple(at(confidence) for confidence in confidences)
 
 
 def _checked(errors: Array) -> Array:

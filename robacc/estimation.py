@@ -128,7 +128,7 @@ def estimate(
         unaligned = pose_errors(data, commanded, chosen).figures()
         commanded = commanded_poses(data, alignment.robot)
     errors = pose_errors(data, commanded, chosen)
-    groups = _repetitions(data)
+    groups = data.repetitions()
     position, orientation = _statistics(groups, errors, confidence, seed)
     scale = scale or default_scale()
     graded = position, orientation
@@ -159,12 +159,6 @@ def _statistics(
     if errors.rotation is None:
         return position, None
     return position, error_statistics(errors.rotation, "rad", groups=groups, confidence=confidence, seed=seed)
-
-
-def _repetitions(data: Measurements) -> NDArray[np.int64] | None:
-    """Which rows are of one commanded pose; None where each is of its own."""
-    groups = data.groups()
-    return None if data.n == 0 or groups.max() + 1 == data.n else groups
 
 
 def _check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -117,6 +116,8 @@ class Names:
 
     def nearest(self, word: str) -> str:
         """The known name that is spelt most like ``word``, with or without a unit."""
+        import difflib
+
         joints = self.joint_names or tuple(f"q{i + 1}" for i in range(6))
         bare = {**FIXED_KINDS, **{name: "joint" for name in joints}}
         units = [(unit, quantity) for unit, (quantity, _) in UNITS.items()]

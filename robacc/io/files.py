@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from pathlib import Path
 
 from robacc.errors import InputError, Problem
@@ -112,6 +111,8 @@ def _replace(target: Path, text: str) -> None:
     if target.exists() and not os.access(target, os.W_OK):
         # Moving another file over it would succeed; a file that its owner protected is left alone all the same.
         raise PermissionError(None, "the file is write-protected")
+    import tempfile
+
     handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:

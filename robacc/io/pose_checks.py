@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -127,6 +126,8 @@ class RowChecks:
         bad = ~np.isin(target, known) & (target != "")
 
         def describe(i: int) -> str:
+            import difflib
+
             near = difflib.get_close_matches(str(target[i]), known, n=1, cutoff=0.0)[0]
             found = clip(str(target[i]))
             return f"found {found}, expected a target of the robot file ({listing(known)}), of which {near} is nearest"

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from robacc.covariance import error_statistics
 from robacc.errors import UsageError
-from robacc.figures import ErrorFigures, PoseFigures, pose_figures
 from robacc.geometry import Array
 from robacc.grading import Grade, Scale, default_scale, grade
 from robacc.measurements import Measurements
@@ -28,11 +27,12 @@ from robacc.pose_errors import (
     pose_errors,
     rms_length,
 )
-from robacc.robots.description import Robot
 from robacc.statistics.records import ErrorStatistics
 
 if TYPE_CHECKING:
+    from robacc.figures import ErrorFigures, PoseFigures
     from robacc.registration import Alignment
+    from robacc.robots.description import Robot
 
 N_WORST = 5
 """Poses listed by row: enough to look at, few enough to read."""
@@ -202,6 +202,8 @@ def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ..
     names, index = np.unique(data.target, return_inverse=True)
     if names.size < 2:
         return ()
+    from robacc.figures import pose_figures
+
     return tuple(
         TargetErrors(str(name), int(np.sum(index == i)), pose_figures(errors.position[:, index == i]).position)
         for i, name in enumerate(names)

@@ -15,16 +15,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.figures import PoseFigures, pose_figures
 from robacc.geometry import Array, compose, log_so3, rotate_back, transpose
 from robacc.measurements import Measurements
-from robacc.robots.assembly import build_chain
-from robacc.robots.description import Robot
+
+if TYPE_CHECKING:
+    from robacc.figures import PoseFigures
+    from robacc.robots.description import Robot
 
 ErrorFrame = Literal["tool", "base"]
 CommandSource = Literal["robot", "file"]
@@ -64,6 +65,8 @@ class PoseErrors:
 
     def figures(self) -> PoseFigures:
         """Root mean square, mean, 95th percentile and maximum of the lengths."""
+        from robacc.figures import pose_figures
+
         return pose_figures(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
 
 
@@ -91,6 +94,8 @@ def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
 def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
     if not robot.effects and not robot.targets and len(q) == len(robot.variables):
         # An arm without effects is its chain, bit for bit; loading every effect would cost more than 10,000 poses.
+        from robacc.robots.assembly import build_chain
+
         chain = build_chain(robot)
 
         def block(part: slice) -> tuple[Array, Array]:

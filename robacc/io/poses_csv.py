@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BLOCK
 from robacc.geometry import Array, exp_so3, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.columns import (
     AXES,
@@ -35,6 +34,8 @@ _CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
     RPY[0]: rotation_from_rpy,
 }
 """Rotation from each representation, by its first column."""
+_BLOCK = 4096
+"""Rotations made at a time: the working arrays of a block stay in the cache."""
 
 
 def read_poses(
@@ -139,8 +140,8 @@ def _rotation(values: Values, keys: tuple[str, ...] | None) -> Array | None:
         return None
     convert = _CONVERSIONS[keys[0].removeprefix("cmd_")]
     result = np.empty((3, 3, columns.shape[1]))
-    for start in range(0, columns.shape[1], BLOCK):
-        result[..., start : start + BLOCK] = convert(columns[:, start : start + BLOCK])
+    for start in range(0, columns.shape[1], _BLOCK):
+        result[..., start : start + _BLOCK] = convert(columns[:, start : start + _BLOCK])
     return result
 
 

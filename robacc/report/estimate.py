@@ -5,19 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from robacc.estimation import EstimateResult, WorstPose
-from robacc.figures import ErrorFigures
 from robacc.geometry import Array
+from robacc.grading import Grade
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, beside, columns, heading, items
 from robacc.report.numbers import decimals, exponent_of_thousand, fixed, p_value, three_digits
+from robacc.report.predict_parts import percent
+from robacc.statistics.confidence import ASSURANCE
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, MatrixInterval
 
+if TYPE_CHECKING:
+    from robacc.figures import ErrorFigures
+
 _IN_MM = 1e3
 _IN_DEGREES = 180.0 / math.pi
+_UNLIKELY = 0.005
+"""Grades less likely are not listed."""
 _FRAMES = {"tool": "axes of the commanded target (frame tool)", "base": "axes of the measuring frame (frame base)"}
 
 
@@ -59,7 +66,21 @@ def _grade(result: EstimateResult, width: int) -> Iterator[Line]:
     grade = result.grade
     proven = "demonstrated" if grade.demonstrated else "not demonstrated"
     yield heading(f"Grade {grade.grade}, {proven} (scale: {grade.scale.name})")
-    yield from items(grade.reason.split(". "), width)
+    yield from items([*grade.reason.split(". "), *_odds(grade)], width)
+
+
+def _odds(grade: Grade) -> Iterator[str]:
+    """How sure the grade is, and what would make it surer."""
+    if grade.probability is not None:
+        # What rounds to nothing is left out; the grade itself never is.
+        others = [(name, share) for name, share in grade.probabilities if share >= _UNLIKELY or name == grade.grade]
+        shares = ", ".join(f"{name} {percent(share)}" for name, share in others)
+        yield f"probability of each grade, given these poses: {shares}"
+    if grade.poses_to_demonstrate is not None:
+        yield (
+            f"if the estimate stays as it is, {grade.poses_to_demonstrate} poses in all would demonstrate "
+            f"{grade.grade} with a probability of {percent(ASSURANCE)}"
+        )
 
 
 def _block(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.geometry import Array
+from robacc.statistics.confidence import PercentileCurve, Tail
 from robacc.statistics.covariance_intervals import ONE_POSE, ellipsoid, matrix_interval
 from robacc.statistics.distributions import student_quantile
 from robacc.statistics.intervals import (
@@ -28,7 +29,7 @@ from robacc.statistics.intervals import (
     tails,
 )
 from robacc.statistics.multivariate import AssumptionTests, assumption_tests, second_moment
-from robacc.statistics.radius import radius95, satterthwaite_rms
+from robacc.statistics.radius import PROBABILITY, radius95, satterthwaite_rms
 from robacc.statistics.records import ErrorStatistics, Intervals, Radius, Statistic, Unit
 from robacc.statistics.structure import pose_structure
 
@@ -260,19 +261,29 @@ def _p95_interval(
     """Interval of the 95th percentile: by order statistics where poses suffice, else by the fitted Gaussian."""
     n = sampling.n_groups
     levels = percentile_levels(n, 0.95, confidence)
+    radius = about_zero if assumption.zero_mean else about_mean
     # Repetitions count as one pose, however alike: the levels are then wider than they need be, never narrower.
-    if levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL:
-        radius = about_zero if assumption.zero_mean else about_mean
-        return dataclasses.replace(
-            radius.interval, method=f"95 % radius of the fitted Gaussian, which it relies on; {radius.interval.method}"
-        )
-    if n < FEWEST_FOR_MODEL or levels == (None, None, None):
+    by_model = levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL
+    if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
         return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")
+    curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, _tail(radius, lengths), by_model)
+    if by_model:
+        method = f"95 % radius of the fitted Gaussian, which it relies on; {radius.interval.method}"
+        return dataclasses.replace(radius.interval, method=method, curve=curve)
     # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
     limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
     lower, upper, bound = (None if level is None else next(limits) for level in levels)
     why = None if upper is not None else f"{n} poses: too few for an upper limit without assuming a distribution"
     method = f"order statistics of {n} poses"
     if sampling.groups is not None:
-        method += ", all repetitions of a pose counted as one: at least"
-    return Interval(lower, upper, bound, confidence, method, why)
+        method += ", all repetitions of a pose counted as one, so the confidence is at least the one stated"
+    return Interval(lower, upper, bound, confidence, method, why, curve)
+
+
+def _tail(radius: Radius, lengths: Array) -> Tail | None:
+    """Of lengths beyond the sample: as wide as the fitted Gaussian's, and of the shape of the sample's own squares."""
+    squares = np.square(lengths)
+    variance = float(np.var(squares))
+    if not radius.value or variance <= 0.0:
+        return None
+    return Tail(radius.value, 2.0 * float(np.mean(squares)) ** 2 / variance, PROBABILITY)

@@ -2,7 +2,9 @@
 
 A grade is given by the estimate of one stated statistic of the error's length. It is demonstrated only where the
 one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can earn a grade, not
-prove it. :mod:`robacc.grade_scale` reads the scales.
+prove it. The probability of each grade is the confidence that lies between its limits and the next better one's
+(:mod:`robacc.statistics.confidence`), so a demonstrated grade, or a better one, has at least the scale's confidence.
+:mod:`robacc.grade_scale` reads the scales.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import Literal
 
 from robacc.errors import UsageError
 from robacc.grade_scale import Scale, Step, default_scale, load_scale
+from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, Statistic, Unit
 
 __all__ = ["Grade", "NextGrade", "QuantityGrade", "Scale", "Step", "default_scale", "grade", "load_scale"]
@@ -46,6 +49,8 @@ class QuantityGrade:
     """Of the upper bound."""
     why: str | None
     """Why there is no upper bound."""
+    within: tuple[float, ...] | None
+    """For each step of the scale, best first, the probability that the true statistic is within its limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +78,24 @@ class Grade:
     limited_by: tuple[Quantity, ...]
     """What keeps the grade from being better; empty at the best."""
     next: NextGrade | None
+    probabilities: tuple[tuple[str, float], ...]
+    """Of being the true one, for each grade of the scale, the last being that of no step; empty where unknown."""
+    poses_to_demonstrate: int | None
+    """Poses with which the grade would be demonstrated with probability 0.9 if the estimate stays as it is; None where
+    it is demonstrated already, or there are none that would do."""
     reason: str
+
+    @property
+    def probability(self) -> float | None:
+        """Of the grade's being right, given the data."""
+        return dict(self.probabilities).get(self.grade)
+
+    def probability_within(self, name: str) -> float | None:
+        """That the true grade is ``name`` or a better one; None where it is unknown, or on no step of the scale."""
+        names = [step.grade for step in self.scale.steps]
+        if not self.probabilities or name not in names:
+            return None
+        return math.fsum(share for _, share in self.probabilities[: names.index(name) + 1])
 
 
 def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale: Scale) -> Grade:
@@ -117,6 +139,8 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
         orientation=quantities.get("orientation"),
         limited_by=limited_by,
         next=following,
+        probabilities=_probabilities(scale, quantities),
+        poses_to_demonstrate=None if demonstrated else _poses_needed(scale, rank, dict(judged)),
         reason=_reason(scale, rank, quantities, limited_by, following, demonstrated, demonstrated_grade),
     )
 
@@ -151,7 +175,51 @@ def _quantity(
         demonstrated_grade=scale.steps[proven_rank].grade if proven_rank < len(scale.steps) else None,
         method=interval.method,
         why=interval.why if interval.upper_bound is None else None,
+        within=_within(scale, name, interval),
     )
+
+
+def _within(scale: Scale, name: Quantity, interval: Interval) -> tuple[float, ...] | None:
+    limits = [_limit(step, name) for step in scale.steps]
+    curve = interval.curve
+    if curve is None:
+        # Without scatter every limit is met for certain or not at all; what is free is met in any case.
+        bound = interval.upper_bound
+        if bound is None:
+            return (1.0,) * len(limits) if all(limit is None for limit in limits) else None
+        return tuple(1.0 if limit is None or bound <= limit else 0.0 for limit in limits)
+    return tuple(1.0 if limit is None else curve.below(limit) for limit in limits)
+
+
+def _probabilities(scale: Scale, quantities: dict[Quantity, QuantityGrade]) -> tuple[tuple[str, float], ...]:
+    """Of each grade: position and orientation are taken as independent, which is exact where one of them decides."""
+    within = [1.0] * len(scale.steps)
+    for quantity in quantities.values():
+        if quantity.within is None:
+            return ()
+        within = [one * other for one, other in zip(within, quantity.within, strict=True)]
+    shares = [high - low for low, high in zip([0.0, *within], [*within, 1.0], strict=True)]
+    names = [*(step.grade for step in scale.steps), scale.otherwise]
+    return tuple((name, max(share, 0.0)) for name, share in zip(names, shares, strict=True))
+
+
+def _poses_needed(scale: Scale, rank: int, judged: dict[Quantity, ErrorStatistics]) -> int | None:
+    """The larger number of the two quantities."""
+    if rank == len(scale.steps):
+        return None
+    most = 0
+    for name, statistics in judged.items():
+        limit = _limit(scale.steps[rank], name)
+        interval = statistics.estimate(scale.statistic)[1]
+        if limit is None or (interval.upper_bound is not None and interval.upper_bound <= limit):
+            continue
+        poses = (
+            None if interval.curve is None else interval.curve.poses_for(limit, scale.confidence, statistics.n_poses)
+        )
+        if poses is None:
+            return None
+        most = max(most, poses)
+    return max(most, 1 + max(statistics.n_poses for statistics in judged.values()))
 
 
 def _next(scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade]) -> NextGrade | None:

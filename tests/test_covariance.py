@@ -164,8 +164,9 @@ def test_repeated_poses_count_once() -> None:
 
 def test_percentile_of_repeated_poses_is_of_the_poses() -> None:
     found = error_statistics(np.repeat(gaussian(80), 3, axis=1), "m", groups=np.repeat(np.arange(80), 3))
-    assert (
-        found.intervals.p95.method == "order statistics of 80 poses, all repetitions of a pose counted as one: at least"
+    assert found.intervals.p95.method == (
+        "order statistics of 80 poses, all repetitions of a pose counted as one, "
+        "so the confidence is at least the one stated"
     )
 
 

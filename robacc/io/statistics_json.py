@@ -88,6 +88,9 @@ def grade_document(grade: Grade) -> Document:
             "position_excess_m": following.position,
             "orientation_excess_rad": following.orientation,
         },
+        "probability": grade.probability,
+        "probabilities": [{"grade": name, "probability": share} for name, share in grade.probabilities],
+        "poses_to_demonstrate": grade.poses_to_demonstrate,
         "reason": grade.reason,
         "steps": [
             {"grade": step.grade, "position_m": step.position, "orientation_rad": step.orientation}

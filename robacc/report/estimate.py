@@ -12,8 +12,7 @@ from robacc.geometry import Array
 from robacc.grading import Grade
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, beside, columns, heading, items
-from robacc.report.numbers import decimals, exponent_of_thousand, fixed, p_value, three_digits
-from robacc.report.predict_parts import percent
+from robacc.report.numbers import chance, decimals, exponent_of_thousand, fixed, p_value, three_digits
 from robacc.statistics.confidence import ASSURANCE
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, MatrixInterval
@@ -74,12 +73,12 @@ def _odds(grade: Grade) -> Iterator[str]:
     if grade.probability is not None:
         # What rounds to nothing is left out; the grade itself never is.
         others = [(name, share) for name, share in grade.probabilities if share >= _UNLIKELY or name == grade.grade]
-        shares = ", ".join(f"{name} {percent(share)}" for name, share in others)
+        shares = ", ".join(f"{name} {chance(share)}" for name, share in others)
         yield f"probability of each grade, given these poses: {shares}"
     if grade.poses_to_demonstrate is not None:
         yield (
             f"if the estimate stays as it is, {grade.poses_to_demonstrate} poses in all would demonstrate "
-            f"{grade.grade} with a probability of {percent(ASSURANCE)}"
+            f"{grade.grade} with a probability of {chance(ASSURANCE)}"
         )
 
 

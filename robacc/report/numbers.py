@@ -47,6 +47,13 @@ def p_value(probability: float | None) -> str:
     return "p < 1e-6" if probability < 1e-6 else f"p = {probability:.2g}"
 
 
+def chance(probability: float) -> str:
+    """A probability in whole percent, never as if it were certain."""
+    if probability > 0.995:
+        return "> 99 %"
+    return "< 1 %" if probability < 0.005 else f"{100 * probability:.0f} %"
+
+
 def _places(size: float, digits: int) -> int:
     if size <= 0.0 or not math.isfinite(size):
         return _DIGITS_WITHOUT

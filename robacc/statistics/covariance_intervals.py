@@ -106,5 +106,7 @@ def _shared(intervals: list[Interval]) -> Interval:
     first, last = intervals[0], intervals[-1]
     if len(intervals) == 1:
         return first
-    method = f"{first.method}, {len(intervals)} axes that cannot be told apart put together: at least"
+    method = (
+        f"{first.method}, one for the {len(intervals)} axes that cannot be told apart, with at least the confidence"
+    )
     return Interval(last.lower, first.upper, first.upper_bound, first.confidence, method)

@@ -67,6 +67,8 @@ def _log_gamma_weight(a: float, x: float) -> float:
     """log(x^a e^-x / Gamma(a)); for large a from the deviation of x from a, where the plain formula loses digits."""
     if a < _STIRLING_FROM:
         return a * math.log(x) - x - math.lgamma(a)
+    if x < 1e-3 * a:  # x / a - 1 would lose the digits of x, and all of them in the end
+        return a * (math.log(x / a) + 1.0) - x + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_rest(a)
     return a * _log_ratio((x - a) / a) + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_rest(a)
 
 

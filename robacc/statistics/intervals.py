@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
+from robacc.statistics.confidence import MOST_FOR_BINOMIAL, ChiSquareCurve, Curve, RootCurve, StudentCurve
 from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
 
 FEWEST_FOR_BOOTSTRAP = 10
 """With fewer poses the resamples are too few and too much alike for their quantiles to mean anything."""
 MOST_FOR_BOOTSTRAP = 1000
 """With more poses the mean is Gaussian to within the bootstrap's own noise, and Student's t costs nothing."""
-MOST_FOR_BINOMIAL = 5000
-"""With more poses the binomial distribution at 95 % is normal to within a hundredth of a standard deviation or so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +43,8 @@ class Interval:
     method: str
     why: str | None = None
     """Why a limit is missing."""
+    curve: Curve | None = field(default=None, repr=False, compare=False)
+    """The confidence of every other limit; None where there is none, or nobody asks for it."""
 
     @classmethod
     def missing(cls, confidence: float, why: str) -> Interval:
@@ -56,7 +57,8 @@ class Interval:
             None if value is None else math.sqrt(max(value, 0.0))
             for value in (self.lower, self.upper, self.upper_bound)
         )
-        return Interval(lower, upper, bound, self.confidence, self.method, self.why)
+        curve = None if self.curve is None else RootCurve(self.curve)
+        return Interval(lower, upper, bound, self.confidence, self.method, self.why, curve)
 
 
 def tails(confidence: float) -> tuple[float, float, float]:
@@ -82,7 +84,7 @@ def interpolated(values: Array, positions: Sequence[float]) -> list[float]:
 def chi2_interval(value: float, dof: float, confidence: float, method: str) -> Interval:
     """Interval of a variance-like quantity with dof * estimate / truth ~ chi-square(dof)."""
     low, high, bound = (dof * value / chi2_quantile(1.0 - p, dof) for p in tails(confidence))
-    return Interval(low, high, bound, confidence, method)
+    return Interval(low, high, bound, confidence, method, curve=ChiSquareCurve(value, dof))
 
 
 def covariance_element(first: float, second: float, cross: float, dof: float, confidence: float) -> tuple[float, float]:
@@ -205,11 +207,11 @@ class PoseSampling:
             return Interval(mean, mean, mean, confidence, "no scatter")
         below, above, bound = tails(confidence)
         t_above, t_bound = student_quantile(above, size - 1.0), -student_quantile(bound, size - 1.0)
-        t_below, method = -t_above, f"Student's t over {size} poses"
+        t_below, method, drawn = -t_above, f"Student's t over {size} poses", None
         if FEWEST_FOR_BOOTSTRAP <= size <= MOST_FOR_BOOTSTRAP:
-            t = self._studentised(values, mean, positive)
-            positions = [p * (t.size - 1) for p in (below, above, 1.0 - bound)]
-            drawn_below, drawn_above, drawn_bound = interpolated(t, positions)
+            drawn = self._studentised(values, mean, positive)
+            positions = [p * (drawn.size - 1) for p in (below, above, 1.0 - bound)]
+            drawn_below, drawn_above, drawn_bound = interpolated(drawn, positions)
             # Resampled standard errors vary less than true ones do where the tails are long; Student's t is a floor.
             t_below, t_above, t_bound = min(t_below, drawn_below), max(t_above, drawn_above), min(t_bound, drawn_bound)
             method = f"studentised bootstrap over {size} poses, {self.draws} draws, no narrower than Student's t"
@@ -218,7 +220,7 @@ class PoseSampling:
             low, high, top = (max(root - 0.5 * t * error / root, 0.0) ** 2 for t in (t_above, t_below, t_bound))
         else:
             low, high, top = (mean - t * error for t in (t_above, t_below, t_bound))
-        return Interval(low, high, top, confidence, method)
+        return Interval(low, high, top, confidence, method, curve=StudentCurve(mean, error, size, drawn, positive))
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
         """(resampled mean - mean) / its own standard error, ``(draws,)``."""

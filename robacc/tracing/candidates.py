@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from robacc.robots.arm import Arm
 ORDER_STEP = 0.25
 HIGHEST_ORDER = 40.0
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
+_TURN = 2.1 * math.pi
+"""rad: what is still one turn of a joint."""
 _UNITS = 80.0
 """Effects times joints that compete on a six-axis arm: what a searched order or a block has against it."""
 _SHRUNK_AGAINST_NAMED = 1e-3
@@ -37,7 +40,27 @@ class Candidate:
     log_prior: float
     """Log of its prior probability."""
 
-    @property
+    @cached_property
+    def key(self) -> tuple[object, ...]:
+        """What tells it from every other."""
+        return self.effect.key()
+
+    def holds(self, other: Candidate, over: Mapping[str, float]) -> bool:
+        """Whether it leaves nothing to another: itself, or one order where it is the joint's whole profile.
+
+        ``over`` is the range that each joint was seen in: over more than a turn whole orders do not make up the ones
+        between them, so those still compete.
+        """
+        if self.key == other.key:
+            return True
+        one, two = self.effect, other.effect
+        if not isinstance(one, TransmissionError) or not one.shrunk or not isinstance(two, TransmissionError):
+            return False
+        if one.joints != two.joints or max(two.orders) > max(one.orders):
+            return False
+        return over.get(one.joints[0], math.inf) <= _TURN or set(two.orders) <= set(one.orders)
+
+    @cached_property
     def weights(self) -> Array:
         """``(q,)`` usual size of each coefficient: its prior's standard deviation up to a common factor."""
         free = 4.0 if self.is_block else 1.0

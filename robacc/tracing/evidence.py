@@ -87,32 +87,113 @@ class Conditioned:
         """``precision`` ``(len(active),)``: of the Gaussian prior of each active coefficient, whitened; 0 for none."""
         self.system = system
         self.active = np.array(active, dtype=np.int64)
+        self.precision = precision
         gram = system.gram[np.ix_(self.active, self.active)] + np.diag(precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
         good = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
         self.root: Array = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
+        """``(A, R)``: root @ root.T is the inverse of the active columns' Gram matrix."""
+        self.rank = int(good.sum())
+        self._removed: tuple[Conditioned, Array] | None = None
+        self._crossed: dict[Family, Array] = {}
         self.reduced: Array = self.root.T @ system.gram[self.active]
         """``(R, C)``: orthonormal coordinates of the model times every column."""
-        explained = self.root.T @ system.moment[self.active]
+        self._explain(self.root.T @ system.moment[self.active])
+
+    def _explain(self, explained: Array) -> None:
+        system = self.system
         self.explained = explained
-        self.moment: Array = system.moment - self.reduced.T @ explained
+        self.moment: Array = system.moment[: self.reduced.shape[1]] - self.reduced.T @ explained
         self.energy = max(system.energy - float(explained @ explained), 1e-300)
-        effective = float(good.sum())
-        if precision.any():
-            effective -= float(np.sum(np.square(self.root) * precision[:, None]))
+        effective = float(self.rank)
+        if self.precision.any():
+            effective -= float(np.sum(np.square(self.root) * self.precision[:, None]))
         self.freedom = max(system.rows - effective, 1.0)
+
+    def without(self, columns: NDArray[np.int64]) -> Conditioned:
+        """The same for a model that lacks some of the active columns, without decomposing anything of its size.
+
+        The rows that they have in the root span the directions of the model that only they hold; those are taken out
+        of every coordinate.
+        """
+        rows = np.isin(self.active, columns)
+        own = self.root[rows]
+        _, sizes, directions = np.linalg.svd(own, full_matrices=False)
+        directions = directions[sizes > 1e-9 * max(sizes.max(initial=0.0), 1e-300)]
+        rest = object.__new__(Conditioned)
+        rest.system, rest.active = self.system, self.active
+        rest.precision = np.where(rows, 0.0, self.precision)
+        rest.root = self.root - (self.root @ directions.T) @ directions
+        rest.root[rows] = 0.0
+        rest.rank = self.rank - len(directions)
+        rest._removed, rest._crossed = (self, directions), {}
+        rest.reduced = self.reduced - directions.T @ (directions @ self.reduced)
+        rest._explain(self.explained - directions.T @ (directions @ self.explained))
+        return rest
+
+    def crossed(self, family: Family) -> Array:
+        """``(R, B Q)`` orthonormal coordinates of the model times every column of a family."""
+        known = self._crossed.get(family)
+        if known is None:
+            if self._removed is None:
+                known = self.root.T @ family.cross(self.system)[self.active]
+            else:
+                whole, directions = self._removed
+                above = whole.crossed(family)
+                known = above - directions.T @ (directions @ above)
+            self._crossed[family] = known
+        return known
+
+    def blocks(self, columns: NDArray[np.int64]) -> Array:
+        """``(B, Q, Q)`` Gram matrices of the new parts of B times Q columns."""
+        reduced = np.moveaxis(self.reduced[:, columns], 0, 2)
+        whole = self.system.gram[columns[:, :, None], columns[:, None, :]]
+        result: Array = whole - reduced @ np.swapaxes(reduced, 1, 2)
+        return result
 
     def block(self, columns: NDArray[np.int64]) -> Array:
         """``(Q, Q)`` Gram matrix of some columns' new parts."""
-        reduced = self.reduced[:, columns]
-        result: Array = self.system.gram[np.ix_(columns, columns)] - reduced.T @ reduced
+        result: Array = self.blocks(columns[None])[0]
         return result
 
-    def full(self) -> Array:
-        """``(C, C)`` Gram matrix of every column's new part."""
-        result: Array = self.system.gram - self.reduced.T @ self.reduced
-        return result
+
+class Family:
+    """B candidates of Q columns each that are one column times a regressor; no column of theirs is ever built.
+
+    ``own`` ``(B, Q, Q)`` is their Gram matrix and ``moment`` ``(B, Q)`` what they have in common with the residual.
+    """
+
+    def __init__(self, system: Columns, column: Array, basis: Array, shrunk: bool) -> None:
+        """``column`` ``(M, N)`` is what all of them share, ``basis`` ``(B, Q, N)`` the regressors."""
+        self.column, self.basis, self.shrunk = column, basis, shrunk
+        square = np.einsum("mn,mn->n", column, column)
+        self.own: Array = (basis * square) @ np.swapaxes(basis, 1, 2)
+        self.moment: Array = basis @ np.einsum("mn,mn->n", column, system.residual)
+        self._cross = np.zeros((0, basis.shape[0] * basis.shape[1]))
+
+    def cross(self, system: Columns) -> Array:
+        """``(C, B Q)`` what every column of the system has in common with every one of these."""
+        done = self._cross.shape[0]
+        if done < system.columns.shape[1]:
+            shared = np.einsum("mcn,mn->cn", system.columns[:, done:], self.column)
+            flat = self.basis.reshape(-1, self.basis.shape[2])
+            self._cross = np.concatenate((self._cross, shared @ flat.T))
+        return self._cross
+
+    def judge(self, conditioned: Conditioned) -> Scores:
+        """Scores of all of them beside a model."""
+        count, size = self.moment.shape
+        reduced = conditioned.crossed(self)
+        parts = np.moveaxis(reduced.reshape(-1, count, size), 0, 2)
+        return judge(
+            self.own - parts @ np.swapaxes(parts, 1, 2),
+            self.moment - (reduced.T @ conditioned.explained).reshape(count, size),
+            np.diagonal(self.own, axis1=1, axis2=2),
+            conditioned.energy,
+            conditioned.freedom,
+            np.full(count, self.shrunk),
+        )
 
 
 def judge(

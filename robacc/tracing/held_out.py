@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect
+from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
 from robacc.fitting import Fit, Options, fit
 from robacc.geometry import Array
@@ -29,6 +30,8 @@ Progress = Callable[[str, int, int], None]
 
 _FOLD_POSES = 400
 """Poses that the choice within a fold looks at, at most."""
+_SAME_LINE = 0.5
+"""Orders nearer than this are one line found twice."""
 _SHARED_FROM = 600
 """Poses from which a second process is worth its start."""
 
@@ -40,7 +43,8 @@ class Held:
     before: Array
     after: Array
     without: dict[tuple[object, ...], Array]
-    chosen: dict[tuple[str, tuple[str, ...]], int]
+    chosen: dict[tuple[object, ...], int]
+    """By the finding's key."""
     folds: int
 
 
@@ -52,7 +56,8 @@ class _Fold:
     after: Array
     without: tuple[Array, ...]
     """For each finding of the whole loop, in its order."""
-    chosen: frozenset[tuple[str, tuple[str, ...]]]
+    chosen: tuple[bool, ...]
+    """Whether the fold chose it too."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ def hold_out(
     shape = loop.final.residual.shape
     before, after = np.empty(shape), np.empty(shape)
     without = {effect.key(): np.empty(shape) for effect in loop.effects}
-    chosen: dict[tuple[str, tuple[str, ...]], int] = {}
+    chosen = {effect.key(): 0 for effect in loop.effects}
     masks = [rest for _, rest in parts(assigned)]
     try:
         done = _folds(_Work(loop, data, assigned, empirical))
@@ -93,10 +98,9 @@ def hold_out(
         return None
     for rest, one in zip(masks, results, strict=True):
         before[:, rest], after[:, rest] = one.before, one.after
-        for effect, lacking in zip(loop.effects, one.without, strict=True):
+        for effect, lacking, again in zip(loop.effects, one.without, one.chosen, strict=True):
             without[effect.key()][:, rest] = lacking
-        for name in one.chosen:
-            chosen[name] = chosen.get(name, 0) + 1
+            chosen[effect.key()] += again
     return Held(before, after, without, chosen, len(masks))
 
 
@@ -149,12 +153,22 @@ def _fold(work: _Work, number: int) -> _Fold:
         if not complete.widths:
             complete = without_idle_rotations(complete, model, train, _options(loop.final))
     after = held_out(complete, test)
-    without = []
-    for effect in loop.effects:
-        again = [one for one in effects if (one.name, one.joints) == (effect.name, effect.joints)]
-        without.append(_lacking(complete, again, test) if again else after)
-    names = frozenset((one.name, one.joints) for one in effects)
-    return _Fold(held_out(declared, test), after, tuple(without), names)
+    again = [[one for one in effects if _same(effect, one)] for effect in loop.effects]
+    without = tuple(_lacking(complete, ones, test) if ones else after for ones in again)
+    return _Fold(held_out(declared, test), after, without, tuple(bool(ones) for ones in again))
+
+
+def _same(finding: Effect, other: Effect) -> bool:
+    """Whether a fold found the same: of periodic errors with a line in common, or the joint's whole profile."""
+    if (finding.name, finding.joints) != (other.name, other.joints):
+        return False
+    if not isinstance(finding, TransmissionError) or not isinstance(other, TransmissionError):
+        return True
+    if finding.shrunk:
+        return True
+    if other.shrunk:
+        return max(finding.orders) <= max(other.orders)
+    return any(abs(one - two) <= _SAME_LINE for one in finding.orders for two in other.orders)
 
 
 def _options(found: Fit) -> Options:

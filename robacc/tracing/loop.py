@@ -29,8 +29,9 @@ from robacc.tracing.candidates import (
     profiles,
     waves,
 )
+from robacc.tracing.competition import Chosen, Competition
 from robacc.tracing.evidence import Columns
-from robacc.tracing.selection import FALSE_ALARM, Chosen, Selection, Step
+from robacc.tracing.selection import FALSE_ALARM, Selection, Step
 
 _ROUNDS = 4
 SELECTION_POSES = 800
@@ -83,7 +84,7 @@ class Scene:
             terms = candidate.terms or candidate.effect.terms(arm, self.data)
             return self._columns_of(terms)[:, :, at]
 
-        choice = Selection(
+        field = Competition(
             system,
             tuple(range(count)),
             self.pool,
@@ -92,6 +93,7 @@ class Scene:
             self.joint_columns[:, :, at],
             expand,
         )
+        choice = Selection(field)
         for effect in start:
             choice.start_with(self._candidate(effect))
         return choice
@@ -188,19 +190,19 @@ def choose(
     """Named effects first; where they leave structure, or take many to explain it, a correction may do better."""
     named = scene.selection(rows, start, most)
     blocks = scene.batches(rows, most) if empirical else []
-    named.blocks = blocks
+    named.field.blocks = blocks
     if any(one.candidate.is_correction for one in named.chosen):
         named.run(with_blocks=True)
         return named
     named.run()
     if not blocks:
         return named
-    left = named.rank(named.condition(), with_blocks=True)
+    left = named.rank(with_blocks=True)
     structured = bool(left) and left[0].p_value <= FALSE_ALARM
     if not structured and len(named.chosen) < 3:
         return named
     mixed = scene.selection(rows, (), most)
-    mixed.blocks = blocks
+    mixed.field.blocks = blocks
     mixed.run(with_blocks=True)
     if structured:
         named.run(with_blocks=True)
@@ -265,7 +267,7 @@ def refined(selection: Selection, one: Chosen) -> Effect:
     order = effect.orders[0]
     if order in (1.0, 2.0):
         return effect
-    wave = next((w for w in selection.waves if w.joint == effect.joints[0]), None)
+    wave = next((w for w in selection.field.waves if w.joint == effect.joints[0]), None)
     if wave is None:
         return effect
     for span in (ORDER_STEP, ORDER_STEP / 8):

@@ -24,11 +24,12 @@ from robacc.parsimony import without_idle_rotations
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.candidates import ORDER_STEP
+from robacc.tracing.competition import Chosen, Ranked
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.held_out import Held, Progress, frames_first, hold_out
 from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse
 from robacc.tracing.mistakes import refuse_mistake
-from robacc.tracing.selection import FALSE_ALARM, RIVAL, Chosen, Ranked, Selection, Step
+from robacc.tracing.selection import FALSE_ALARM, RIVAL, Selection, Step
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 
@@ -200,10 +201,13 @@ def trace(
 
 
 def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
-    """The loop without findings that came back in no fold: what no part of the poses shows again is not reported."""
+    """The loop without findings that fewer than half of the folds chose again.
+
+    What most parts of the poses do not show is there by chance, or would predict other poses worse.
+    """
     if held is None or not held.folds:
         return loop
-    effects = tuple(effect for effect in loop.effects if (effect.name, effect.joints) in held.chosen)
+    effects = tuple(effect for effect in loop.effects if 2 * held.chosen[effect.key()] >= held.folds)
     if len(effects) == len(loop.effects):
         return loop
     keys = {coarse(effect) for effect in effects}
@@ -258,7 +262,7 @@ def _finding(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Me
         after = pose_figures(held.after[:, rows]).position.rms
     number = final.model.free.index(effect)
     own_parameters = tuple(p for p, owner in zip(parameters(final), final.owners, strict=True) if owner == number)
-    folds_chosen = (held.chosen.get((effect.name, effect.joints), 0), held.folds) if held is not None else (0, 0)
+    folds_chosen = (held.chosen.get(effect.key(), 0), held.folds) if held is not None else (0, 0)
     lines = _lines(effect, own_parameters, data, final)
     return Finding(
         effect.name,

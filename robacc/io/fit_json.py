@@ -18,7 +18,7 @@ from robacc.measurements import Measurements
 from robacc.noise import LackOfFit
 from robacc.parameters import Parameter
 from robacc.robots.description import Robot
-from robacc.tracing.selection import Ranked
+from robacc.tracing.competition import Ranked
 from robacc.tracing.trace import Finding, Trace
 
 

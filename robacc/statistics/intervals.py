@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -113,6 +114,7 @@ def share_below_maximum(n: int, confidence: float) -> float:
     return float((1.0 - confidence) ** (1.0 / n))
 
 
+@lru_cache(maxsize=64)
 def percentile_levels(n: int, p: float, confidence: float) -> tuple[float | None, float | None, float | None]:
     """Ranks, as fractions of n + 1, of the order statistics that bound the ``p`` quantile; None where n is too small.
 
@@ -175,14 +177,7 @@ class PoseSampling:
 
     def counts(self) -> Array:
         """How often each pose was drawn, ``(draws, n_groups)``; the same draws for every quantity."""
-        if "counts" not in self._cache:
-            size = self.n_groups
-            drawn = np.random.default_rng(self.seed).integers(size, size=(self.draws, size))
-            drawn += size * np.arange(self.draws)[:, None]
-            counts = np.bincount(drawn.ravel(), minlength=self.draws * size)
-            self._cache["counts"] = counts.reshape(self.draws, size).astype(float)
-        result: Array = self._cache["counts"]
-        return result
+        return _drawn_counts(self.n_groups, self.draws, self.seed)
 
     def standard_error(self, values: Array) -> float:
         """Standard error of the mean of ``values`` ``(n,)``, poses independent, repetitions of one pose not."""
@@ -240,3 +235,13 @@ class PoseSampling:
         root = np.sqrt(np.maximum(mean + shift, 0.0))
         result = 2.0 * root * (root - math.sqrt(mean)) / error
         return result
+
+
+@lru_cache(maxsize=1)
+def _drawn_counts(size: int, draws: int, seed: int) -> Array:
+    """How often each of ``size`` poses was drawn, ``(draws, size)``, read-only; position and orientation share it."""
+    drawn = np.random.default_rng(seed).integers(size, size=(draws, size))
+    drawn += size * np.arange(draws)[:, None]
+    counts = np.bincount(drawn.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
+    counts.flags.writeable = False
+    return counts

@@ -49,10 +49,8 @@ class _Path:
     """Of both, by rounding: the exponent's own size times a few units of the last place."""
     density: float
     """dP/dq"""
-    by_mean: Array
-    """``(3,)`` dP/dm_i"""
-    by_covariance: Array
-    """``(3, 3)`` dP/dC_ij, with C_ij and C_ji counted as separate variables"""
+    gradient: Array
+    """``(12,)`` dP/dm_i and dP/dC_ij, with C_ij and C_ji counted as separate variables; empty unless asked for"""
 
 
 def length_probability(radius: float, mean: Array, variance: Array) -> float:
@@ -105,21 +103,21 @@ def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tu
     """
     mean, variance = np.asarray(mean, dtype=float), np.asarray(variance, dtype=float)
     scale = math.sqrt(float(np.sum(variance) + np.sum(np.square(mean))))
-    path = _probability((radius / scale) ** 2, mean / scale, variance / scale**2)
-    return -path.by_mean / path.density * scale, -path.by_covariance / path.density
+    path = _probability((radius / scale) ** 2, mean / scale, variance / scale**2, gradient=True)
+    return -path.gradient[:3] / path.density * scale, -path.gradient[3:].reshape(3, 3) / path.density
 
 
-def _probability(q: float, mean: Array, variance: Array) -> _Path:
+def _probability(q: float, mean: Array, variance: Array, *, gradient: bool = False) -> _Path:
     """The contour integrals at ``q``; zero below what directions without scatter contribute."""
     if q <= float(np.sum(np.square(mean[variance == 0.0]))):
-        return _Path(0.0, 1.0, 0.0, 0.0, np.zeros(3), np.zeros((3, 3)))
+        return _Path(0.0, 1.0, 0.0, 0.0, np.zeros(12 if gradient else 0))
     upper = q > float(np.sum(variance) + np.sum(np.square(mean)))
     saddle, curvature = _saddle_point(q, mean, variance, upper)
     bend, end, top = _shape_of_path(q, mean, variance, saddle, curvature)
     uncertainty = _ROUNDING * (1.0 + abs(saddle) * q)
     nodes, last = _FEWEST_NODES, math.inf
     while True:
-        integrals = _trapezoid(q, mean, variance, saddle, bend, end, nodes, top)
+        integrals = _trapezoid(q, mean, variance, saddle, bend, end, nodes, top, gradient)
         if integrals is None:
             bend, end, top = _shape_of_path(q, mean, variance, saddle, curvature, 0.25 * bend)
             continue
@@ -128,7 +126,7 @@ def _probability(q: float, mean: Array, variance: Array) -> _Path:
             break
         last, nodes = tail, 2 * nodes
     cdf, sf = (1.0 + tail, -tail) if upper else (tail, 1.0 - tail)
-    return _Path(cdf, sf, uncertainty, float(integrals[1]), integrals[2:5], integrals[5:].reshape(3, 3))
+    return _Path(cdf, sf, uncertainty, float(integrals[1]), integrals[2:])
 
 
 def _saddle_point(q: float, mean: Array, variance: Array, upper: bool) -> tuple[float, float]:
@@ -206,9 +204,17 @@ def _shape_of_path(
 
 
 def _trapezoid(
-    q: float, mean: Array, variance: Array, saddle: float, bend: float, end: float, nodes: int, top: float
+    q: float,
+    mean: Array,
+    variance: Array,
+    saddle: float,
+    bend: float,
+    end: float,
+    nodes: int,
+    top: float,
+    gradient: bool,
 ) -> Array | None:
-    """The integrals for weights 1, s (density), d log M/dm_i and d log M/dC_ij, in that order, ``(14,)``.
+    """The integrals for weights 1, s (density) and, for the gradient, d log M/dm_i and d log M/dC_ij: ``(2 or 14,)``.
 
     None where a node's exponent is above ``top``: the path crosses a peak that its shape was to avoid.
     """
@@ -220,9 +226,11 @@ def _trapezoid(
     # The path is symmetric about the real axis: twice the upper half's imaginary part, half weight at t = 0.
     factor = np.exp(value) * (1j - 2.0 * bend * t) * (end / nodes / math.pi)
     factor[0] *= 0.5
-    ratio = mean[:, None] * s / w
-    by_covariance: Complex = 2.0 * ratio[:, None] * ratio[None, :]
-    by_covariance[np.arange(3), np.arange(3)] -= s / w
-    weights = np.concatenate((np.ones((1, s.size)), s[None], -2.0 * ratio, by_covariance.reshape(9, -1)))
+    weights = np.concatenate((np.ones((1, s.size)), s[None]))
+    if gradient:
+        ratio = mean[:, None] * s / w
+        by_covariance: Complex = 2.0 * ratio[:, None] * ratio[None, :]
+        by_covariance[np.arange(3), np.arange(3)] -= s / w
+        weights = np.concatenate((weights, -2.0 * ratio, by_covariance.reshape(9, -1)))
     result: Array = (weights @ factor).imag
     return result

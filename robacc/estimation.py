@@ -117,7 +117,7 @@ def estimate(
         UsageError: the call does not fit the data, or itself.
         InputError: the data lack what the call needs.
     """
-    _check_call(robot, what, confidence)
+    check_call(robot, what, confidence)
     commanded = commanded_poses(data, robot)
     chosen = _choose_frame(frame, commanded)
     alignment, unaligned = None, None
@@ -161,7 +161,8 @@ def _statistics(
     return position, error_statistics(errors.rotation, "rad", groups=groups, confidence=confidence, seed=seed)
 
 
-def _check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> None:
+def check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> None:
+    """Raise UsageError where an alignment has no robot to move, or the confidence is no probability of use."""
     if what and robot is None:
         raise UsageError("an alignment moves the robot's base or tool, so it needs --robot")
     if not 0.5 <= confidence < 1.0:

@@ -77,7 +77,7 @@ class Candidate:
         return self.is_block and self.effect.settings().get("masses") is None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Waves:
     """Periodic errors of one joint over a grid of orders, evaluated without building a column each."""
 

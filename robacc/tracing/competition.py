@@ -167,6 +167,12 @@ class Competition:
         )
         return _ranked(one.candidate, scores, 0)
 
+    def strongest_order(self, conditioned: Conditioned, wave: Waves) -> tuple[float, float]:
+        """The order of one joint's waves that explains most, and its evidence in nats."""
+        scores = self._spectra[list(self.waves).index(wave)].judge(conditioned)
+        best = int(np.argmax(scores.evidence))
+        return float(wave.orders[best]), float(scores.evidence[best])
+
     def best_order(self, conditioned: Conditioned, wave: Waves, order: float, span: float) -> float:
         """The order of one joint within ``span`` of ``order`` that explains most."""
         orders = order + np.linspace(-span, span, 17)

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from robacc.effects.base import Effect
+from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import RobaccError
 from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
@@ -23,10 +24,10 @@ from robacc.parameters import Parameter, parameters
 from robacc.parsimony import without_idle_rotations
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.candidates import ORDER_STEP
 from robacc.tracing.competition import Chosen, Ranked
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.held_out import Held, Progress, frames_first, hold_out
+from robacc.tracing.lines import Line, fitted_lines, profile_lines
 from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse
 from robacc.tracing.mistakes import refuse_mistake
 from robacc.tracing.selection import FALSE_ALARM, RIVAL, Selection, Step
@@ -38,9 +39,6 @@ _MOST_TO_ADVISE = 200
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
 _MOST_ALTERNATIVES = 4
-_MOST_LINES = 6
-_WEAK_LINE = 0.3
-"""A line below this share of the strongest is not named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +52,6 @@ class Alternative:
     evidence_lag: float
     """Nats by which its evidence is behind the finding's; negative where it is ahead."""
     settings: dict[str, object]
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One order of a periodic error: amplitude (rad) and phase of amplitude x cos(order q - phase)."""
-
-    order: float
-    amplitude: float
-    phase: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +252,7 @@ def _finding(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Me
     number = final.model.free.index(effect)
     own_parameters = tuple(p for p, owner in zip(parameters(final), final.owners, strict=True) if owner == number)
     folds_chosen = (held.chosen.get(effect.key(), 0), held.folds) if held is not None else (0, 0)
-    lines = _lines(effect, own_parameters, data, final)
+    lines = _lines(loop, effect, one, own_parameters)
     return Finding(
         effect.name,
         effect.joints,
@@ -308,33 +297,11 @@ def _alternatives(selection: Selection, one: Chosen, own: Ranked, rivals: Sequen
     return tuple(found)
 
 
-def _lines(effect: Effect, own: Sequence[Parameter], data: Measurements, final: Fit) -> tuple[Line, ...]:
-    """The strong lines of a periodic error, strongest first: peaks of the spectrum of the curve that was fitted.
-
-    Neighbouring orders of a profile share one physical line, so the curve's own spectrum at the angles seen tells more
-    than its coefficients. Peaks are taken one at a time, each with its cosine and sine fitted and taken out.
-    """
-    if effect.name != "transmission_error" or data.q is None:
+def _lines(loop: Loop, effect: Effect, one: Chosen | None, own: Sequence[Parameter]) -> tuple[Line, ...]:
+    """The strong lines of a periodic error."""
+    if not isinstance(effect, TransmissionError):
         return ()
-    seen = data.q[final.model.arm.number(effect.joints[0])]
-    angle = np.sort(seen)[:: max(1, seen.size // 2000)]
-    orders = effect.settings()["orders"]
-    curve = np.zeros_like(angle)
-    for order, cosine, sine in zip(orders, own[::2], own[1::2], strict=True):
-        curve += cosine.value * np.cos(order * angle) + sine.value * np.sin(order * angle)
-    grid = np.arange(min(orders), max(orders) + 1e-9, ORDER_STEP) if len(orders) > 2 else np.array(orders)
-    lines: list[Line] = []
-    for _ in range(min(_MOST_LINES, grid.size)):
-        waves = np.exp(1j * grid[:, None] * angle)
-        best = int(np.argmax(np.abs(waves @ curve)))
-        basis = np.stack((np.cos(grid[best] * angle), np.sin(grid[best] * angle)), axis=1)
-        cosine_sine = np.linalg.lstsq(basis, curve, rcond=None)[0]
-        amplitude = float(np.hypot(*cosine_sine))
-        if lines and amplitude < _WEAK_LINE * lines[0].amplitude:
-            break
-        curve = curve - basis @ cosine_sine
-        lines.append(Line(float(grid[best]), amplitude, float(np.arctan2(cosine_sine[1], cosine_sine[0]))))
-    return tuple(sorted(lines, key=lambda line: -line.amplitude))
+    return profile_lines(loop.selection, one) if effect.shrunk and one is not None else fitted_lines(effect, own)
 
 
 def _seen(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:

@@ -21,7 +21,8 @@ from robacc.registration import align
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml
-from robacc.tracing.trace import Finding, Trace, trace
+from robacc.tracing.findings import Finding
+from robacc.tracing.trace import Trace, trace
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 CASES = SHARED / "cases"

@@ -19,7 +19,8 @@ from robacc.noise import LackOfFit
 from robacc.parameters import Parameter
 from robacc.robots.description import Robot
 from robacc.tracing.competition import Ranked
-from robacc.tracing.trace import Finding, Trace
+from robacc.tracing.findings import Finding
+from robacc.tracing.trace import Trace
 
 
 def calibration_payload(

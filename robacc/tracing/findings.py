@@ -1,0 +1,169 @@
+"""One finding told in full: what it is, how sure, what else it could be, and where it was learnt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.effects.base import Effect
+from robacc.effects.transmission_error import TransmissionError
+from robacc.errors import RobaccError
+from robacc.figures import pose_figures
+from robacc.fitting import Fit
+from robacc.measurements import Measurements
+from robacc.parameters import Parameter, parameters
+from robacc.tracing.competition import Chosen, Ranked
+from robacc.tracing.curves import Curve, curves
+from robacc.tracing.held_out import Held
+from robacc.tracing.lines import Line, fitted_lines, profile_lines
+from robacc.tracing.loop import Loop, coarse
+from robacc.tracing.selection import RIVAL, Selection, Step
+
+_FEW = 8
+"""A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
+_MOST_ALTERNATIVES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A rival that explains the same residual nearly as well."""
+
+    effect: str
+    joints: tuple[str, ...]
+    likeness: float
+    """Cosine between what the two take out of the residual: 1 where these poses cannot tell them apart at all."""
+    evidence_lag: float
+    """Nats by which its evidence is behind the finding's; negative where it is ahead."""
+    settings: dict[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One effect that the model lacked."""
+
+    effect: str
+    joints: tuple[str, ...]
+    settings: dict[str, object]
+    alternatives: tuple[Alternative, ...]
+    p_value: float
+    """Corrected for everything that competed."""
+    evidence: float
+    held_out_before: float | None
+    """Held-out position rms without it, m; None where too few poses to hold any out."""
+    held_out_after: float | None
+    chosen_again: tuple[int, int]
+    """In how many of how many folds it was chosen again without the poses held out."""
+    parameters: tuple[Parameter, ...]
+    lines: tuple[Line, ...]
+    seen: tuple[tuple[str, float, float], ...]
+    """Joint ranges that it was learnt in: name, low, high (rad or m)."""
+    warnings: tuple[str, ...]
+    curves: tuple[Curve, ...]
+    """The residual along it over what drives it, without and with it."""
+
+
+def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measurements) -> Finding:
+    """The finding that ``effect`` is: against its rivals, held out, and with its parameters in the final fit."""
+    one = next((c for c in loop.selection.chosen if coarse(c.candidate.effect) == coarse(effect)), None)
+    if one is not None:
+        own, rivals = loop.selection.contest(one)
+        alternatives = _alternatives(loop.selection, one, own, rivals)
+        p_value, evidence = own.p_value, own.evidence
+    else:
+        p_value, evidence, alternatives = _first_seen(loop.steps, effect)
+    before = after = None
+    if held is not None:
+        rows = final.kept if held.folds else slice(None)
+        before = pose_figures(held.without[effect.key()][:, rows]).position.rms
+        after = pose_figures(held.after[:, rows]).position.rms
+    number = final.model.free.index(effect)
+    own_parameters = tuple(p for p, owner in zip(parameters(final), final.owners, strict=True) if owner == number)
+    folds_chosen = (held.chosen.get(effect.key(), 0), held.folds) if held is not None else (0, 0)
+    lines = _lines(loop, effect, one, own_parameters)
+    return Finding(
+        effect.name,
+        effect.joints,
+        effect.settings(),
+        alternatives,
+        p_value,
+        evidence,
+        before,
+        after,
+        folds_chosen,
+        own_parameters,
+        lines,
+        _seen(effect, final, data),
+        _finding_warnings(effect, final, data, folds_chosen),
+        curves(effect, final, data),
+    )
+
+
+def _first_seen(steps: Sequence[Step], effect: Effect) -> tuple[float, float, tuple[Alternative, ...]]:
+    """Score of a frame when it was added: it does not compete afterwards."""
+    for step in steps:
+        if step.action == "add" and step.ranking and step.ranking[0].candidate.effect.key() == effect.key():
+            return step.ranking[0].p_value, step.ranking[0].evidence, ()
+    return float("nan"), float("nan"), ()
+
+
+def _alternatives(selection: Selection, one: Chosen, own: Ranked, rivals: Sequence[Ranked]) -> tuple[Alternative, ...]:
+    """Rivals near in evidence, one of each effect and joint, with how alike what they explain is."""
+    seen = {(one.candidate.effect.name, one.candidate.effect.joints)}
+    found: list[Alternative] = []
+    for rival in rivals:
+        effect = rival.candidate.effect
+        name = (effect.name, effect.joints)
+        lag = own.total - rival.total
+        if name in seen or lag > RIVAL or len(found) == _MOST_ALTERNATIVES:
+            continue
+        likeness = selection.likeness(one, rival.candidate)
+        if likeness < 0.5:
+            continue
+        seen.add(name)
+        found.append(Alternative(effect.name, effect.joints, likeness, lag, effect.settings()))
+    return tuple(found)
+
+
+def _lines(loop: Loop, effect: Effect, one: Chosen | None, own: Sequence[Parameter]) -> tuple[Line, ...]:
+    """The strong lines of a periodic error."""
+    if not isinstance(effect, TransmissionError):
+        return ()
+    return profile_lines(loop.selection, one) if effect.shrunk and one is not None else fitted_lines(effect, own)
+
+
+def _seen(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:
+    if data.q is None:
+        return ()
+    arm = final.model.arm
+    return tuple(
+        (joint, float(data.q[arm.number(joint)].min()), float(data.q[arm.number(joint)].max()))
+        for joint in effect.joints
+    )
+
+
+def _finding_warnings(effect: Effect, final: Fit, data: Measurements, chosen: tuple[int, int]) -> tuple[str, ...]:
+    warnings = []
+    if chosen[1] and chosen[0] < 0.6 * chosen[1]:
+        warnings.append(f"{effect} was chosen again in only {chosen[0]} of {chosen[1]} folds")
+    few = _rests_on(effect, final, data)
+    if few is not None:
+        warnings.append(f"more than half of what {effect} explains rests on {few} poses")
+    return tuple(warnings)
+
+
+def _rests_on(effect: Effect, final: Fit, data: Measurements) -> int | None:
+    """Number of poses that carry half of a finding's contribution, where they are few."""
+    bound = final.model.bind(data)
+    number = final.model.free.index(effect)
+    lacking = np.where(np.array(final.owners) == number, 0.0, final.theta)
+    try:
+        moved = bound.poses(lacking).translation - final.poses.translation
+    except RobaccError:
+        return None
+    share = np.sort(np.sum(np.square(moved[:, final.kept]), axis=0))[::-1]
+    if share.sum() <= 0:
+        return None
+    count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
+    return count if count < min(_FEW, 0.1 * share.size) else None

@@ -1,0 +1,49 @@
+"""Every picture of a result, in the order that a reader wants them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from robacc.errors import UsageError
+from robacc.pictures.budget import budget_pictures
+from robacc.pictures.candidates import candidate_pictures
+from robacc.pictures.course import course_pictures
+from robacc.pictures.distribution import distributions
+from robacc.pictures.effects import effect_pictures
+from robacc.pictures.ellipsoids import ellipsoid_pictures
+from robacc.pictures.picture import Document, Picture
+from robacc.pictures.space import space_pictures
+from robacc.pictures.workspace import workspace_pictures
+
+_FAMILIES: Sequence[Callable[[Document], Iterator[Picture]]] = (
+    distributions,
+    effect_pictures,
+    candidate_pictures,
+    space_pictures,
+    ellipsoid_pictures,
+    budget_pictures,
+    course_pictures,
+    workspace_pictures,
+)
+
+
+def pictures_of(document: Document) -> list[Picture]:
+    """All pictures that the result has the numbers for."""
+    return [picture for family in _FAMILIES for picture in family(document)]
+
+
+def picture_of(document: Document, kind: str, number: int = 1) -> Picture:
+    """The ``number``-th picture of a kind, counted from 1.
+
+    Raises:
+        UsageError: the result has none such; the message lists those it has.
+    """
+    every = pictures_of(document)
+    mine = [picture for picture in every if picture.kind == kind]
+    if 1 <= number <= len(mine):
+        return mine[number - 1]
+    command = document["command"]
+    if mine:
+        raise UsageError(f"this result of robacc {command} has {len(mine)} picture(s) {kind!r}, not {number}")
+    kinds = ", ".join(dict.fromkeys(picture.kind for picture in every)) or "none at all"
+    raise UsageError(f"this result of robacc {command} has no picture {kind!r}; it has {kinds}")

@@ -1,0 +1,41 @@
+"""Colours by what they mean, in a light and a dark set.
+
+Those that tell data apart are of M. Okabe and K. Ito, "Color Universal Design" (2008), which people with any kind of
+colour vision can tell apart; shape or line style tells the same, so that grey paper does too.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+LIGHT: Final = {
+    "ink": "#1b2530",
+    "muted": "#59636e",
+    "grid": "#dde2e7",
+    "paper": "#fffffe",
+    "nominal": "#7a838c",
+    "before": "#d55e00",
+    "after": "#0072b2",
+    "third": "#009e73",
+    "fourth": "#cc79a7",
+    "limit": "#1b2531",
+}
+"""As they are drawn, in paper's colours too; no two are equal, so that a page can give each a value of its own."""
+
+DARK: Final = {
+    "ink": "#e6e9ec",
+    "muted": "#a3adb7",
+    "grid": "#343c45",
+    "paper": "#161b21",
+    "nominal": "#8f99a3",
+    "before": "#e69f00",
+    "after": "#56b4e9",
+    "third": "#2fbf94",
+    "fourth": "#e09cc4",
+    "limit": "#e6e9ec",
+}
+
+
+def css_variables(colours: dict[str, str]) -> str:
+    """The declarations ``--c-ink: …; …``."""
+    return " ".join(f"--c-{role}: {value};" for role, value in colours.items())

@@ -34,16 +34,16 @@ def statistics_document(statistics: ErrorStatistics) -> Document:
         "confidence": statistics.confidence,
         "assumption": statistics.assumption,
         "intervals": {
-            f"mean_{unit}": [_interval(interval) for interval in intervals.mean],
+            f"mean_{unit}": [interval_document(interval) for interval in intervals.mean],
             f"covariance_{unit}2": _matrix_interval(intervals.covariance),
             f"centred_covariance_{unit}2": _matrix_interval(intervals.centred_covariance),
-            f"rms_{unit}": _interval(intervals.rms),
-            f"mean_error_{unit}": _interval(intervals.mean_error),
-            f"p95_{unit}": _interval(intervals.p95),
-            f"max_{unit}": _interval(statistics.estimate("max")[1]),
+            f"rms_{unit}": interval_document(intervals.rms),
+            f"mean_error_{unit}": interval_document(intervals.mean_error),
+            f"p95_{unit}": interval_document(intervals.p95),
+            f"max_{unit}": interval_document(statistics.estimate("max")[1]),
         },
         "ellipsoid": [
-            {"direction": direction, f"sd_{unit}": sd, "interval": _interval(interval)}
+            {"direction": direction, f"sd_{unit}": sd, "interval": interval_document(interval)}
             for direction, sd, interval in zip(
                 statistics.ellipsoid.axes.T, statistics.ellipsoid.sd, statistics.ellipsoid.intervals, strict=True
             )
@@ -110,7 +110,8 @@ def figures_document(figures: ErrorFigures, unit: str) -> Document:
     }
 
 
-def _interval(interval: Interval) -> Document:
+def interval_document(interval: Interval) -> Document:
+    """An interval in the unit of its number."""
     return {
         "lower": interval.lower,
         "upper": interval.upper,
@@ -132,7 +133,7 @@ def _matrix_interval(interval: MatrixInterval) -> Document:
 
 
 def _radius(radius: Radius, unit: str) -> Document:
-    return {f"radius_{unit}": radius.value, "interval": _interval(radius.interval), "why": radius.why}
+    return {f"radius_{unit}": radius.value, "interval": interval_document(radius.interval), "why": radius.why}
 
 
 def _test(test: AssumptionTest) -> Document:

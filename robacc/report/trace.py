@@ -11,7 +11,8 @@ from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
 from robacc.report.stages import gain_line, stages
-from robacc.tracing.findings import Alternative, Finding
+from robacc.tracing.findings import Finding
+from robacc.tracing.rivals import Alternative
 from robacc.tracing.trace import Trace
 
 _IN_MM = 1e3

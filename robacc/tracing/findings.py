@@ -14,29 +14,16 @@ from robacc.figures import pose_figures
 from robacc.fitting import Fit
 from robacc.measurements import Measurements
 from robacc.parameters import Parameter, parameters
-from robacc.tracing.competition import Chosen, Ranked
+from robacc.tracing.competition import Chosen
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.held_out import Held
 from robacc.tracing.lines import Line, fitted_lines, profile_lines
 from robacc.tracing.loop import Loop, coarse
-from robacc.tracing.selection import RIVAL, Selection, Step
+from robacc.tracing.rivals import Alternative, rivals
+from robacc.tracing.selection import Step
 
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
-_MOST_ALTERNATIVES = 4
-
-
-@dataclass(frozen=True, slots=True)
-class Alternative:
-    """A rival that explains the same residual nearly as well."""
-
-    effect: str
-    joints: tuple[str, ...]
-    likeness: float
-    """Cosine between what the two take out of the residual: 1 where these poses cannot tell them apart at all."""
-    evidence_lag: float
-    """Nats by which its evidence is behind the finding's; negative where it is ahead."""
-    settings: dict[str, object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +55,7 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
     """The finding that ``effect`` is: against its rivals, held out, and with its parameters in the final fit."""
     one = next((c for c in loop.selection.chosen if coarse(c.candidate.effect) == coarse(effect)), None)
     if one is not None:
-        own, rivals = loop.selection.contest(one)
-        alternatives = _alternatives(loop.selection, one, own, rivals)
+        own, alternatives = rivals(loop.selection, one)
         p_value, evidence = own.p_value, own.evidence
     else:
         p_value, evidence, alternatives = _first_seen(loop.steps, effect)
@@ -106,24 +92,6 @@ def _first_seen(steps: Sequence[Step], effect: Effect) -> tuple[float, float, tu
         if step.action == "add" and step.ranking and step.ranking[0].candidate.effect.key() == effect.key():
             return step.ranking[0].p_value, step.ranking[0].evidence, ()
     return float("nan"), float("nan"), ()
-
-
-def _alternatives(selection: Selection, one: Chosen, own: Ranked, rivals: Sequence[Ranked]) -> tuple[Alternative, ...]:
-    """Rivals near in evidence, one of each effect and joint, with how alike what they explain is."""
-    seen = {(one.candidate.effect.name, one.candidate.effect.joints)}
-    found: list[Alternative] = []
-    for rival in rivals:
-        effect = rival.candidate.effect
-        name = (effect.name, effect.joints)
-        lag = own.total - rival.total
-        if name in seen or lag > RIVAL or len(found) == _MOST_ALTERNATIVES:
-            continue
-        likeness = selection.likeness(one, rival.candidate)
-        if likeness < 0.5:
-            continue
-        seen.add(name)
-        found.append(Alternative(effect.name, effect.joints, likeness, lag, effect.settings()))
-    return tuple(found)
 
 
 def _lines(loop: Loop, effect: Effect, one: Chosen | None, own: Sequence[Parameter]) -> tuple[Line, ...]:

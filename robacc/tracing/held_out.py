@@ -24,7 +24,10 @@ from robacc.measurements import Measurements
 from robacc.observation import residuals
 from robacc.parsimony import without_idle_rotations
 from robacc.registration import ALIGNABLE
+from robacc.tracing.competition import Chosen
 from robacc.tracing.loop import SEARCH, Loop, choose, refined
+from robacc.tracing.rivals import rivals
+from robacc.tracing.selection import Selection
 
 Progress = Callable[[str, int, int], None]
 
@@ -143,7 +146,8 @@ def _fold(work: _Work, number: int) -> _Fold:
     learn, rest = work.assigned != number, work.assigned == number
     train, test = data.subset(np.flatnonzero(learn & loop.final.kept)), data.subset(np.flatnonzero(rest))
     selection = choose(loop.scene, learn, empirical=work.empirical, most=_FOLD_POSES)
-    effects = frames_first(refined(selection, one) for one in selection.chosen)
+    chosen = [(one, refined(selection, one)) for one in selection.chosen]
+    effects = frames_first(effect for _, effect in chosen)
     declared = fit(loop.declared.model, train, _options(loop.declared))
     declared = without_idle_rotations(declared, loop.declared.model, train, _options(loop.declared))
     complete = declared
@@ -153,9 +157,22 @@ def _fold(work: _Work, number: int) -> _Fold:
         if not complete.widths:
             complete = without_idle_rotations(complete, model, train, _options(loop.final))
     after = held_out(complete, test)
-    again = [[one for one in effects if _same(effect, one)] for effect in loop.effects]
+    again = [_again(effect, selection, chosen) for effect in loop.effects]
     without = tuple(_lacking(complete, ones, test) if ones else after for ones in again)
     return _Fold(held_out(declared, test), after, without, tuple(bool(ones) for ones in again))
+
+
+def _again(finding: Effect, selection: Selection, chosen: Sequence[tuple[Chosen, Effect]]) -> list[Effect]:
+    """What a fold has of a finding: itself, or what these poses cannot tell from it."""
+    same = [effect for _, effect in chosen if _same(finding, effect)]
+    if same:
+        return same
+    name = (finding.name, finding.joints)
+    return [
+        effect
+        for one, effect in chosen
+        if any((other.effect, other.joints) == name for other in rivals(selection, one)[1])
+    ]
 
 
 def _same(finding: Effect, other: Effect) -> bool:

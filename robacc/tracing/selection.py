@@ -13,8 +13,6 @@ FALSE_ALARM = 0.002
 """Bound over all candidates together that anything at all is named on a clean arm. The promise is one in a hundred;
 orders and forms are searched more finely than they are counted: of 200 simulated clean arms four had something named at
 0.005, each with a corrected p-value between 0.001 and 0.005."""
-RIVAL = 5.0
-"""A rival within this many nats of the finding's own evidence (odds of 150 to 1) is named as an alternative."""
 _SWAP = 1.0
 """A rival takes a finding's place where it is better by more than this: equals do not change places for ever."""
 _MOST = 12

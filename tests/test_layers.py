@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "robacc"
 
 LAYERS = (
     ("robacc", "robacc.errors"),
-    ("robacc.geometry",),
+    ("robacc.geometry", "robacc.quantities"),
     ("robacc.chain", "robacc.measurements", "robacc.statistics"),
     ("robacc.robots", "robacc.figures"),
     ("robacc.elasticity", "robacc.loads", "robacc.effects"),
@@ -34,7 +34,7 @@ LAYERS = (
     ("robacc.calibration", "robacc.simulation"),
     ("robacc.covariance", "robacc.grade_scale", "robacc.grading", "robacc.pose_errors"),
     ("robacc.error_frames", "robacc.estimation", "robacc.prediction"),
-    ("robacc.results",),
+    ("robacc.gates", "robacc.results"),
     ("robacc.io", "robacc.report"),
     ("robacc.pictures",),
     ("robacc.html",),

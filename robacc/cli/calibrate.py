@@ -11,6 +11,8 @@ from robacc.cli.options import (
     BaseLinkOption,
     Format,
     FormatOption,
+    GateOption,
+    JunitOption,
     OrderedOption,
     OutputOption,
     PosesArgument,
@@ -43,6 +45,8 @@ def calibrate(
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
+    gate: GateOption = None,
+    junit: JunitOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -93,7 +97,7 @@ def calibrate(
         "tip_link": tip_link,
     }
     deliver(
-        Outlets(form, output),
+        Outlets(form, output, gate, junit),
         "calibrate",
         payload=lambda: calibration_payload(found, data, arm, apart),
         table=lambda stream: draw_calibration(found, data, poses, robot, fit, stream),

@@ -8,10 +8,10 @@ import typer
 
 from robacc.cli.options import (
     BaseLinkOption,
-    Format,
-    FormatOption,
     OrderedOption,
     OutputOption,
+    PlainFormat,
+    PlainFormatOption,
     RobotOption,
     TipLinkOption,
 )
@@ -30,7 +30,7 @@ def effects(
     ordered: OrderedOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
-    form: FormatOption = Format.table,
+    form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
     """The catalogue of effects: equation, unit, usual size, needs, and what each is confused with."""

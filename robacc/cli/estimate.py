@@ -12,6 +12,8 @@ from robacc.cli.options import (
     ConfidenceOption,
     Format,
     FormatOption,
+    GateOption,
+    JunitOption,
     OrderedOption,
     OutputOption,
     PosesArgument,
@@ -58,6 +60,8 @@ def estimate(
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
+    gate: GateOption = None,
+    junit: JunitOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -104,7 +108,7 @@ def estimate(
     if per_pose is not None:
         _write_per_pose(per_pose, found, data)
     deliver(
-        Outlets(form, output),
+        Outlets(form, output, gate, junit),
         "estimate",
         payload=keys,
         table=table,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.options import BaseLinkOption, Format, FormatOption, TipLinkOption
+from robacc.cli.options import BaseLinkOption, PlainFormat, PlainFormatOption, TipLinkOption
 
 
 def export(
@@ -17,7 +17,7 @@ def export(
     ],
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
-    form: FormatOption = Format.table,
+    form: PlainFormatOption = PlainFormat.table,
 ) -> None:
     """A model as URDF, as far as a URDF can carry it; the rest is said."""
     import sys
@@ -31,7 +31,7 @@ def export(
     from robacc.report.console import say_warnings
     from robacc.robots.urdf import robot_to_urdf
 
-    if form is Format.json and urdf == "-":
+    if form is PlainFormat.json and urdf == "-":
         raise UsageError("--format json tells of the file that --urdf names; name one other than -")
     robot = read_robot(model, base_link=base_link, tip_link=tip_link)
     text, losses = robot_to_urdf(settle(robot))
@@ -41,7 +41,7 @@ def export(
     else:
         write_text(urdf, text)
     say_warnings(f"a URDF cannot carry {loss}" for loss in losses)
-    if form is Format.json:
+    if form is PlainFormat.json:
         payload = {"urdf_sha256": sha256_of(urdf), "not_carried": list(losses)}
         inputs = (results.InputFile.at(model, sha256_of(model), "robot"),)
         options = {"base_link": base_link, "tip_link": tip_link}

@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from robacc import __version__
 from robacc.errors import RobaccError
@@ -22,6 +22,7 @@ from robacc.report.console import say_error, say_interrupted
 
 COMMANDS = {
     "calibrate": "Fit the named effects to measured poses and report the error before and after, fitted and held out.",
+    "check": "Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.",
     "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
     "trace": (
@@ -64,10 +65,21 @@ class Commands(TyperGroup):
             raise typer.Exit(BROKEN_PIPE) from broken
 
 
+class Checked(TyperCommand):
+    """A command whose call is looked over before it runs."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, unless it would overwrite what it reads or be of no use."""
+        from robacc.cli.output import check_call
+
+        check_call(ctx.params)
+        return super().invoke(ctx)
+
+
 def _load(name: str) -> Any:
     """The command ``name`` from its own module."""
     single = typer.Typer(add_completion=False)
-    single.command(name)(getattr(import_module(f"robacc.cli.{name}"), name))
+    single.command(name, cls=Checked)(getattr(import_module(f"robacc.cli.{name}"), name))
     return typer.main.get_command(single)
 
 

@@ -13,6 +13,15 @@ class Format(StrEnum):
 
     table = "table"
     json = "json"
+    markdown = "markdown"
+    github = "github"
+
+
+class PlainFormat(StrEnum):
+    """How something is written that is no result to judge."""
+
+    table = "table"
+    json = "json"
 
 
 PosesArgument = Annotated[str, typer.Argument(metavar="POSES", help="CSV of measured poses; - reads standard input.")]
@@ -29,7 +38,11 @@ OrderedOption = Annotated[
     bool,
     typer.Option("--ordered", help="Rows are in the order measured; directions and speeds are derived from it."),
 ]
-FormatOption = Annotated[Format, typer.Option("--format", help="A table to read, or JSON for programs.")]
+FormatOption = Annotated[
+    Format,
+    typer.Option("--format", help="A table to read, JSON for programs, a job's summary, or annotations of a run."),
+]
+PlainFormatOption = Annotated[PlainFormat, typer.Option("--format", help="A table to read, or JSON for programs.")]
 OutputOption = Annotated[
     str, typer.Option("--output", "-o", metavar="FILE", help="Write there, whole or not at all; - is standard output.")
 ]
@@ -49,6 +62,8 @@ SeedOption = Annotated[
 ConfidenceOption = Annotated[
     float, typer.Option("--confidence", metavar="P", help="Confidence of every interval, between 0.5 and 1.")
 ]
+OUTPUTS = frozenset({"output", "per_pose", "write_model", "junit", "report", "urdf"})
+"""Parameters of commands that name a file to write."""
 
 
 def split_list(text: str | None) -> tuple[str, ...]:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
-from robacc.cli.options import Format
+from robacc.cli.options import OUTPUTS, Format, PlainFormat
 from robacc.results import InputFile, envelope
+
+if TYPE_CHECKING:
+    from robacc.gates.judging import GateOutcome
+    from robacc.io.gate_files import LoadedGate
 
 
 class Outlets(NamedTuple):
@@ -32,7 +37,7 @@ def deliver(
     seed: int | None,
     warnings: Sequence[str] = (),
 ) -> None:
-    """Say the warnings and write the result in the form that is wanted.
+    """Say the warnings, judge the result where a gate is given, and write it in the form that is wanted.
 
     Args:
         outlets: What is wanted, and where.
@@ -45,21 +50,108 @@ def deliver(
         warnings: Lines for standard error.
 
     Raises:
-        InputError: a file cannot be written.
+        InputError: a file cannot be written, or the gate cannot be read.
+        typer.Exit: the gate was not passed: status 4 or 5.
     """
     from robacc.report.console import say_warnings
 
     say_warnings(warnings)
-    emit(
-        outlets.form,
-        outlets.output,
-        table=table,
-        document=lambda: envelope(command, payload(), options=options, inputs=inputs, seed=seed),
-    )
+    if outlets.gate is None:
+        _write_result(
+            outlets,
+            command,
+            document=lambda: envelope(command, payload(), options=options, inputs=inputs, seed=seed),
+            table=table,
+            found=None,
+            warnings=warnings,
+        )
+        return
+    from robacc.io.gate_files import read_gate
+    from robacc.io.gate_json import gate_document
+
+    gate = read_gate(outlets.gate)
+    document = envelope(command, payload(), options=options, inputs=(*inputs, *gate.records), seed=seed)
+    found = judged(gate, document)
+    conclude(outlets, command, {**document, "gate": gate_document(found)}, table, found, warnings)
+
+
+def judged(gate: LoadedGate, document: Mapping[str, Any]) -> GateOutcome:
+    """What a gate says of a result; its warnings are said."""
+    from robacc.gates.judging import judge
+    from robacc.report.console import say_warnings
+
+    found = judge(gate.gate, document, gate.baselines)
+    say_warnings(found.warnings)
+    return found
+
+
+def conclude(
+    outlets: Outlets,
+    command: str,
+    document: Mapping[str, Any],
+    table: Callable[[TextIO], None] | None,
+    found: GateOutcome,
+    warnings: Sequence[str] = (),
+) -> None:
+    """Write a judged result, and end the command with the gate's exit status.
+
+    Args:
+        outlets: What is wanted, and where.
+        command: The command's name.
+        document: The result with its gate.
+        table: Draws the result itself; None where the gate's outcome is all there is.
+        found: The gate's outcome.
+        warnings: Of the result, said already.
+
+    Raises:
+        InputError: a file cannot be written.
+        typer.Exit: the gate was not passed: status 4 or 5.
+    """
+    import typer
+
+    from robacc.report.gate import draw_gate
+
+    def whole(stream: TextIO) -> None:
+        if table is not None:
+            table(stream)
+            stream.write("\n")
+        draw_gate(found, stream)
+
+    shown = whole if outlets.form is Format.table or table is None else table
+    every = (*warnings, *found.warnings)
+    _write_result(outlets, command, document=lambda: document, table=shown, found=found, warnings=every)
+    if outlets.junit is not None:
+        from robacc.io.files import write_text
+        from robacc.report.junit import junit
+
+        write_text(outlets.junit, junit(command, found))
+    if found.exit_status:
+        raise typer.Exit(found.exit_status)
+
+
+def _write_result(
+    outlets: Outlets,
+    command: str,
+    *,
+    document: Callable[[], Mapping[str, Any]],
+    table: Callable[[TextIO], None],
+    found: GateOutcome | None,
+    warnings: Sequence[str],
+) -> None:
+    if outlets.form is Format.markdown:
+        from robacc.report.markdown import markdown
+
+        _write(outlets.output, (markdown(command, _page(table), found, tuple(warnings)),))
+    elif outlets.form is Format.github:
+        from robacc.report.annotations import github_annotations
+
+        _write(outlets.output, (github_annotations(command, _page(table), found, tuple(warnings)),))
+    else:
+        emit(PlainFormat(outlets.form.value), outlets.output, table=table, document=document)
 
 
 def emit(
-    form: Format, output: str, *, table: Callable[[TextIO], None], document: Callable[[], Mapping[str, Any]]
+    form: PlainFormat, output: str, *, table: Callable[[TextIO], None], document: Callable[[], Mapping[str, Any]]
 ) -> None:
     """Write what is no result to judge as ``form`` to ``output`` (``-`` is standard output).
 
@@ -68,7 +160,7 @@ def emit(
     Raises:
         InputError: the file cannot be written.
     """
-    if form is Format.json:
+    if form is PlainFormat.json:
         from robacc.io.result_json import json_pieces
 
         _write(output, json_pieces(document()))
@@ -76,9 +168,57 @@ def emit(
         table(sys.stdout)
         sys.stdout.flush()
     else:
-        page = io.StringIO()
-        table(page)
-        _write(output, (page.getvalue(),))
+        _write(output, (_page(table),))
+
+
+def check_call(parameters: Mapping[str, Any]) -> None:
+    """Refuse a call that would end badly before it computes anything: by its parameters' names and values.
+
+    Raises:
+        UsageError: an output would overwrite an input or another output, or ``--junit`` stands without ``--gate``.
+        InputError: the gate cannot be read.
+    """
+    from robacc.errors import UsageError
+
+    if parameters.get("junit") is not None and parameters.get("gate") is None:
+        raise UsageError("--junit writes the outcome of a gate, so it needs --gate")
+    inputs = [
+        one for name, value in parameters.items() if name not in OUTPUTS for one in _texts(value) if _is_file(one)
+    ]
+    if (gate := parameters.get("gate")) is not None:
+        from robacc.io.gate_files import baseline_path, read_gate
+
+        inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
+    written: dict[str, str] = {}
+    for name in sorted(OUTPUTS & parameters.keys()):
+        option = f"--{name.replace('_', '-')}"
+        for path in _texts(parameters[name]):
+            if path == "-":
+                continue
+            if _is_file(path) and any(os.path.samefile(path, one) for one in inputs):
+                raise UsageError(f"{option} {path} is an input too, and would be overwritten; name another file")
+            other = written.setdefault(os.path.realpath(path), option)
+            if other != option:
+                raise UsageError(f"{other} and {option} both name {path}; name two files")
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return (value,)
+    return tuple(one for one in value if isinstance(one, str)) if isinstance(value, list | tuple) else ()
+
+
+def _is_file(path: str) -> bool:
+    try:
+        return os.path.isfile(path)
+    except ValueError:  # a NUL in the name
+        return False
+
+
+def _page(table: Callable[[TextIO], None]) -> str:
+    page = io.StringIO()
+    table(page)
+    return page.getvalue()
 
 
 def _write(output: str, pieces: Iterable[str]) -> None:

@@ -12,6 +12,8 @@ from robacc.cli.options import (
     ConfidenceOption,
     Format,
     FormatOption,
+    GateOption,
+    JunitOption,
     OrderedOption,
     OutputOption,
     SeedOption,
@@ -73,6 +75,8 @@ def predict(
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
+    gate: GateOption = None,
+    junit: JunitOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -143,7 +147,7 @@ def predict(
     read = ((planned, poses, "poses"), (measured, against, "against"))
     warnings = [warning for data in (planned, measured) if data is not None for warning in data.warnings]
     deliver(
-        Outlets(form, output),
+        Outlets(form, output, gate, junit),
         "predict",
         payload=keys,
         table=table,

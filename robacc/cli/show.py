@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.options import BaseLinkOption, Format, FormatOption, OutputOption, TipLinkOption
+from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, TipLinkOption
 
 
 def show(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
-    form: FormatOption = Format.table,
+    form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
     """The chain, joints, limits, reach and masses of a robot file or URDF."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robacc.cli.options import BaseLinkOption, Format, FormatOption, OutputOption, SeedOption, TipLinkOption
+from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, SeedOption, TipLinkOption
 
 if TYPE_CHECKING:
     from robacc.robots.description import Robot
@@ -63,7 +63,7 @@ def simulate(
     ] = None,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
-    form: FormatOption = Format.table,
+    form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
     """A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists."""
@@ -72,7 +72,7 @@ def simulate(
     from robacc.io.robot_file import read_robot
     from robacc.simulation import Plan, simulate
 
-    if form is Format.json and output == "-":
+    if form is PlainFormat.json and output == "-":
         raise UsageError("--format json tells of the file that --output names; name one")
     plan = Plan(
         poses=poses,
@@ -126,7 +126,7 @@ def _payloads(text: str | None) -> tuple[float, ...]:
     return weights
 
 
-def _write(done: Simulation, plan: Plan, arm: Robot, robot: str, form: Format, output: str) -> None:
+def _write(done: Simulation, plan: Plan, arm: Robot, robot: str, form: PlainFormat, output: str) -> None:
     """The CSV to ``output``; with JSON its record to standard output."""
     import dataclasses
     import sys
@@ -147,7 +147,7 @@ def _write(done: Simulation, plan: Plan, arm: Robot, robot: str, form: Format, o
         sys.stdout.flush()
         return
     write_text(output, text)
-    if form is Format.json:
+    if form is PlainFormat.json:
         names = [str(effect.get("effect")) for effect in arm.effects]
         payload = {"n_poses": done.data.n, "effects": names, "outlier_lines": wrong, "file_sha256": sha256_of(output)}
         emit(

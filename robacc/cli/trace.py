@@ -11,6 +11,8 @@ from robacc.cli.options import (
     BaseLinkOption,
     Format,
     FormatOption,
+    GateOption,
+    JunitOption,
     OrderedOption,
     OutputOption,
     PosesArgument,
@@ -39,6 +41,8 @@ def trace(
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
+    gate: GateOption = None,
+    junit: JunitOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -82,7 +86,7 @@ def trace(
         "tip_link": tip_link,
     }
     deliver(
-        Outlets(form, output),
+        Outlets(form, output, gate, junit),
         "trace",
         payload=lambda: trace_payload(found, data, arm, apart),
         table=lambda stream: draw_trace(found, poses, robot, declared, stream),

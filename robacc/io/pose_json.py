@@ -42,13 +42,15 @@ def pose_document(
 ) -> dict[str, Any]:
     """A column a key, a row a pose: where it stands in the file, what was commanded and measured, what was missed.
 
-    ``commanded`` ``(3, N)`` is where the target was to be in the measuring frame.
+    ``commanded`` ``(3, N)`` is where the target was to be in the measuring frame. Rows with one ``group`` are
+    repetitions of one commanded pose.
     """
     return {
         "line": [data.line(i) for i in range(data.n)],
         "pose": _texts(data.pose),
         "cycle": _texts(data.cycle),
         "target": _texts(data.target),
+        "group": data.groups(),
         "q": None if data.q is None else rounded(data.q),
         "commanded_m": rounded(commanded),
         "attained_m": rounded(data.position),

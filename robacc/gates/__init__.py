@@ -1,0 +1,1 @@
+"""Gates: named criteria that a result's figures must meet, decided with the uncertainty that the figures have."""

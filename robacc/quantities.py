@@ -1,0 +1,33 @@
+"""Quantities with their unit behind them, as options and files take them: ``0.02mm``, ``20 um``, ``0.01 deg``."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Literal
+
+Dimension = Literal["length", "angle"]
+
+UNITS: dict[Dimension, dict[str, float]] = {
+    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180},
+}
+"""m or rad for each unit."""
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zµ]*)\s*", re.ASCII | re.IGNORECASE)
+
+
+def parse_quantity(text: str) -> tuple[float, Dimension | None] | None:
+    """A number in m or rad and what it is of; a bare number is of nothing.
+
+    Returns:
+        None where the text is no finite number or its unit is not known.
+    """
+    match = _NUMBER.fullmatch(text)
+    if match is None or not math.isfinite(float(match[1])):
+        return None
+    if not match[2]:
+        return float(match[1]), None
+    for dimension, sizes in UNITS.items():
+        if match[2] in sizes:
+            return float(match[1]) * sizes[match[2]], dimension
+    return None

@@ -99,7 +99,7 @@ def calibrate(
     deliver(
         Outlets(form, output, gate, junit),
         "calibrate",
-        payload=lambda: calibration_payload(found, data, arm, apart),
+        payload=lambda: calibration_payload(found, data, arm, apart, seed),
         table=lambda stream: draw_calibration(found, data, poses, robot, fit, stream),
         options=options,
         inputs=inputs,

@@ -88,7 +88,7 @@ def trace(
     deliver(
         Outlets(form, output, gate, junit),
         "trace",
-        payload=lambda: trace_payload(found, data, arm, apart),
+        payload=lambda: trace_payload(found, data, arm, apart, seed),
         table=lambda stream: draw_trace(found, poses, robot, declared, stream),
         options=options,
         inputs=inputs,

@@ -11,6 +11,7 @@ from robacc.gates.comparing import compared
 from robacc.gates.criteria import Criterion, Gate
 from robacc.gates.deciding import Decision, Outcome, decide
 from robacc.gates.evidence import Figure, Missing, figure, found_at, word
+from robacc.gates.keys import KEYS
 from robacc.gates.largest import decide_largest
 
 COVERAGE_FACTOR = 2.0
@@ -127,7 +128,9 @@ def _missing(criterion: Criterion, why: str) -> Judged:
 def _is_by_share(criterion: Criterion, found: Figure) -> bool:
     if found.curve is not None and found.curve.bounds:
         return False
+    # The largest of an ISO 9283 criterion is over its few commanded poses, which are all that it is of.
     largest = found.statistic == "max" and found.n is not None and criterion.baseline is None
+    largest = largest and criterion.key in KEYS
     return largest and criterion.rule != "simple" and not criterion.at_least
 
 

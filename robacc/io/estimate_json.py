@@ -45,8 +45,9 @@ def payload(result: EstimateResult) -> dict[str, Any]:
 
 
 def pose_payload(data: Measurements, robot: Robot | None, moments: Mapping[ErrorFrame, Moments]) -> dict[str, Any]:
-    """Keys for pictures: the robot in outline, every pose, and the position errors in both frames."""
+    """Keys from the data: their measuring uncertainty; the robot, every pose, and position errors in both frames."""
     return {
+        "noise": _noise(data),
         "robot": robot_document(robot, data.q),
         "poses": pose_document(data, data.position - moments["base"].errors),
         "position_by_frame": {
@@ -59,6 +60,17 @@ def pose_payload(data: Measurements, robot: Robot | None, moments: Mapping[Error
             for frame, one in moments.items()
         },
     }
+
+
+def _noise(data: Measurements) -> dict[str, Any] | None:
+    """The file's measuring uncertainty along or about an axis, rms over poses; None where it states none."""
+    if data.sigma_position is None and data.sigma_rotation is None:
+        return None
+    position, rotation = (
+        None if sigma is None else float(np.sqrt(np.mean(np.square(sigma))))
+        for sigma in (data.sigma_position, data.sigma_rotation)
+    )
+    return {"position_m": position, "orientation_rad": rotation, "source": "file"}
 
 
 def per_pose_csv(result: EstimateResult, data: Measurements) -> str:

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.calibration import Calibration
-from robacc.figures import ErrorFigures, Gain, PoseFigures, Residuals, Stage
+from robacc.figures import Gain, Residuals
 from robacc.fitting import Fit
+from robacc.geometry import Array
 from robacc.identifiability import Identifiability
 from robacc.io.pose_json import curve_document, pose_document, robot_document
+from robacc.io.stage_json import Errors, stage_document
 from robacc.measurements import Measurements
 from robacc.noise import LackOfFit
 from robacc.parameters import Parameter
@@ -24,16 +26,17 @@ from robacc.tracing.trace import Trace
 
 
 def calibration_payload(
-    found: Calibration, data: Measurements, robot: Robot, apart: Measurements | None = None
+    found: Calibration, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
 ) -> dict[str, Any]:
-    """Keys of ``robacc.calibrate/1``: ``robot`` as delivered, ``apart`` the poses held out, where they are others."""
+    """Keys of ``robacc.calibrate/1``: ``robot`` as delivered, ``apart`` the poses held out, where they are others.
+
+    ``seed`` is of what intervals draw at random.
+    """
     fit = found.fit
     return {
         "n_poses": data.n,
         "noise": _noise(found.noise),
-        "nominal": _stage(found.nominal),
-        "before": _stage(found.before),
-        "after": _stage(found.after),
+        **_stages(found, found.fit, data, apart, seed),
         "gain_m": _gain(found.gain),
         "n_folds": found.n_folds,
         "effects": [{"effect": e.name, "joints": list(e.joints), **e.settings()} for e in found.effects],
@@ -54,18 +57,19 @@ def calibration_payload(
 
 
 def trace_payload(
-    found: Trace, data: Measurements, robot: Robot, apart: Measurements | None = None
+    found: Trace, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
 ) -> dict[str, Any]:
-    """Keys of ``robacc.trace/1``: ``robot`` as delivered, ``apart`` the poses held out, where they are others."""
+    """Keys of ``robacc.trace/1``: ``robot`` as delivered, ``apart`` the poses held out, where they are others.
+
+    ``seed`` is of what intervals draw at random.
+    """
     from robacc.parameters import parameters
 
     return {
         "n_poses": data.n,
         "verdict": found.verdict,
         "noise": _noise(found.noise),
-        "nominal": _stage(found.nominal),
-        "before": _stage(found.before),
-        "after": _stage(found.after),
+        **_stages(found, found.final, data, apart, seed),
         "gain_m": _gain(found.gain),
         "n_folds": found.n_folds,
         "findings": [_finding(one) for one in found.findings],
@@ -158,27 +162,27 @@ def _noise(found: LackOfFit) -> dict[str, Any]:
     }
 
 
-def _stage(stage: Stage) -> dict[str, Any]:
+def _stages(
+    found: Calibration | Trace, fit: Fit, data: Measurements, apart: Measurements | None, seed: int
+) -> dict[str, dict[str, Any]]:
+    """``nominal``, ``before`` and ``after``."""
+    own, other = found.residuals, found.apart
+    groups, used = data.groups(), fit.kept
+    fitted = (own.nominal, own.before, own.after)
+    held: tuple[Array | None, ...] = (own.nominal, own.held_before, own.held_after)
+    held_groups, held_used = groups, used
+    if other is not None and apart is not None:
+        held = (other.nominal, other.before, other.after)
+        held_groups, held_used = apart.groups(), np.ones(apart.n, dtype=bool)
+    stages = {"nominal": found.nominal, "before": found.before, "after": found.after}
     return {
-        "fitted": _poses(stage.fitted),
-        "held_out": None if stage.held_out is None else _poses(stage.held_out),
-    }
-
-
-def _poses(figures: PoseFigures) -> dict[str, Any]:
-    turned = figures.orientation
-    return {
-        "position": _figures(figures.position, "m"),
-        "orientation": None if turned is None else _figures(turned, "rad"),
-    }
-
-
-def _figures(figures: ErrorFigures, unit: str) -> dict[str, Any]:
-    return {
-        f"rms_{unit}": figures.rms,
-        f"mean_error_{unit}": figures.mean,
-        f"p95_{unit}": figures.p95,
-        f"max_{unit}": figures.max,
+        name: stage_document(
+            stage,
+            Errors(one, used, groups),
+            None if crossed is None else Errors(crossed, held_used, held_groups),
+            seed,
+        )
+        for (name, stage), one, crossed in zip(stages.items(), fitted, held, strict=True)
     }
 
 

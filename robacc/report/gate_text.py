@@ -43,29 +43,35 @@ def limit(one: Judged) -> str:
     if asked.baseline is None:
         return f"at least {size}" if asked.at_least else f"at most {size}"
     if not asked.limit:
-        return f"no {'less' if asked.at_least else 'more'} than {asked.baseline}"
-    if asked.at_least:
-        return f"at most {size} less than {asked.baseline}"
-    return f"at most {size} more than {asked.baseline}"
+        return f"no {'less' if asked.at_least else 'more'} than in {asked.baseline}"
+    # A difference may be asked to be small or to be large, in either direction.
+    more = asked.limit > 0.0
+    extent = "at most" if more != asked.at_least else "at least"
+    return f"{extent} {size} {'more' if more else 'less'} than in {asked.baseline}"
 
 
 def value(one: Judged) -> str:
-    """The value found; of a comparison, the difference."""
+    """The value found; of a comparison, the result's own and the baseline's."""
     if one.found is not None:
         return one.found
-    text = amount(one.value, one.dimension)
-    if one.criterion.baseline is None or one.value is None:
-        return text
-    return f"{'+' if one.value > 0 else ''}{text}"
+    if one.value is None:
+        return "not there"
+    if one.baseline_value is None:
+        return amount(one.value, one.dimension)
+    difference = amount(abs(one.value), one.dimension)
+    words = "as" if one.value == 0.0 else f"{difference} {'more' if one.value > 0.0 else 'less'} than"
+    there = amount(one.baseline_value, one.dimension)
+    return f"{amount(one.value + one.baseline_value, one.dimension)}, {words} the {there} in {one.criterion.baseline}"
 
 
-def bound(one: Judged) -> str | None:
+def bounds(one: Judged) -> str | None:
     """The bounds that the rule looked at; None where it looked at none."""
     lower, upper = one.decision.lower_bound, one.decision.upper_bound
     if one.criterion.rule == "simple" or one.is_by_share or (lower is None and upper is None):
         return None
-    confidence = f"{100 * one.criterion.confidence:g} %"
-    return f"bounds {amount(lower, one.dimension)} and {amount(upper, one.dimension)}, {confidence} each"
+    of = "" if one.baseline_value is None else " for the difference"
+    both = f"{amount(lower, one.dimension)} to {amount(upper, one.dimension)}"
+    return f"({both}{of}, each bound at {100 * one.criterion.confidence:g} %)"
 
 
 def probability(one: Judged) -> str | None:
@@ -90,11 +96,8 @@ def poses_needed(one: Judged) -> str | None:
 
 def sentence(one: Judged) -> str:
     """Everything about a criterion in one line, its outcome left out."""
-    found = value(one) if one.found is not None or one.value is not None else "not there"
-    parts = [f"{one.criterion.key} {found}, expected {limit(one)}"]
-    if one.baseline_value is not None:
-        parts[0] += f" ({amount(one.baseline_value, one.dimension)} there)"
-    parts += [text for text in (bound(one),) if text]
+    found = " ".join(text for text in (one.criterion.key, value(one), bounds(one)) if text)
+    parts = [f"{found}, expected {limit(one)}"]
     if one.decision.margin is not None:
         parts.append(f"margin {amount(one.decision.margin, one.dimension)}")
     if (chance := probability(one)) is not None:

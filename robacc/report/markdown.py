@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from robacc.gates.deciding import Outcome
 from robacc.gates.judging import GateOutcome, Judged
-from robacc.report.gate_text import WORDS, amount, limit, poses_needed, probability, title, value
+from robacc.report.gate_text import WORDS, amount, bounds, limit, poses_needed, probability, title, value
 
 _SIGNS: dict[Outcome, str] = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not_evaluated": "⚠️"}
 _HEADER = ("", "criterion", "key", "value", "limit", "bounds", "margin", "conforms")
@@ -48,10 +48,9 @@ def _gate(found: GateOutcome) -> Iterator[str]:
 
 
 def _cells(one: Judged) -> tuple[str, ...]:
-    low, high = (amount(size, one.dimension) for size in (one.decision.lower_bound, one.decision.upper_bound))
-    bounds = "–" if low == high == "–" else f"{low} … {high}"
     margin = amount(one.decision.margin, one.dimension)
-    return one.criterion.name, one.criterion.key, value(one), limit(one), bounds, margin, probability(one) or "–"
+    between = (bounds(one) or "–").strip("()")
+    return one.criterion.name, one.criterion.key, value(one), limit(one), between, margin, probability(one) or "–"
 
 
 def _row(cells: list[str] | tuple[str, ...]) -> str:

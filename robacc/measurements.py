@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array, Poses
 
+_BLOCK = 16384
+"""Poses hashed at a time: the working arrays of a block stay in the cache."""
+
 
 @dataclass(frozen=True, slots=True)
 class Measurements:
@@ -138,15 +141,19 @@ def _equal_columns(values: Array) -> NDArray[np.int64]:
 
 def _all_differ(values: Array) -> bool:
     """Whether no two columns of ``(K, N)`` are equal to 1e-9, as far as a hash that never says so wrongly can tell."""
-    mixed = np.sort(_hashes(values))
+    mixed = _hashes(values)
+    mixed.sort()
     return not np.any(mixed[1:] == mixed[:-1])
 
 
 def _hashes(values: Array) -> NDArray[np.uint64]:
     """``(N,)`` a hash of each column of ``(K, N)``, rounded to 1e-9."""
-    mixed = np.zeros(values.shape[1], dtype=np.uint64)
-    for row in values:
-        bits = (np.round(row, 9) + 0.0).view(np.uint64)
-        mixed = (mixed ^ bits) * np.uint64(0x9E3779B97F4A7C15)
-        mixed ^= mixed >> np.uint64(29)
-    return mixed
+    result = np.empty(values.shape[1], dtype=np.uint64)
+    for start in range(0, result.size, _BLOCK):
+        mixed = np.zeros(min(_BLOCK, result.size - start), dtype=np.uint64)
+        for row in values[:, start : start + _BLOCK]:
+            bits = (np.round(row, 9) + 0.0).view(np.uint64)
+            mixed = (mixed ^ bits) * np.uint64(0x9E3779B97F4A7C15)
+            mixed ^= mixed >> np.uint64(29)
+        result[start : start + _BLOCK] = mixed
+    return result

@@ -6,7 +6,7 @@ import numpy as np
 
 from robacc.geometry import Array
 from robacc.statistics.intervals import Interval, PoseSampling, chi2_interval
-from robacc.statistics.multivariate import NIL, principal_axes
+from robacc.statistics.multivariate import BLOCK, NIL, principal_axes
 from robacc.statistics.quadratic_form import length_quantile, squared_quantile_gradient
 from robacc.statistics.records import Radius
 
@@ -84,8 +84,11 @@ def radius95(
     if gaussian:
         return Radius(radius, _gaussian_interval(along, _without_spread_of_chance(variances, n), n, confidence))
     by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
-    principal = axes.T @ errors - along[:, None]
-    influence = np.einsum("in,in->n", principal, by_covariance @ principal) + by_mean @ principal
+    influence = np.empty(errors.shape[1])
+    for start in range(0, influence.size, BLOCK):
+        block = slice(start, start + BLOCK)
+        principal = axes.T @ errors[:, block] - along[:, None]
+        influence[block] = np.einsum("in,in->n", principal, by_covariance @ principal) + by_mean @ principal
     influence += radius**2 - float(np.diag(by_covariance) @ variances)
     return Radius(radius, sampling.mean_interval(influence, confidence, positive=True).root())
 

@@ -66,8 +66,8 @@ def effects(
 def _load(
     robot: str | None, poses: str | None, base_link: str | None, tip_link: str | None, ordered: bool
 ) -> tuple[Robot | None, Measurements | None]:
-    from robacc.io.poses_csv import read_poses
     from robacc.io.robot_file import read_robot
+    from robacc.io.robot_poses import read_robot_poses
     from robacc.report.console import say_warnings
 
     if robot is None:
@@ -75,13 +75,6 @@ def _load(
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
     if poses is None:
         return arm, None
-    data = read_poses(
-        poses,
-        joint_names=arm.variable_names,
-        joint_types=[joint.type for joint in arm.variables],
-        limits=[joint.limits for joint in arm.variables],
-        target_names=tuple(arm.targets),
-        ordered=ordered,
-    )
+    data = read_robot_poses(poses, arm, ordered=ordered)
     say_warnings(data.warnings)
     return arm, data

@@ -124,25 +124,20 @@ def _load(
 ) -> tuple[Robot | None, Measurements, tuple[InputFile, ...]]:
     """The robot, where one is named, the poses read for it, and the record of both files."""
     from robacc.errors import UsageError
-    from robacc.io.files import sha256_of
-    from robacc.io.poses_csv import read_poses
 
     if robot is None:
+        from robacc.io.poses_csv import read_poses
+
         if base_link or tip_link:
             raise UsageError("--base-link and --tip-link choose a chain of the URDF that --robot names")
         data = read_poses(poses, ordered=ordered)
         return None, data, (InputFile.at(poses, data.sha256 or "", "poses"),)
+    from robacc.io.files import sha256_of
     from robacc.io.robot_file import read_robot
+    from robacc.io.robot_poses import read_robot_poses
 
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
-    data = read_poses(
-        poses,
-        joint_names=arm.variable_names,
-        joint_types=[joint.type for joint in arm.variables],
-        limits=[joint.limits for joint in arm.variables],
-        target_names=tuple(arm.targets),
-        ordered=ordered,
-    )
+    data = read_robot_poses(poses, arm, ordered=ordered)
     record = InputFile.at(robot, sha256_of(robot), "robot")
     return arm, data, (InputFile.at(poses, data.sha256 or "", "poses"), record)
 

@@ -38,21 +38,14 @@ def load(
 ) -> tuple[Robot, Measurements, Measurements | None, tuple[InputFile, ...]]:
     """The robot, the poses measured on it, those held out, and the record of the files."""
     from robacc.io.files import sha256_of
-    from robacc.io.poses_csv import read_poses
     from robacc.io.robot_file import read_robot
+    from robacc.io.robot_poses import read_robot_poses
     from robacc.results import InputFile
 
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
 
     def read(path: str) -> Measurements:
-        data = read_poses(
-            path,
-            joint_names=arm.variable_names,
-            joint_types=[joint.type for joint in arm.variables],
-            limits=[joint.limits for joint in arm.variables],
-            target_names=tuple(arm.targets),
-            ordered=ordered,
-        )
+        data = read_robot_poses(path, arm, ordered=ordered)
         if data.q is None:
             raise UsageError(f"{path} has no joint columns q1 … q{len(arm.variables)}, which a fit needs")
         return data

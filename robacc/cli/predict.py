@@ -203,16 +203,9 @@ def _tolerances(path: str, arm: Robot) -> Tolerances:
 
 
 def _read(path: str, arm: Robot, ordered: bool) -> Measurements:
-    from robacc.io.poses_csv import read_poses
+    from robacc.io.robot_poses import read_robot_poses
 
-    return read_poses(
-        path,
-        joint_names=arm.variable_names,
-        joint_types=[joint.type for joint in arm.variables],
-        limits=[joint.limits for joint in arm.variables],
-        target_names=tuple(arm.targets),
-        ordered=ordered,
-    )
+    return read_robot_poses(path, arm, ordered=ordered)
 
 
 def _configurations(

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
-from robacc.measurements import Measurements
 
 TURN = 2 * math.pi
 _MANY_TURNS = 2 * TURN
@@ -32,8 +31,6 @@ _SIGMA_ANGLE = (0.05, 0.5)
 """rad; the same of an orientation."""
 _THOUSAND = (300.0, 3000.0)
 """Ratio of two spreads of the same poses that only a mix-up of m and mm explains."""
-_REACHES = 20.0
-"""Spread of the positions over the robot's reach: at most 2 for one robot in one place."""
 _SMALL_SPREAD = 0.05
 """m; below it errors and outliers, not the motion, may make up the spread."""
 
@@ -100,31 +97,29 @@ def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
     return typical > impossible, typical > question
 
 
-def check_scale(measurements: Measurements, reach_m: float, file: str | None, nominal: Array | None = None) -> None:
+def check_scale(position: Array, nominal: Array, file: str | None) -> None:
     """Refuse positions in another unit than the robot's lengths, judged by how far they spread.
 
-    The distance from the origin says nothing, the robot may stand metres away from the instrument.
+    The distance from the origin says nothing, the robot may stand metres away from the instrument. Nor does a target
+    that the arm only turns about: it does not move.
 
     Args:
-        measurements: The poses read.
-        reach_m: How far the robot's target gets from its base, m.
+        position: ``(3, N)`` as measured, m.
+        nominal: ``(3, N)`` that the nominal robot takes at these poses, m, in any frame.
         file: Name for the message.
-        nominal: ``(3, N)`` positions that the nominal robot takes at these poses, m, in any frame. Without them,
-            positions that spread too little are not seen: a target that the arm turns about does not move.
 
     Raises:
         InputError: The positions are some 1000 times too large or too small.
     """
-    if measurements.n < 2:
+    ratio = thousandfold(position, nominal)
+    if ratio is None:
         return
-    span = float(np.max(spread(measurements.position)))
-    ratio = None if nominal is None else thousandfold(measurements.position, nominal)
-    if span > _REACHES * reach_m or (ratio is not None and ratio > 1):
-        message = f"the positions spread over {span:.4g} m, the robot reaches {reach_m:.4g} m"
+    span, moved = float(np.max(spread(position))), float(np.max(spread(nominal)))
+    if ratio > 1:
+        times = f"{ratio:.0f} times as far as"
         fix = "if they are in mm, name the columns x_mm, y_mm, z_mm; or mend the robot file's units"
-    elif ratio is not None:
-        message = f"the positions spread over {span:.4g} m, {1 / ratio:.0f} times less than the robot moved"
-        fix = "if they are in m, name the columns x, y, z; or mend the robot file's units"
     else:
-        return
+        times = f"{1 / ratio:.0f} times less than"
+        fix = "if they are in m, name the columns x, y, z; or mend the robot file's units"
+    message = f"the positions spread over {span:.4g} m, {times} the robot moved ({moved:.4g} m)"
     raise InputError(Problem(message, file, column="x, y, z", fix=fix))

@@ -32,6 +32,9 @@ from robacc.geometry import Array, Poses, cross
 BLOCK = 4096
 """Poses done at a time: a block's working arrays stay in the second-level cache."""
 
+_TOGETHER = 2048
+"""Numbers of one row that a call works on, where calls would cost more than what they compute."""
+
 BASE = -1
 TOOL = -2
 
@@ -170,6 +173,7 @@ class Chain:
         slots: dict[int, list[int]] = {}
         for slot, k in enumerate(wanted):
             slots.setdefault(k, []).append(slot)
+        rotations = [slot for slot, k in enumerate(wanted) if self.motions[k].kind == "rotation"]
         for block in self.blocks(n):
             columns, origin = _start()
             for k, motion in enumerate(self.motions):
@@ -186,9 +190,7 @@ class Chain:
             if len(self.motions) in kept:
                 _store(kept[len(self.motions)], columns, origin, block)
             _store(tip, columns, origin, block)
-            for slot, k in enumerate(wanted):
-                if self.motions[k].kind == "rotation":
-                    _carry(jacobian[:, slot, block], origin)
+            _carry(jacobian[:, :, block], rotations, origin)
         return Sweep(tip, jacobian, tuple(kept[count] for count in frames))
 
     def jacobian(self, q: NDArray[Any], wanted: Sequence[int] | None = None) -> Array:
@@ -215,13 +217,19 @@ def _note(column: NDArray[Any], motion: Motion, columns: list[NDArray[Any]], ori
     column[3:] = columns[motion.axis] if motion.kind == "rotation" else 0.0
 
 
-def _carry(column: NDArray[Any], tip: NDArray[Any]) -> None:
-    """Replace a rotation's origin by what it does to the tool: z x (p - o)."""
-    x, y, z = (tip[i] - column[i] for i in range(3))
-    u, v, w = column[3:]
-    column[0] = v * z - w * y
-    column[1] = w * x - u * z
-    column[2] = u * y - v * x
+def _carry(jacobian: NDArray[Any], rotations: Sequence[int], tip: NDArray[Any]) -> None:
+    """Replace rotations' origins ``jacobian[:3, rotations]`` by what they do to the tool: z x (p - o)."""
+    n = jacobian.shape[-1]
+    # Few poses: many motions in one call; many poses: one motion after the other, which the first-level cache holds.
+    step = max(1, _TOGETHER // max(n, 1))
+    for first in range(0, len(rotations), step):
+        some = rotations[first : first + step]
+        at: Any = some if step > 1 else slice(some[0], some[0] + 1)
+        x, y, z = tip[:, None] - jacobian[:3, at]
+        u, v, w = jacobian[3:, at]
+        jacobian[0, at] = v * z - w * y
+        jacobian[1, at] = w * x - u * z
+        jacobian[2, at] = u * y - v * x
 
 
 def _start() -> tuple[list[NDArray[Any]], NDArray[Any]]:

@@ -144,20 +144,14 @@ def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array] | None
 
     Source: robot-world/hand-eye calibration by Kronecker products, A. Li, L. Wang, D. Wu 2010.
     """
+    # Element (i, k): sum_j F[i, j] G[j, k] - sum_j B[j, i] R[j, k]. Columns of G among themselves and of B among
+    # themselves are orthonormal, so the normal matrix is n [1, -C; -C^T, 1] and C alone decides.
     n = arm.shape[-1]
-    rows = np.zeros((n, 9, 18))
-    eye = np.eye(3)
-    for i in range(3):
-        for k in range(3):
-            # Element (i, k): sum_j F[i, j] G[j, k] - sum_j B[j, i] R[j, k]
-            rows[:, 3 * i + k, k:9:3] = arm[i].T
-            rows[:, 3 * i + k, 9:] = -np.einsum("jn,l->njl", measured[:, k], eye[i]).reshape(n, 9)
-    gram = np.einsum("nra,nrb->ab", rows, rows)
-    values, vectors = np.linalg.eigh(gram)
-    if values[1] < _ONE_AXIS * values[-1]:
+    mixed = (arm.reshape(9, n) @ measured.reshape(9, n).T / n).reshape(3, 3, 3, 3)
+    left, values, right = np.linalg.svd(mixed.transpose(1, 3, 2, 0).reshape(9, 9))
+    if 1.0 - values[1] < _ONE_AXIS * (1.0 + values[0]):
         return None
-    null = vectors[:, 0]
-    tool, base = null[:9].reshape(3, 3), null[9:].reshape(3, 3)
+    tool, base = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
     if np.linalg.det(tool) < 0:
         tool, base = -tool, -base
     return _nearest_rotation(base), _nearest_rotation(tool)

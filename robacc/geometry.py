@@ -167,6 +167,25 @@ def log_so3(rotation: Array) -> Array:
     return result
 
 
+def log_between(first: Array, second: Array) -> Array:
+    """Rotation vector ``(3, ...)`` of ``first second^T`` in rad, for two rotations ``(3, 3, ...)``.
+
+    Below 90 degrees straight from the sine and cosine of the angle, 2 sin v = sum_k second_k x first_k over columns,
+    which takes no product of matrices; the angle's tangent has no cancellation there.
+    """
+    cosine = 0.5 * (np.sum(first * second, axis=(0, 1)) - 1.0)
+    if np.any(cosine < 0):
+        return log_so3(compose(first, transpose(second)))
+    vector = 0.5 * cross(second, first).sum(axis=1)
+    sine = np.sqrt(np.sum(np.square(vector), axis=0))
+    small = sine < _SMALL_ANGLE
+    safe = np.where(small, 1.0, sine)
+    # Near zero: asin(s)/s = 1 + s^2/6 + ...
+    factor = np.where(small, 1 + np.square(sine) / 6, np.arctan2(safe, cosine) / safe)
+    result: Array = factor * vector
+    return result
+
+
 def left_jacobian_inverse(rotation_vector: Array) -> Array:
     """Inverse left Jacobian of SO(3), ``(3, 3, ...)``: d log(exp(e) R) = J_l^-1(log R) e for small e.
 

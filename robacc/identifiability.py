@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,15 +41,20 @@ class Dropped:
         return f"{self.name} cannot be told from {shown}{together} on these poses"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Identifiability:
     """Which coefficients are kept, and how well the poses show them."""
 
     kept: NDArray[np.int64]
     dropped: tuple[Dropped, ...]
-    singular_values: Array
-    """Of the kept, scaled columns, descending."""
+    root: Array
+    """``(K, K)`` triangular factor of the kept columns, scaled to unit length."""
     n_poses: int
+
+    @cached_property
+    def singular_values(self) -> Array:
+        """Of the kept, scaled columns, descending."""
+        return np.asarray(np.linalg.svd(self.root, compute_uv=False), dtype=np.float64)
 
     @property
     def condition(self) -> float:
@@ -72,28 +78,46 @@ class Identifiability:
 
 
 def identify(triangle: Array, names: Sequence[str], n_poses: int) -> Identifiability:
-    """Decide from ``triangle`` ``(R, P)``, any matrix with the Gram matrix of the whitened Jacobian (its R factor)."""
+    """Decide from ``triangle`` ``(R, P)``, any matrix with the Gram matrix of the whitened Jacobian (its R factor).
+
+    Modified Gram-Schmidt in the order of the columns: a column that is new takes its direction out of all that follow.
+    Its factor is as exact as Householder's (Bjorck 1967), and the directions of columns left out never enter.
+    """
     length = np.sqrt(np.sum(np.square(triangle), axis=0))
-    largest = float(length.max(initial=0.0))
-    basis = np.zeros((triangle.shape[0], 0))
+    there = length > 1e-13 * float(length.max(initial=0.0))
+    rest = np.asfortranarray(triangle / np.where(there, length, 1.0))
+    factor = np.zeros((triangle.shape[1], triangle.shape[1]))
     kept: list[int] = []
-    dropped: list[Dropped] = []
-    for column in range(triangle.shape[1]):
-        if length[column] <= 1e-13 * largest:
-            dropped.append(Dropped(names[column], ()))
+    before: list[tuple[int, int]] = []
+    for column in np.flatnonzero(there).tolist():
+        own = rest[:, column]
+        size = float(np.sqrt(own @ own))
+        if size <= DEPENDENT:
+            before.append((column, len(kept)))
             continue
-        scaled = triangle[:, column] / length[column]
-        new = scaled - basis @ (basis.T @ scaled)
-        new = new - basis @ (basis.T @ new)
-        size = float(np.sqrt(new @ new))
-        if size > DEPENDENT:
-            basis = np.column_stack((basis, new / size))
-            kept.append(column)
-            continue
-        scaled_kept = triangle[:, kept] / length[kept]
-        shares = np.linalg.lstsq(scaled_kept, scaled, rcond=None)[0]
-        order = np.argsort(-np.abs(shares), kind="stable")
-        partners = tuple(names[kept[i]] for i in order if abs(shares[i]) > _NAMED)
-        dropped.append(Dropped(names[column], partners))
-    values = np.linalg.svd(triangle[:, kept] / length[kept], compute_uv=False) if kept else np.zeros(0)
-    return Identifiability(np.array(kept, dtype=np.int64), tuple(dropped), values, n_poses)
+        direction = own / size
+        shares = direction @ rest[:, column:]
+        rest[:, column:] -= np.outer(direction, shares)
+        factor[len(kept), column:] = shares
+        kept.append(column)
+    root = factor[: len(kept), kept]
+    partners = _partners(root, factor, before, [names[i] for i in kept])
+    dropped = tuple(Dropped(names[i], partners.get(i, ())) for i in range(len(names)) if i not in set(kept))
+    return Identifiability(np.array(kept, dtype=np.int64), dropped, root, n_poses)
+
+
+def _partners(
+    root: Array, factor: Array, dependent: Sequence[tuple[int, int]], names: Sequence[str]
+) -> dict[int, tuple[str, ...]]:
+    """For each dependent column, of which so many kept ones went before, those that make it up, largest share first."""
+    if not dependent:
+        return {}
+    right = factor[: root.shape[0], [column for column, _ in dependent]]
+    for place, (_, count) in enumerate(dependent):
+        right[count:, place] = 0.0
+    shares = np.linalg.solve(root, right)
+    found = {}
+    for place, (column, _) in enumerate(dependent):
+        order = np.argsort(-np.abs(shares[:, place]), kind="stable")
+        found[column] = tuple(names[i] for i in order if abs(shares[i, place]) > _NAMED)
+    return found

@@ -72,8 +72,8 @@ class Measurements:
         """The attained poses, where orientation was measured."""
         return None if self.rotation is None else Poses(self.rotation, self.position)
 
-    def subset(self, index: NDArray[Any]) -> Measurements:
-        """The poses of an index or boolean array, in its order."""
+    def subset(self, index: NDArray[Any] | slice) -> Measurements:
+        """The poses of an index or boolean array, in its order; of a slice without copying them."""
         changes = {
             field.name: getattr(self, field.name)[..., index]
             for field in dataclasses.fields(self)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.geometry import Array, Poses, compose, left_jacobian_inverse, log_so3, transpose
+from robacc.geometry import Array, Poses, left_jacobian_inverse, log_between
 from robacc.measurements import Measurements
 
 NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
@@ -31,7 +31,7 @@ def residuals(data: Measurements, poses: Poses) -> Array:
     position = data.position - poses.translation
     if data.rotation is None:
         return position
-    return np.concatenate((position, log_so3(compose(data.rotation, transpose(poses.rotation)))))
+    return np.concatenate((position, log_between(data.rotation, poses.rotation)))
 
 
 def observed_jacobian(jacobian: Array, residual: Array) -> Array:

@@ -16,6 +16,7 @@ from robacc.geometry import (
     cross,
     exp_so3,
     left_jacobian_inverse,
+    log_between,
     log_so3,
     quaternion_from_rotation,
     rotate,
@@ -152,3 +153,14 @@ def test_poses_are_homogeneous_matrices() -> None:
     np.testing.assert_array_equal(Poses.identity(7).matrices(), np.broadcast_to(np.eye(4), (7, 4, 4)))
     made = Poses.from_xyz_rpy(np.array([1.0, 2, 3]), np.array([0, 0, np.pi / 2]))
     np.testing.assert_allclose(made.matrices(), [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], atol=1e-16)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-9, 1e-5, 1e-3, 0.3, 1.0, 3.0])
+def test_the_rotation_between_two_is_that_of_their_product(scale: float) -> None:
+    rng = np.random.default_rng(7)
+    second = exp_so3(rng.normal(size=(3, 200)))
+    vector = rng.normal(size=(3, 200))
+    vector *= scale / np.linalg.norm(vector, axis=0)
+    first = compose(exp_so3(vector), second)
+    # Rounding of a product of matrices, in the angle; next to half a turn the axis loses digits.
+    np.testing.assert_allclose(log_between(first, second), vector, rtol=0, atol=1e-15 * (1 + 50 * scale**2))

@@ -1,0 +1,160 @@
+"""Residuals and normal equations of a model over measured poses, summed over blocks of poses.
+
+Rows are whitened by ``weight`` ``(M, N)``, reciprocal standard deviations, zero for rows that take no part. Orientation
+residuals are r = log(R_measured R_predicted^T), whose exact derivative is -J_l^-1(-r) dphi. As r is an eigenvector of
+J_l(r) to eigenvalue 1 and a pose's three orientations have one weight, the gradient is the same without that factor;
+the normal matrix changes by the order of r^2, which Gauss-Newton neglects anyway. So rows dphi are taken as they stand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.bound import BoundModel
+from robacc.chain import BLOCK
+from robacc.geometry import Array, Poses
+from robacc.measurements import Measurements
+from robacc.model import Model
+from robacc.observation import residuals
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What coefficients predict, and how far the measured poses are off."""
+
+    theta: Array
+    """``(P,)``"""
+    poses: tuple[Poses, ...]
+    """Predicted, one for each block."""
+    residual: Array
+    """``(M, N)``"""
+
+    def joined(self) -> Poses:
+        """Predicted poses ``(N)``."""
+        if len(self.poses) == 1:
+            return self.poses[0]
+        rotation = np.concatenate([part.rotation for part in self.poses], axis=2)
+        return Poses(rotation, np.concatenate([part.translation for part in self.poses], axis=1))
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Least squares linearised at ``theta``, of the K coefficients sought: gram step = gradient."""
+
+    theta: Array
+    """``(K,)`` the point of linearisation."""
+    gram: Array
+    """``(K, K)``"""
+    gradient: Array
+    """``(K,)``"""
+    energy: float
+    """Sum of whitened squares at ``theta``."""
+
+    @cached_property
+    def moment(self) -> Array:
+        """``(K,)`` right side for the coefficients themselves: gram theta = moment."""
+        moment: Array = self.gradient + self.gram @ self.theta
+        return moment
+
+    def of(self, columns: NDArray[np.int64]) -> Normal:
+        """Of some of the coefficients, the others where they are."""
+        return Normal(self.theta[columns], self.gram[np.ix_(columns, columns)], self.gradient[columns], self.energy)
+
+    def left(self, theta: Array) -> float:
+        """Sum of whitened squares that the linearisation expects at ``theta`` ``(K,)``."""
+        step = theta - self.theta
+        return float(self.energy - 2.0 * step @ self.gradient + step @ self.gram @ step)
+
+
+class Equations:
+    """A model and measured poses, in blocks; the Jacobian of a single block is kept while coefficients stay."""
+
+    def __init__(self, model: Model, data: Measurements) -> None:
+        """Bind every block."""
+        self.data = data
+        self.rows = 3 if data.rotation is None else 6
+        starts = range(0, max(data.n, 1), BLOCK)
+        self._slices = [slice(start, min(start + BLOCK, data.n)) for start in starts]
+        whole = len(self._slices) == 1
+        self._parts = [data if whole else data.subset(s) for s in self._slices]
+        self._bound: list[BoundModel] = [model.bind(part) for part in self._parts]
+        self.terms = self._bound[0].terms
+        self.owners = self._bound[0].owners
+        self.columns: NDArray[np.int64] = np.arange(len(self.terms))
+        """Coefficients that are sought: all at first, then fewer."""
+        self._known: tuple[Array, NDArray[np.int64], Poses, Array] | None = None
+
+    def outcome(self, theta: Array, *, ahead: bool = False) -> Outcome:
+        """Predict; ``ahead`` where the Jacobian will be wanted at the same place.
+
+        Raises:
+            EquilibriumError: the arm is softer than its weight allows.
+        """
+        if ahead and len(self._slices) == 1:
+            return self._outcome(theta, [self._linearised(theta, 0)[0]])
+        return self._outcome(theta, [bound.poses(theta) for bound in self._bound])
+
+    def linearise(self, theta: Array, weight: Array) -> tuple[Outcome, Normal]:
+        """Predict, and sum the normal equations of the coefficients sought.
+
+        Raises:
+            EquilibriumError: the arm is softer than its weight allows.
+        """
+        size = self.columns.size
+        gram = np.zeros((size + 1, size + 1))
+        predicted, missed = [], []
+        for index in range(len(self._slices)):
+            poses, residual, rows = self._whitened(theta, weight, index)
+            predicted.append(poses)
+            missed.append(residual)
+            gram += rows @ rows.T
+        return Outcome(theta, tuple(predicted), _joined(missed)), self._normal(theta, gram)
+
+    def factorise(self, theta: Array, weight: Array) -> tuple[Array, Normal]:
+        """R factor ``(R, P)`` of the whitened Jacobian of the coefficients sought, and the normal equations from it.
+
+        Orthogonal factorisation keeps twice the digits that the normal matrix has.
+        """
+        triangle = np.zeros((0, self.columns.size + 1))
+        for index in range(len(self._slices)):
+            rows = self._whitened(theta, weight, index)[2].T
+            triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows)) if index else rows, mode="r"))
+        return triangle[:, :-1], self._normal(theta, triangle.T @ triangle)
+
+    def _normal(self, theta: Array, gram: Array) -> Normal:
+        """From the Gram matrix of the Jacobian with the residual as its last column."""
+        return Normal(theta[self.columns], gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]))
+
+    def _outcome(self, theta: Array, predicted: list[Poses]) -> Outcome:
+        missed = [residuals(part, poses) for part, poses in zip(self._parts, predicted, strict=True)]
+        return Outcome(theta, tuple(predicted), _joined(missed))
+
+    def _linearised(self, theta: Array, index: int) -> tuple[Poses, Array]:
+        if self._known is not None and np.array_equal(self._known[0], theta):
+            columns, poses, jacobian = self._known[1:]
+            some = columns.size > self.columns.size
+            return poses, jacobian[:, np.searchsorted(columns, self.columns)] if some else jacobian
+        poses, jacobian = self._bound[index].linearise(theta, self.columns)
+        jacobian = jacobian[: self.rows]
+        if len(self._slices) == 1:
+            self._known = theta, self.columns, poses, jacobian
+        return poses, jacobian
+
+    def _whitened(self, theta: Array, weight: Array, index: int) -> tuple[Poses, Array, Array]:
+        """Poses, residual ``(M, n)``, and weighted ``(K + 1, M n)`` the Jacobian and, last, the residual."""
+        poses, jacobian = self._linearised(theta, index)
+        residual = residuals(self._parts[index], poses)
+        weight = weight[:, self._slices[index]]
+        _, count, n = jacobian.shape
+        rows = np.empty((count + 1, self.rows, n))
+        np.multiply(jacobian.transpose(1, 0, 2), weight, out=rows[:count])
+        np.multiply(residual, weight, out=rows[count])
+        return poses, residual, rows.reshape(count + 1, -1)
+
+
+def _joined(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

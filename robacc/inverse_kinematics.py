@@ -25,6 +25,8 @@ from robacc.robots.summary import low_discrepancy
 _STEPS = 80
 _REACHED = 1e-11
 """Residual, in the arm's own lengths, at which a pose counts as met; some hundred roundings."""
+_SLOW, _PATIENCE = 0.98, 6
+"""So many steps in a row that leave more than this part of the residual end a descent: the pose is out of reach."""
 _FIRST_DAMPING = 1e-3
 _LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e6
 _FLOOR = 1e-6
@@ -151,12 +153,13 @@ def _descend(arm: Arm, wanted: Poses, q: Array, oriented: bool, length: float) -
     q = np.clip(q, low, high)
     error = np.full(q.shape[1], np.inf)
     damping = np.full(q.shape[1], _FIRST_DAMPING)
+    stalled = np.zeros(q.shape[1], dtype=int)
     open_ = np.arange(q.shape[1])
     for _ in range(_STEPS):
         target = Poses(wanted.rotation[..., open_], wanted.translation[:, open_])
         poses, jacobian = pose_jacobian(arm, q[:, open_])
         residual = _residual(poses, target, oriented, length)
-        error[open_] = np.sqrt(np.sum(np.square(residual), axis=0))
+        before = error[open_] = np.sqrt(np.sum(np.square(residual), axis=0))
         step = _step(
             jacobian[:3] if not oriented else _scaled(jacobian, length),
             residual,
@@ -171,8 +174,10 @@ def _descend(arm: Arm, wanted: Poses, q: Array, oriented: bool, length: float) -
         q[:, open_] = np.where(nearer, trial, q[:, open_])
         damping[open_] = np.clip(damping[open_] * np.where(nearer, 0.1, 8.0), _LEAST_DAMPING, _MOST_DAMPING)
         error[open_] = np.where(nearer, np.sqrt(np.sum(np.square(after), axis=0)), error[open_])
-        # Met to a tenth of what counts as met, or no step however short brings it nearer.
-        going = (error[open_] > 0.1 * _REACHED * length) & (nearer | (damping[open_] < _MOST_DAMPING))
+        # Met to a tenth of what counts as met, or out of reach: step after step brings it hardly nearer.
+        slow = ~nearer | (error[open_] > _SLOW * before)
+        stalled[open_] = np.where(slow, stalled[open_] + 1, 0)
+        going = (error[open_] > 0.1 * _REACHED * length) & (stalled[open_] < _PATIENCE)
         open_ = open_[going]
         if open_.size == 0:
             break

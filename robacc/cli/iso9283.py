@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
@@ -15,7 +16,6 @@ from robacc.cli.options import (
     JunitOption,
     OrderedOption,
     OutputOption,
-    ReportOption,
     RobotOption,
     SeedOption,
     TipLinkOption,
@@ -60,12 +60,11 @@ def iso9283(
     output: OutputOption = "-",
     gate: GateOption = None,
     junit: JunitOption = None,
-    report: ReportOption = None,
 ) -> None:
     """The pose criteria of ISO 9283 that cycles of commanded poses can support, and which of its conditions they meet.
 
-    The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns; with
-    neither there is repeatability, and no accuracy. Several files are several robots.
+    The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns;
+    with neither there is repeatability, and no accuracy. Several files are several robots.
     """
     from robacc.cli.output import Outlets, deliver
     from robacc.iso9283.evaluation import iso9283 as evaluated
@@ -92,7 +91,7 @@ def iso9283(
         return document(found)
 
     deliver(
-        Outlets(form, output, gate, junit, report),
+        Outlets(form, output, gate, junit),
         "iso9283",
         payload=payload,
         table=table,
@@ -123,19 +122,25 @@ def _load(
         raise UsageError("--base-link and --tip-link choose a chain of the URDF that --robot names")
     if paths.count("-") > 1:
         raise UsageError("standard input can be read once: - is given more than once")
-    arm, known = None, {}
-    records: tuple[InputFile, ...] = ()
-    if robot is not None:
-        from robacc.io.robot_file import read_robot
+    if robot is None:
+        files = [read_poses(path, ordered=ordered) for path in paths]
+        return None, files, tuple(_records(paths, files))
+    from robacc.io.robot_file import read_robot
 
-        arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
-        known = {
-            "joint_names": arm.variable_names,
-            "joint_types": [joint.type for joint in arm.variables],
-            "limits": [joint.limits for joint in arm.variables],
-            "target_names": tuple(arm.targets),
-        }
-        records = (InputFile.at(robot, sha256_of(robot), "robot"),)
-    files = [read_poses(path, ordered=ordered, **known) for path in paths]
-    read = (InputFile.at(path, data.sha256 or "", "poses") for path, data in zip(paths, files, strict=True))
-    return arm, files, (*read, *records)
+    arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
+    files = [
+        read_poses(
+            path,
+            joint_names=arm.variable_names,
+            joint_types=[joint.type for joint in arm.variables],
+            limits=[joint.limits for joint in arm.variables],
+            target_names=tuple(arm.targets),
+            ordered=ordered,
+        )
+        for path in paths
+    ]
+    return arm, files, (*_records(paths, files), InputFile.at(robot, sha256_of(robot), "robot"))
+
+
+def _records(paths: Sequence[str], files: Sequence[Measurements]) -> list[InputFile]:
+    return [InputFile.at(path, data.sha256 or "", "poses") for path, data in zip(paths, files, strict=True)]

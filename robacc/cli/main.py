@@ -25,15 +25,18 @@ COMMANDS = {
     "check": "Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.",
     "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
+    "iso9283": "The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.",
     "trace": (
         "Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it."
     ),
     "predict": "Covariances, error budget and grade to be expected from parameter tolerances.",
     "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
     "simulate": "A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.",
+    "report": "Stored results as one HTML page: story, pictures, tables, to be looked at, printed and signed.",
+    "plot": "One picture of a stored result as SVG, PNG or PDF.",
     "export": "A model as URDF, as far as a URDF can carry it; the rest is said.",
 }
-"""Name of each command, which is its module's and its function's too, and its line in ``robacc --help``."""
+"""Name of each command, with _ for - its module's and its function's too, and its line in ``robacc --help``."""
 
 INTERRUPTED = 130
 """128 + SIGINT, what a shell reports of a program that was interrupted."""
@@ -78,8 +81,8 @@ class Checked(TyperCommand):
 
 def _load(name: str) -> Any:
     """The command ``name`` from its own module."""
-    single = typer.Typer(add_completion=False)
-    single.command(name, cls=Checked)(getattr(import_module(f"robacc.cli.{name}"), name))
+    single, own = typer.Typer(add_completion=False), name.replace("-", "_")
+    single.command(name, cls=Checked)(getattr(import_module(f"robacc.cli.{own}"), own))
     return typer.main.get_command(single)
 
 

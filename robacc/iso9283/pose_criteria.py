@@ -117,7 +117,7 @@ def exchangeability(
         confidence: Of the intervals.
     """
     if len(robots) < 2:
-        return absent("E", confidence, "one file is one robot: give a file for each robot")
+        return absent("E", confidence, "one file is one robot; it takes a file for each of several")
     by_label = [dict(zip((pose.label for pose in poses), range(len(poses)), strict=True)) for poses in robots]
     shared = [label for label in by_label[0] if all(label in labels for labels in by_label[1:])]
     if not shared:

@@ -6,6 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from robacc.cli.options import OUTPUTS, Format, PlainFormat
@@ -60,7 +61,7 @@ def deliver(
         _write_result(
             outlets,
             command,
-            document=lambda: envelope(command, payload(), options=options, inputs=inputs, seed=seed),
+            document=cache(lambda: envelope(command, payload(), options=options, inputs=inputs, seed=seed)),
             table=table,
             found=None,
             warnings=warnings,
@@ -141,13 +142,18 @@ def _write_result(
     if outlets.form is Format.markdown:
         from robacc.report.markdown import markdown
 
-        _write(outlets.output, (markdown(command, _page(table), found, tuple(warnings)),))
+        write(outlets.output, (markdown(command, _page(table), found, tuple(warnings)),))
     elif outlets.form is Format.github:
         from robacc.report.annotations import github_annotations
 
-        _write(outlets.output, (github_annotations(command, _page(table), found, tuple(warnings)),))
+        write(outlets.output, (github_annotations(command, _page(table), found, tuple(warnings)),))
     else:
         emit(PlainFormat(outlets.form.value), outlets.output, table=table, document=document)
+    if outlets.report is not None:
+        from robacc.cli.pages import page_of_document
+        from robacc.io.files import write_text
+
+        write_text(outlets.report, page_of_document(document()))
 
 
 def emit(
@@ -163,25 +169,30 @@ def emit(
     if form is PlainFormat.json:
         from robacc.io.result_json import json_pieces
 
-        _write(output, json_pieces(document()))
+        write(output, json_pieces(document()))
     elif output == "-":
         table(sys.stdout)
         sys.stdout.flush()
     else:
-        _write(output, (_page(table),))
+        write(output, (_page(table),))
 
 
 def check_call(parameters: Mapping[str, Any]) -> None:
     """Refuse a call that would end badly before it computes anything: by its parameters' names and values.
 
     Raises:
-        UsageError: an output would overwrite an input or another output, or ``--junit`` stands without ``--gate``.
+        UsageError: an output would overwrite an input or another output, ``--junit`` stands without ``--gate``, or
+            ``--report`` without the libraries it takes.
         InputError: the gate cannot be read.
     """
     from robacc.errors import UsageError
 
     if parameters.get("junit") is not None and parameters.get("gate") is None:
         raise UsageError("--junit writes the outcome of a gate, so it needs --gate")
+    if parameters.get("report") is not None:
+        from robacc.pictures.extra import need
+
+        need("matplotlib", "plotly", "jinja2")
     inputs = [
         one for name, value in parameters.items() if name not in OUTPUTS for one in _texts(value) if _is_file(one)
     ]
@@ -221,7 +232,12 @@ def _page(table: Callable[[TextIO], None]) -> str:
     return page.getvalue()
 
 
-def _write(output: str, pieces: Iterable[str]) -> None:
+def write(output: str, pieces: Iterable[str]) -> None:
+    """Write text to a file, whole or not at all, or to standard output where ``output`` is ``-``.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     if output == "-":
         sys.stdout.writelines(pieces)
         sys.stdout.flush()

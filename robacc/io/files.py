@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 from pathlib import Path
 
@@ -91,6 +92,19 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     Raises:
         InputError: The folder does not exist, or it or the file may not be written.
     """
+    _write(path, text)
+
+
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write ``data`` as :func:`write_text` writes text.
+
+    Raises:
+        InputError: The folder does not exist, or it or the file may not be written.
+    """
+    _write(path, data)
+
+
+def _write(path: str | os.PathLike[str], content: str | bytes) -> None:
     name = os.fspath(path)
     target = Path(os.path.realpath(name))
     if target.is_dir():
@@ -99,14 +113,14 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
         raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
     try:
         if target.exists() and not target.is_file():
-            target.write_text(text, encoding="utf-8")
+            target.write_text(content, encoding="utf-8") if isinstance(content, str) else target.write_bytes(content)
         else:
-            _replace(target, text)
+            _replace(target, content)
     except OSError as error:
         raise InputError(Problem(f"cannot be written: {_reason(error)}", name)) from None
 
 
-def _replace(target: Path, text: str) -> None:
+def _replace(target: Path, content: str | bytes) -> None:
     mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
     if target.exists() and not os.access(target, os.W_OK):
         # Moving another file over it would succeed; a file that its owner protected is left alone all the same.
@@ -115,10 +129,15 @@ def _replace(target: Path, text: str) -> None:
 
     handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
+        with os.fdopen(handle, "wb") as raw:
+            if isinstance(content, str):
+                stream = io.TextIOWrapper(raw, encoding="utf-8", newline="")
+                stream.write(content)
+                stream.flush()
+            else:
+                raw.write(content)
+            raw.flush()
+            os.fsync(raw.fileno())
         os.chmod(temporary, mode)
         os.replace(temporary, target)
     except BaseException:

@@ -11,12 +11,16 @@ from robacc.pictures.course import course_pictures
 from robacc.pictures.distribution import distributions
 from robacc.pictures.effects import effect_pictures
 from robacc.pictures.ellipsoids import ellipsoid_pictures
+from robacc.pictures.gate import gate_pictures
+from robacc.pictures.iso9283 import iso9283_pictures
 from robacc.pictures.picture import Document, Picture
 from robacc.pictures.space import space_pictures
 from robacc.pictures.workspace import workspace_pictures
 
 _FAMILIES: Sequence[Callable[[Document], Iterator[Picture]]] = (
     distributions,
+    iso9283_pictures,
+    gate_pictures,
     effect_pictures,
     candidate_pictures,
     space_pictures,

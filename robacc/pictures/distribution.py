@@ -78,8 +78,8 @@ def _caption(document: Document, name: str, curves: Curves, limits: Sequence[Lim
     words = f"How large the {name} error is, over {of}: a curve reaches 50 % at its median, 95 % where one pose in "
     words += "twenty is worse. Further left is better. "
     words += _meaning(document)
-    words += "; ".join(f"{label}: half of the poses within {shown.text(float(np.median(s)))}" for _, label, s in curves)
-    words += "."
+    medians = [f"{shown.text(float(np.median(sizes)))} ({label})" for _, label, sizes in curves]
+    words += f"Half of the poses are within {', '.join(medians)}."
     if limits:
         words += f" Upright lines are limits: {', '.join(f'{one.label} {shown.text(one.value)}' for one in limits)}."
     return words

@@ -100,7 +100,7 @@ def _draw(
     if outline is not None:
         low, high = np.minimum(low, outline.min(axis=0)), np.maximum(high, outline.max(axis=0))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(np.maximum(high - low, 0.05 * float((high - low).max())), zoom=1.0)
+    axes.set_box_aspect(np.maximum(high - low, 0.05 * float((high - low).max())), zoom=0.95)
     axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
     axes.tick_params(labelsize=7.5, pad=-2)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):

@@ -27,6 +27,7 @@ def workspace_pictures(document: Document) -> Iterator[Picture]:
         return
     at, values, what = found
     unit = length_unit(float(values.max()))
+    name = what.rstrip(",")
     worst = int(np.argmax(values))
     radius = np.hypot(at[:, 0], at[:, 1])
     yield Picture(
@@ -36,9 +37,9 @@ def workspace_pictures(document: Document) -> Iterator[Picture]:
         f"errors; empty cells have no pose. Left from the side (distance from the frame's vertical axis and height), "
         f"right from above. The largest is {unit.text(float(values[worst]))} at x {at[worst, 0]:.2f}, "
         f"y {at[worst, 1]:.2f}, z {at[worst, 2]:.2f} m.",
-        f"Two maps of {what.lower()} in {unit.name} over the workspace in m; "
+        f"Two maps of {name.lower()} in {unit.name} over the workspace in m; "
         f"from {unit.text(float(values.min()))} to {unit.text(float(values.max()))} over {values.size} poses",
-        lambda figure: _draw(figure, at, radius, values, unit, what),
+        lambda figure: _draw(figure, at, radius, values, unit, name),
         _table(radius, at[:, 2], values, unit),
         (4.9, 3.2),
     )
@@ -57,7 +58,7 @@ def _values(document: Document) -> tuple[Array, Array, str] | None:
         kept = found.used > 0
         at, values, what = vectors(found.poses["commanded_m"])[kept], found.last.sizes[kept], "Position error"
         if len(found.stages) > 1:
-            what = f"Position error {found.last.label}"
+            what = f"Position error, {found.last.label},"
     return (at, values, what) if values.size >= _LEAST else None
 
 

@@ -1,0 +1,62 @@
+"""What `report`, `plot` and `--report` have in common: from a document to a page, with one error for a broken one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from robacc.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from robacc.io.read_result import StoredResult
+
+
+def page_of_results(results: Sequence[StoredResult]) -> str:
+    """The page of stored results.
+
+    Raises:
+        InputError: a result is not what its command writes.
+        UsageError: the extra ``report`` is not installed.
+    """
+    from robacc.html.page import page_of, result_of
+
+    laid_out = []
+    for place, one in enumerate(results, 1):
+        with understood(one.name, one.command):
+            laid_out.append(result_of(one.document, place))
+    names = [one.record.name for one in results]
+    return page_of(laid_out, [one.document for one in results], _distinct(names))
+
+
+def page_of_document(document: Mapping[str, Any]) -> str:
+    """The page of a result that was just computed, from its JSON text as it would be stored."""
+    import json
+
+    from robacc.html.page import render
+    from robacc.io.result_json import json_text
+
+    return render([json.loads(json_text(document))], [str(document["command"])])
+
+
+@contextmanager
+def understood(name: str, command: str) -> Iterator[None]:
+    """Turn what a document lacks, or has of another kind than its command writes, into an error of the file.
+
+    Raises:
+        InputError: the document is not what the command writes.
+    """
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        told = f"has no key {error.args[0]!r}" if isinstance(error, KeyError) else f"is not as expected ({error})"
+        message = f"is a result of robacc {command}, but {told}"
+        fix = "make it again with this version of robacc"
+        raise InputError(Problem(message, name, fix=fix)) from error
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """Names of which none stands twice."""
+    return [
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
+    ]

@@ -1,0 +1,1 @@
+"""Results as one HTML page that opens without a network: from their JSON documents alone, computing nothing."""

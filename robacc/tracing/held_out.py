@@ -18,14 +18,14 @@ from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting import Fit, Options
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.observation import residuals
 from robacc.parsimony import without_idle_rotations
 from robacc.registration import ALIGNABLE
 from robacc.tracing.competition import Chosen
-from robacc.tracing.loop import SEARCH, Loop, choose, refined
+from robacc.tracing.loop import SEARCH, Loop, choose, refined, refit
 from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
 
@@ -148,12 +148,12 @@ def _fold(work: _Work, number: int) -> _Fold:
     selection = choose(loop.scene, learn, empirical=work.empirical, most=_FOLD_POSES)
     chosen = [(one, refined(selection, one)) for one in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
-    declared = fit(loop.declared.model, train, _options(loop.declared))
+    declared = refit(loop.declared, loop.declared.model.free, train, _options(loop.declared))
     declared = without_idle_rotations(declared, loop.declared.model, train, _options(loop.declared))
     complete = declared
     if effects:
         model = loop.declared.model.with_free(*effects)
-        complete = fit(model, train, _options(loop.final))
+        complete = refit(loop.final, model.free, train, _options(loop.final))
         if not complete.widths:
             complete = without_idle_rotations(complete, model, train, _options(loop.final))
     after = held_out(complete, test)

@@ -245,11 +245,27 @@ def close_loop(
         # A frame that was found is registered anew by every fit, so it does not compete again.
         frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
         rest = tuple(effect for effect in effects if effect.name not in ALIGNABLE)
-        present = fit(declared.model.with_free(*frames, *rest), data, options)
+        present = refit(present, (*declared.model.free, *frames, *rest), data, options)
         scene = linearise(present, data, (*model.free, *frames), only)
         selection = choose(scene, everything, rest, empirical)
         steps.extend(selection.steps)
     return Loop(declared, present, effects, tuple(steps), first, selection)
+
+
+def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:
+    """Fit a model with the effects ``free`` from where a similar fit ended, base and tool registered as they are there.
+
+    What the other fit does not have starts at zero. The first step is always taken, so the poses of ``data`` decide.
+    """
+    model = dataclasses.replace(like.model, free=tuple(free))
+    ended = {
+        (like.model.free[owner].key(), name): value
+        for owner, name, value in zip(like.owners, like.names, like.theta.tolist(), strict=True)
+    }
+    # A term's name does not depend on the poses, so one is enough to list them.
+    one = data.subset(np.arange(1))
+    start = [ended.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, one)]
+    return fit(model, data, dataclasses.replace(options, start=np.array(start)))
 
 
 def coarse(effect: Effect) -> tuple[object, ...]:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting import Fit, Options
 from robacc.folding import fold
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
@@ -22,7 +22,7 @@ from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.findings import Finding, told
 from robacc.tracing.held_out import Held, Progress, frames_first, hold_out
-from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse
+from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse, refit
 from robacc.tracing.mistakes import refuse_mistake
 from robacc.tracing.selection import FALSE_ALARM, Step
 
@@ -154,7 +154,8 @@ def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
         return loop
     keys = {coarse(effect) for effect in effects}
     loop.selection.chosen = [one for one in loop.selection.chosen if coarse(one.candidate.effect) in keys]
-    final = fit(loop.declared.model.with_free(*frames_first(effects)), data, SEARCH) if effects else loop.declared
+    free = (*loop.declared.model.free, *frames_first(effects))
+    final = refit(loop.final, free, data, SEARCH) if effects else loop.declared
     return dataclasses.replace(loop, effects=effects, final=final)
 
 
@@ -163,7 +164,7 @@ def _polished(loop: Loop, data: Measurements) -> Fit:
     if loop.final.widths:
         return loop.final
     model = loop.declared.model.with_free(*frames_first(loop.effects))
-    found = fit(model, data, Options())
+    found = refit(loop.final, model.free, data, Options())
     return without_idle_rotations(found, model, data, Options())
 
 

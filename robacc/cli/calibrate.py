@@ -16,6 +16,7 @@ from robacc.cli.options import (
     OrderedOption,
     OutputOption,
     PosesArgument,
+    ReportOption,
     SeedOption,
     TipLinkOption,
 )
@@ -47,6 +48,7 @@ def calibrate(
     seed: SeedOption = 0,
     gate: GateOption = None,
     junit: JunitOption = None,
+    report: ReportOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -97,7 +99,7 @@ def calibrate(
         "tip_link": tip_link,
     }
     deliver(
-        Outlets(form, output, gate, junit),
+        Outlets(form, output, gate, junit, report),
         "calibrate",
         payload=lambda: calibration_payload(found, data, arm, apart, seed),
         table=lambda stream: draw_calibration(found, data, poses, robot, fit, stream),

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.options import Format, FormatOption, JunitOption, OutputOption
+from robacc.cli.options import Format, FormatOption, JunitOption, OutputOption, ReportOption
 
 
 def check(
@@ -15,6 +15,7 @@ def check(
     ],
     gate: Annotated[str, typer.Option("--gate", metavar="FILE", help="Gate file (YAML): what the result must meet.")],
     junit: JunitOption = None,
+    report: ReportOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -41,4 +42,4 @@ def check(
         inputs=(stored.record, *loaded.records),
         seed=None,
     )
-    conclude(Outlets(form, output, gate, junit), "check", document, None, found)
+    conclude(Outlets(form, output, gate, junit, report), "check", document, None, found)

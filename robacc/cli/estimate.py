@@ -17,6 +17,7 @@ from robacc.cli.options import (
     OrderedOption,
     OutputOption,
     PosesArgument,
+    ReportOption,
     RobotOption,
     SeedOption,
     TipLinkOption,
@@ -62,6 +63,7 @@ def estimate(
     seed: SeedOption = 0,
     gate: GateOption = None,
     junit: JunitOption = None,
+    report: ReportOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -108,7 +110,7 @@ def estimate(
     if per_pose is not None:
         _write_per_pose(per_pose, found, data)
     deliver(
-        Outlets(form, output, gate, junit),
+        Outlets(form, output, gate, junit, report),
         "estimate",
         payload=keys,
         table=table,

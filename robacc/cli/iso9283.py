@@ -16,6 +16,7 @@ from robacc.cli.options import (
     JunitOption,
     OrderedOption,
     OutputOption,
+    ReportOption,
     RobotOption,
     SeedOption,
     TipLinkOption,
@@ -60,6 +61,7 @@ def iso9283(
     output: OutputOption = "-",
     gate: GateOption = None,
     junit: JunitOption = None,
+    report: ReportOption = None,
 ) -> None:
     """The pose criteria of ISO 9283 that cycles of commanded poses can support, and which of its conditions they meet.
 
@@ -91,7 +93,7 @@ def iso9283(
         return document(found)
 
     deliver(
-        Outlets(form, output, gate, junit),
+        Outlets(form, output, gate, junit, report),
         "iso9283",
         payload=payload,
         table=table,

@@ -16,6 +16,7 @@ from robacc.cli.options import (
     JunitOption,
     OrderedOption,
     OutputOption,
+    ReportOption,
     SeedOption,
     TipLinkOption,
     split_list,
@@ -77,6 +78,7 @@ def predict(
     seed: SeedOption = 0,
     gate: GateOption = None,
     junit: JunitOption = None,
+    report: ReportOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -147,7 +149,7 @@ def predict(
     read = ((planned, poses, "poses"), (measured, against, "against"))
     warnings = [warning for data in (planned, measured) if data is not None for warning in data.warnings]
     deliver(
-        Outlets(form, output, gate, junit),
+        Outlets(form, output, gate, junit, report),
         "predict",
         payload=keys,
         table=table,

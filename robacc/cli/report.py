@@ -18,7 +18,7 @@ def report(
 ) -> None:
     """Stored results as one HTML page: story, pictures, tables, to be looked at, printed and signed.
 
-    The page is one file that opens without a network and prints on A4. It needs the extra: pip install 'robacc[report]'.
+    The page is one file that opens without a network and prints on A4. It needs an extra: pip install 'robacc[report]'.
     Example: robacc trace poses.csv --robot arm.yaml --format json -o t.json; robacc report t.json -o t.html
     """
     from robacc.cli.output import write

@@ -16,6 +16,7 @@ from robacc.cli.options import (
     OrderedOption,
     OutputOption,
     PosesArgument,
+    ReportOption,
     SeedOption,
     TipLinkOption,
 )
@@ -43,6 +44,7 @@ def trace(
     seed: SeedOption = 0,
     gate: GateOption = None,
     junit: JunitOption = None,
+    report: ReportOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -86,7 +88,7 @@ def trace(
         "tip_link": tip_link,
     }
     deliver(
-        Outlets(form, output, gate, junit),
+        Outlets(form, output, gate, junit, report),
         "trace",
         payload=lambda: trace_payload(found, data, arm, apart, seed),
         table=lambda stream: draw_trace(found, poses, robot, declared, stream),

@@ -19,9 +19,18 @@ class Limit:
 
 
 def limits_of(document: Document, unit: str) -> tuple[Limit, ...]:
-    """The steps of the grade scale, in ``m`` or ``rad``; none where the result has no such scale."""
-    key = "position_m" if unit == "m" else "orientation_rad"
+    """Of the gate in ``m`` or ``rad`` where there is one, else the steps of the grade scale."""
+    quantity = "position" if unit == "m" else "orientation"
+    asked = tuple(
+        Limit(f"gate {one['name']} ({one['key']})", str(one["name"]), float(one["limit"]))
+        for one in (document.get("gate") or {}).get("criteria", ())
+        if one["unit"] == unit and quantity in one["key"].split(".") and one["baseline"] is None
+        if isinstance(one["limit"], int | float)
+    )
+    if asked:
+        return asked
     steps = (document.get("grade") or {}).get("steps") or ()
+    key = f"{quantity}_{unit}"
     return tuple(
         Limit(f"grade {step['grade']}", str(step["grade"]), step[key]) for step in steps if step[key] is not None
     )

@@ -71,17 +71,18 @@ class Simulation:
     """Rows that were made wrong, ascending, counted from 0."""
 
 
-def simulate(robot: Robot, plan: Plan) -> Simulation:
+def simulate(robot: Robot, plan: Plan, at: Measurements | None = None) -> Simulation:
     """Measure ``robot``, with the effects its file lists, as ``plan`` says.
 
-    With several targets each is measured at every pose, one row a target.
+    With several targets each is measured at every pose, one row a target. Commanded poses ``at``, in the order visited,
+    take the place of sampled ones; of them joint variables, ids and cycles are used.
 
     Raises:
         InputError: a slide has no limits, or the robot's effects cannot be read.
         UsageError: the plan lacks a circumstance that an effect depends on, or has more outliers than rows, or too many
-            rows.
+            rows, or repeats cycles.
     """
-    data = _circumstances(robot, plan)
+    data = _circumstances(robot, plan, at)
     poses = predict(robot, data)
     position, rotation = poses.translation, poses.rotation
     shape = position.shape
@@ -133,26 +134,33 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
     return result
 
 
-def _circumstances(robot: Robot, plan: Plan) -> Measurements:
+def _circumstances(robot: Robot, plan: Plan, at: Measurements | None) -> Measurements:
     """Everything but what is measured: poses visited in order, cycle after cycle, and each target measured there."""
     targets = tuple(robot.targets) if len(robot.targets) > 1 else (None,)
-    visits = plan.poses * plan.cycles
+    one_cycle = plan.poses if at is None else at.n
+    visits = one_cycle * plan.cycles
     if visits * len(targets) > _MOST_ROWS:
         raise UsageError(f"{visits * len(targets)} rows are more than the {_MOST_ROWS} that are made at once")
-    pose = np.tile(np.arange(plan.poses), plan.cycles).repeat(len(targets))
+    stand = np.tile(np.arange(one_cycle), plan.cycles)
     visit = np.arange(visits).repeat(len(targets))
-    q = joint_samples(robot, plan)
-    direction, speed = motion_between_rows(np.tile(q, plan.cycles))
-    digits = len(str(plan.poses))
-    ids = np.array([f"P{i + 1:0{digits}d}" for i in range(plan.poses)])
-    cycle = np.repeat(np.arange(1, plan.cycles + 1), plan.poses).astype(str)
+    q, ids = (joint_samples(robot, plan), _numbered(np.arange(plan.poses))) if at is None else _planned(at)
+    direction, speed = motion_between_rows(q[:, stand])
+    cycle = None if at is None else at.cycle
+    if plan.cycles > 1:
+        if cycle is not None:
+            raise UsageError("the poses to visit have cycles already: leave out --cycles, or their column cycle")
+        cycle = np.repeat(np.arange(1, plan.cycles + 1), one_cycle).astype(str)
+    pose = stand[visit]
     weights = np.array(plan.payloads)
-    chosen = _stream(plan, "payload").choice(weights, size=plan.poses) if weights.size else None
+    chosen = None
+    if weights.size:
+        same = np.arange(one_cycle) if at is None else at.groups()
+        chosen = _stream(plan, "payload").choice(weights, size=int(same.max()) + 1)[same]
     return Measurements(
         position=np.zeros((3, visit.size)),
         q=q[:, pose],
         pose=ids[pose],
-        cycle=cycle[visit] if plan.cycles > 1 else None,
+        cycle=None if cycle is None else cycle[visit],
         target=None if targets == (None,) else np.tile(np.array(targets), visits),
         time=None if plan.time_step is None else plan.time_step * visit.astype(float),
         temperature=None if plan.temperature is None else _temperature(plan.temperature, visits)[visit],
@@ -160,6 +168,19 @@ def _circumstances(robot: Robot, plan: Plan) -> Measurements:
         direction=direction[:, visit],
         speed=speed[:, visit],
     )
+
+
+def _planned(at: Measurements) -> tuple[Array, NDArray[np.str_]]:
+    """Joint variables ``(J, n)`` and ids ``(n,)`` of poses to visit."""
+    if at.q is None:
+        raise UsageError("the poses to visit have no joint columns")
+    return at.q, _numbered(at.groups()) if at.pose is None else at.pose
+
+
+def _numbered(poses: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Ids P1, P2 … of numbers from 0, all of one width."""
+    digits = len(str(int(poses.max(initial=0)) + 1))
+    return np.array([f"P{number + 1:0{digits}d}" for number in poses])
 
 
 def _temperature(ends: tuple[float, float], visits: int) -> Array:

@@ -26,6 +26,7 @@ COMMANDS = {
     "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
     "iso9283": "The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.",
+    "iso9283-poses": "The cube of ISO 9283 in an arm's workspace and its five poses, with joint angles, as a CSV.",
     "trace": (
         "Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it."
     ),

@@ -10,6 +10,7 @@ import typer
 from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, SeedOption, TipLinkOption
 
 if TYPE_CHECKING:
+    from robacc.measurements import Measurements
     from robacc.robots.description import Robot
     from robacc.simulation import Plan, Simulation
 
@@ -23,7 +24,12 @@ class Sampling(StrEnum):
 
 def simulate(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
-    poses: Annotated[int, typer.Option("--poses", metavar="N", min=1, max=1_000_000, help="Commanded poses.")],
+    poses: Annotated[
+        int | None, typer.Option("--poses", metavar="N", min=1, max=1_000_000, help="Commanded poses, sampled.")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option("--at", metavar="FILE", help="Commanded poses of a CSV instead, in the order visited.")
+    ] = None,
     seed: SeedOption = 0,
     cycles: Annotated[int, typer.Option("--cycles", min=1, max=100_000, help="Visits of every commanded pose.")] = 1,
     sampling: Annotated[
@@ -74,8 +80,10 @@ def simulate(
 
     if form is PlainFormat.json and output == "-":
         raise UsageError("--format json tells of the file that --output names; name one")
+    if (poses is None) == (at is None):
+        raise UsageError("give either --poses, how many to sample, or --at, a CSV of poses to visit")
     plan = Plan(
-        poses=poses,
+        poses=poses or 0,
         seed=seed,
         cycles=cycles,
         sampling=sampling.value,
@@ -95,11 +103,24 @@ def simulate(
         raise UsageError("--sigma needs a noise above zero: --noise, and --noise-orientation unless --position-only")
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
     try:
-        done = simulate(arm, plan)
+        planned = None if at is None else _planned(arm, at)
+        done = simulate(arm, plan, planned)
     except UsageError as error:
         tip = "; --time-step, --temperature and --payload give circumstances" if "column" in str(error) else ""
         raise type(error)(f"{error}{tip}") from error
-    _write(done, plan, arm, robot, form, output)
+    _write(done, plan, arm, robot, planned, form, output)
+
+
+def _planned(arm: Robot, path: str) -> Measurements:
+    from robacc.io.poses_csv import read_poses
+
+    return read_poses(
+        path,
+        joint_names=arm.variable_names,
+        joint_types=[joint.type for joint in arm.variables],
+        limits=[joint.limits for joint in arm.variables],
+        attained=False,
+    )
 
 
 def _temperature(text: str | None) -> tuple[float, float] | None:
@@ -126,7 +147,9 @@ def _payloads(text: str | None) -> tuple[float, ...]:
     return weights
 
 
-def _write(done: Simulation, plan: Plan, arm: Robot, robot: str, form: PlainFormat, output: str) -> None:
+def _write(
+    done: Simulation, plan: Plan, arm: Robot, robot: str, at: Measurements | None, form: PlainFormat, output: str
+) -> None:
     """The CSV to ``output``; with JSON its record to standard output."""
     import dataclasses
     import sys
@@ -137,6 +160,7 @@ def _write(done: Simulation, plan: Plan, arm: Robot, robot: str, form: PlainForm
     from robacc.io.poses_csv import format_poses
 
     record = results.InputFile.at(robot, sha256_of(robot), "robot")
+    inputs = (record,) if at is None else (record, results.InputFile.at(at.source or "", at.sha256 or "", "poses"))
     # Two comments and the header stand above the rows of a file with outliers.
     wrong = [int(row) + 4 for row in done.outliers]
     head = [f"Simulated by robacc simulate from {record.name} with seed {plan.seed}; nothing was measured."]
@@ -155,6 +179,6 @@ def _write(done: Simulation, plan: Plan, arm: Robot, robot: str, form: PlainForm
             "-",
             table=lambda stream: None,
             document=lambda: results.envelope(
-                "simulate", payload, options=dataclasses.asdict(plan), inputs=(record,), seed=plan.seed
+                "simulate", payload, options=dataclasses.asdict(plan), inputs=inputs, seed=plan.seed
             ),
         )

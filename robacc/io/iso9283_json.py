@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from robacc.geometry import quaternion_from_rotation
 from robacc.io.statistics_json import interval_document
+from robacc.iso9283.proposal import Proposal
 from robacc.iso9283.records import Characteristic, Criterion, Figure, Iso9283Result
 from robacc.iso9283.visits import CommandedPose
 
@@ -62,6 +64,26 @@ def payload(result: Iso9283Result) -> Document:
         "visits": [_visits(pose) for pose in result.poses],
         "notes": result.notes,
         "warnings": result.warnings,
+    }
+
+
+def proposal_payload(found: Proposal) -> Document:
+    """The keys of ``robacc.iso9283-poses/1``."""
+    return {
+        "cube": {"edge_m": found.edge, "centre_in_base_m": found.centre, "plane_rises_towards": found.plane},
+        "orientation": found.orientation,
+        "target": found.target,
+        "joint_margin": found.margin,
+        "poses": [
+            {
+                "pose": f"P{i + 1}",
+                "position_m": found.poses.translation[:, i],
+                "quaternion": quaternion_from_rotation(found.poses.rotation[..., i]),
+                "q": found.q[:, i],
+            }
+            for i in range(found.q.shape[1])
+        ],
+        "notes": list(found.notes),
     }
 
 

@@ -39,7 +39,11 @@ class Layout:
 
 
 def read_layout(
-    header: Header, log: ProblemLog, joint_names: Sequence[str] | None, joint_types: Sequence[str] | None
+    header: Header,
+    log: ProblemLog,
+    joint_names: Sequence[str] | None,
+    joint_types: Sequence[str] | None,
+    attained: bool = True,
 ) -> Layout:
     """Which column of the file is what. Every problem goes to ``log``, the columns without one are returned.
 
@@ -48,6 +52,7 @@ def read_layout(
         log: Takes duplicates, wrong units, and columns that are missing from a set.
         joint_names: The robot's joints in chain order; None where no robot is known.
         joint_types: ``revolute`` or ``prismatic`` for each of them; None: q may be an angle or a length.
+        attained: Whether the attained position must be among them.
     """
     names = Names.of(header.names, joint_names, joint_types)
     columns: dict[str, Column] = {}
@@ -66,7 +71,7 @@ def read_layout(
     for name, count in Counter(unknown).items():
         if name and count > 1:
             log.add("the column is a duplicate", header.line, clip(name), "keep one of the two")
-    return _Completeness(columns, unknown, names, log, header.line).layout()
+    return _Completeness(columns, unknown, names, log, header.line, attained).layout()
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +83,10 @@ class _Completeness:
     names: Names
     log: ProblemLog
     line: int
+    attained: bool
 
     def layout(self) -> Layout:
-        self._whole(AXES, "the attained position", required=True)
+        self._whole(AXES, "the attained position", required=self.attained)
         commanded = any(key.startswith("cmd_") for key in self.columns)
         self._whole(tuple(f"cmd_{axis}" for axis in AXES), "the commanded position", required=commanded)
         self._whole(SIGMAS, "the measuring uncertainty of a position")

@@ -47,6 +47,7 @@ def read_poses(
     target_names: Sequence[str] = (),
     ordered: bool = False,
     units_check: bool = True,
+    attained: bool = True,
 ) -> Measurements:
     """The poses of a CSV file, validated.
 
@@ -60,6 +61,7 @@ def read_poses(
             speed are derived for the joints whose columns are missing. The first row, to which nobody knows the way,
             and a row that repeats the joints of the one before get 0.
         units_check: Refuse bare columns whose values look like degrees or millimetres.
+        attained: Whether the poses were measured; planned ones may lack x, y, z, which are zero then.
 
     Raises:
         InputError: Everything that is wrong with the file, with line and column.
@@ -67,7 +69,7 @@ def read_poses(
     with open_table(os.fspath(path)) as reader:
         header = reader.header()
         log = reader.log
-        layout = read_layout(header, log, joint_names, joint_types)
+        layout = read_layout(header, log, joint_names, joint_types, attained)
         values = _read_values(reader, layout)
         _check_target_column(layout, target_names, reader, header.line)
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
@@ -110,7 +112,8 @@ def _check_target_column(layout: Layout, target_names: Sequence[str], reader: Ta
 def _measurements(values: Values, ordered: bool) -> Measurements:
     layout = values.layout
     position = values.several(AXES)
-    assert position is not None  # read_layout logged its absence, and the log was raised
+    if position is None:  # of planned poses; else read_layout logged its absence, and the log was raised
+        position = np.zeros((3, values.lines.size))
     motion, warnings = _motion(values, ordered)
     return Measurements(
         position=position,
@@ -177,18 +180,20 @@ def _motion(values: Values, ordered: bool) -> tuple[tuple[Array | None, Array | 
     return (result[0], result[1]), warnings
 
 
-def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None) -> str:
+def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:
     """CSV text that :func:`read_poses` reads back: every number in the fewest digits that give the same float.
 
     Bare SI columns; orientation as a quaternion with w >= 0. A joint's name stands for ``q_i`` where ``joint_names``
-    are given and none of them means something else in a pose file.
+    are given and none of them means something else in a pose file. Without ``attained`` the poses are planned, and no
+    attained pose is among the columns.
     """
     columns: list[tuple[str, Sequence[str]]] = []
     numbered = [f"q{i + 1}" for i in range(_joint_count(measurements))]
     joints = list(joint_names) if joint_names and all(map(_is_free, joint_names)) else numbered
     _add(columns, joints, measurements.q)
-    _add(columns, AXES, measurements.position)
-    _add(columns, QUATERNION, _quaternion(measurements.rotation))
+    if attained:
+        _add(columns, AXES, measurements.position)
+        _add(columns, QUATERNION, _quaternion(measurements.rotation))
     _add(columns, COMMANDED_AXES, measurements.commanded_position)
     _add(columns, [f"cmd_{name}" for name in QUATERNION], _quaternion(measurements.commanded_rotation))
     _add(columns, SIGMAS, measurements.sigma_position)

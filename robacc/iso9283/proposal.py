@@ -20,6 +20,7 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.inverse_kinematics import inverse_kinematics, joint_ranges, spread_configurations
 from robacc.iso9283.cube import FROM_CORNER, PLANES, PREFERRED_EDGES, Plane, corners, five_points
+from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 
@@ -42,6 +43,8 @@ _GRID = 0.01
 """Centres are at whole centimetres (of a tenth of the edge for small cubes), m."""
 _ALIGNED = math.radians(30.0)
 """A front that is nearer to an axis of the base than this is taken to be along it."""
+_DECIMALS = 11
+"""Of joint variables: what the poses are met to."""
 _COLUMN = 0.1
 """Of the reach, that a cube keeps from the first joint's axis."""
 _CLEAR = 0.01
@@ -67,6 +70,8 @@ class Proposal:
     margin: float
     """Least distance of a joint from its limits, as a part of its range; 0.5 is the middle."""
     notes: tuple[str, ...]
+    target: str | None = None
+    """The one brought there, of a robot with several."""
 
     @property
     def words(self) -> str:
@@ -109,9 +114,25 @@ def propose(
             for kind in kinds:
                 found = _in_cube_of(arm, within[size], size, plane, kind)
                 if found is not None:
-                    every = (*notes, *_remarks(robot, found))
-                    return dataclasses.replace(found, poses=base @ found.poses, notes=every)
+                    every = (*notes, *_remarks(robot, found, orientation))
+                    named = target or next(iter(robot.targets), None)
+                    return dataclasses.replace(found, poses=base @ found.poses, notes=every, target=named)
     raise InputError(_nothing_fits(robot, edge, plane, orientation))
+
+
+def planned_poses(found: Proposal, cycles: int, payload: float | None = None) -> Measurements:
+    """The five poses visited in order, ``cycles`` times; nothing is measured, so the attained positions are zero."""
+    visit = np.tile(np.arange(5), cycles)
+    return Measurements(
+        position=np.zeros((3, visit.size)),
+        q=found.q[:, visit],
+        commanded_position=found.poses.translation[:, visit],
+        commanded_rotation=found.poses.rotation[..., visit],
+        pose=np.array([f"P{i + 1}" for i in visit]),
+        cycle=np.repeat(np.arange(1, cycles + 1), 5).astype(str) if cycles > 1 else None,
+        target=None if found.target is None else np.full(visit.size, found.target),
+        payload=None if payload is None else np.full(visit.size, payload),
+    )
 
 
 def _single_target(robot: Robot, target: str | None) -> tuple[Robot, list[str]]:
@@ -124,7 +145,7 @@ def _single_target(robot: Robot, target: str | None) -> tuple[Robot, list[str]]:
     return dataclasses.replace(robot, tool=robot.targets[name], targets={}), notes
 
 
-def _remarks(robot: Robot, found: Proposal) -> list[str]:
+def _remarks(robot: Robot, found: Proposal, wanted: Orientation | None) -> list[str]:
     remarks = []
     if robot.effects:
         remarks.append(
@@ -133,9 +154,9 @@ def _remarks(robot: Robot, found: Proposal) -> list[str]:
     if found.edge not in PREFERRED_EDGES:
         sizes = ", ".join(f"{1e3 * one:.0f}" for one in reversed(PREFERRED_EDGES))
         remarks.append(f"the standard prefers edges of {sizes} mm")
-    if found.orientation == "free":
+    if wanted is None and found.orientation == "free":
         remarks.append("no one orientation of the tool was found for all five poses: each has that of its joint angles")
-    elif found.orientation == "own":
+    elif wanted is None and found.orientation == "own":
         remarks.append("pointing down or forward was not found possible at all five poses of such a cube")
     return remarks
 
@@ -255,8 +276,9 @@ def _best_plane(
         margins = np.round(np.min(_margins(arm, every), axis=(0, 1)), 6)
         i = int(np.argmax(margins))
         if margins[i] >= _CLEAR and (best is None or margins[i] > best.margin):
-            q = every[..., i]
-            best = Proposal(edge, centre, one, kind, arm.chain.forward(q), q, float(margins[i]), ())
+            q = np.round(every[..., i], _DECIMALS) + 0.0
+            held = arm.chain.forward(q) if rotation is None else _held(points, rotation)
+            best = Proposal(edge, centre, one, kind, held, q, float(margins[i]), ())
     return best
 
 

@@ -124,10 +124,9 @@ def _methods(result: Iso9283Result) -> list[str]:
     """Which criterion's interval was made how."""
     methods: dict[str, list[str]] = {}
     for one in result.characteristics:
-        for figure in (one.position,):
-            if figure.value is not None:
-                how = figure.interval.why or figure.interval.method.partition("; largest")[0]
-                methods.setdefault(how, []).append("shift" if one.symbol == "shift" else one.symbol)
+        if one.position.value is not None:
+            how = one.position.interval.why or one.position.interval.method.partition("; largest")[0]
+            methods.setdefault(how, []).append(one.symbol)
     texts = [f"{', '.join(symbols)}: {method}" for method, symbols in methods.items()]
     if any("; largest" in one.position.interval.method for one in result.characteristics):
         texts.append(

@@ -19,8 +19,7 @@ def measured(figure: Figure, factor: float) -> tuple[str, str]:
     """The value and its interval, with the decimals that the interval leaves meaning to."""
     if figure.value is None:
         return "–", "–"
-    interval = figure.interval
-    lower, upper = (None if end is None else end * factor for end in (interval.lower, interval.upper))
+    lower, upper = (None if end is None else end * factor for end in _ends(figure))
     places = decimals(figure.value * factor, lower, upper)
     if lower is None or upper is None:
         return fixed(figure.value * factor, places), "–"
@@ -108,18 +107,22 @@ def _angles(title: str, found: Characteristic, several: bool) -> Iterator[Line]:
 
 
 def _parts(figures: Sequence[Figure] | None, factor: float) -> list[str]:
-    """Values with the decimals that their own intervals leave, as many for all."""
+    """Values with the decimals that the widest of their intervals leaves, as many for all."""
     if figures is None:
         return []
-    places = 0
-    for figure in figures:
-        lower, upper = (None if end is None else end * factor for end in (figure.interval.lower, figure.interval.upper))
-        places = max(places, decimals((figure.value or 0.0) * factor, lower, upper))
-    return [fixed(None if figure.value is None else figure.value * factor, places) for figure in figures]
+    places = min(
+        decimals((one.value or 0.0) * factor, *(end if end is None else end * factor for end in _ends(one)))
+        for one in figures
+    )
+    return [fixed(None if one.value is None else one.value * factor, places) for one in figures]
+
+
+def _ends(figure: Figure) -> tuple[float | None, float | None]:
+    return figure.interval.lower, figure.interval.upper
 
 
 def _distances(one: Criterion) -> list[str]:
     """Mean and standard deviation of the distances from the barycentre, as fine as RP."""
-    ends = (None if end is None else end * IN_MM for end in (one.position.interval.lower, one.position.interval.upper))
+    ends = (None if end is None else end * IN_MM for end in _ends(one.position))
     places = decimals((one.position.value or 0.0) * IN_MM, *ends)
     return [fixed(None if value is None else value * IN_MM, places) for value in (one.mean_distance, one.sd_distance)]

@@ -182,6 +182,8 @@ def _grade(criterion: Criterion, document: Mapping[str, Any]) -> Judged:
             return _missing(criterion, value.why)
         parts.append((_decided(own, value), value.n))
     decision = _joined([one for one, _ in parts])
+    if decision.outcome == "fail" and isinstance(grade.get("reason"), str):
+        decision = replace(decision, why=grade["reason"].partition(". ")[0])
     n = next((number for _, number in parts), None)
     return Judged(criterion, decision, "grade", None, str(grade.get("grade")), None, n, None, ())
 

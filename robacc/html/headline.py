@@ -53,6 +53,8 @@ def _facts(document: Document) -> list[tuple[str, str]]:
     if name is not None:
         joints = ", ".join(joint["name"] for joint in document["robot"]["joints"])
         facts.append(("Robot", f"{name} (joints {joints})" if joints else name))
+    else:
+        facts += [("Robot", record["name"]) for record in document["inputs"] if record["kind"] == "robot"]
     files = [record["name"] for record in document["inputs"] if record["kind"] in ("poses", "holdout", "against")]
     count = document.get("n_poses")
     if files or count is not None:

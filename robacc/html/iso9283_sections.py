@@ -62,7 +62,7 @@ def _criteria(every: Sequence[Mapping[str, Any]]) -> list[Block]:
     header = ("criterion, largest over poses", "position", "interval", "at", "orientation")
     blocks: list[Block] = [Grid(header, rows)]
     missing = [f"{_WORDS.get(o['symbol'], o['symbol'])}: {o['why']}" for o in every if o["max_m"] is None and o["why"]]
-    notes = [note for one in every for note in one["notes"]]
+    notes = [*dict.fromkeys(note for one in every for note in one["notes"])]
     for texts in (missing, notes):
         if texts:
             blocks.append(Listing(texts))

@@ -62,8 +62,9 @@ class Result:
     """Beside the headline."""
     drawings: Sequence[Drawing]
     sections: Sequence[Section]
-    """Before the pictures' tables: the gate, what the command says."""
-    warnings: Section | None
+    """What the command says beside its pictures."""
+    leading: Sequence[Section]
+    """What must be read first: the gate, and warnings."""
     reproduce: Section
 
 
@@ -126,8 +127,8 @@ def result_of(document: Document, place: int) -> Result:
         headline_of(document),
         drawings[0] if drawings else None,
         drawings[1:],
-        [*([gate] if gate is not None else []), *own],
-        Section("Warnings and notes", blocks) if blocks else None,
+        [*own],
+        [*([gate] if gate is not None else []), *([Section("Warnings and notes", blocks)] if blocks else [])],
         reproduce(document),
     )
 

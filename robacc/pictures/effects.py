@@ -115,8 +115,11 @@ def _draw_residual(figure: Figure, curve: Curve, rows: Rows, unit: Unit, by: Uni
     axes.plot(at, after * unit.factor, "o", ms=size - 0.4, mew=0, color=LIGHT["after"], label="after")
     if curve["curve"] is not None:
         grid, value = numbers(curve["grid"]) * by.factor, numbers(curve["curve"]) * unit.factor
-        style = "_" if curve["driver"] == "direction" else "-"
-        axes.plot(grid, value, style, ms=26, mew=2, color=LIGHT["ink"], linewidth=1.4, label="fitted effect")
+        looks: dict[str, Any] = {"color": LIGHT["ink"], "label": "fitted effect"}
+        if curve["driver"] == "direction":
+            axes.hlines(value, grid - 0.3, grid + 0.3, linewidth=2, **looks)
+        else:
+            axes.plot(grid, value, linewidth=1.4, **looks)
     else:
         effect = numbers(curve["effect"])[rows] * unit.factor
         axes.plot(at, effect, "x", ms=3, mew=0.8, color=LIGHT["ink"], label="fitted effect")

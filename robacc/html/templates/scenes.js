@@ -33,7 +33,7 @@
       legend: { orientation: "h", x: 0.5, xanchor: "center", y: 1, itemsizing: "constant" },
       scene: {
         xaxis: axis(axes[0]), yaxis: axis(axes[1]), zaxis: axis(axes[2]), aspectmode: "data",
-        camera: camera || { eye: { x: 1.5, y: -1.5, z: 0.9 } }
+        camera: camera || { eye: { x: 1.5, y: -1.5, z: 0.9 }, center: { x: 0, y: 0, z: -0.1 } }
       }
     };
   }

@@ -8,7 +8,7 @@ number of poses beyond the data and what is predicted for them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +44,8 @@ class Options:
     """A step that changes the whitened prediction by less than this share of the residual is the last."""
     start: Array | None = None
     """``(P,)`` coefficients to start from; base and tool are then not registered in closed form first."""
+    widths: Mapping[str, float] = field(default_factory=dict)
+    """Prior widths to start from, by group; the usual size of a group's terms where it has none here."""
     settled: float = 1e-3
     """Misfits that change by less than this share (prior widths by ten times it) are settled."""
 
@@ -139,7 +141,7 @@ class _Solver:
         self.equations = Equations(model, data)
         terms = self.equations.terms
         self.kept = np.ones(data.n, dtype=bool)
-        self.priors = Priors(terms, options.priors)
+        self.priors = Priors(terms, options.priors, options.widths)
         self.steps = 0
         # Without a known noise, from what the start misses; orientation against position as they stand.
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()

@@ -6,7 +6,7 @@ REML), found by MacKay's fixed point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +24,20 @@ _SETTLED = 1e-3
 class Priors:
     """Precision of every coefficient's prior; the groups' widths are improved in place."""
 
-    def __init__(self, terms: Sequence[Term], given: Array | None) -> None:
-        """``given`` ``(P,)`` are standard deviations, inf or NaN for none; a group starts at its terms' usual size."""
+    def __init__(self, terms: Sequence[Term], given: Array | None, start: Mapping[str, float]) -> None:
+        """``given`` ``(P,)`` are standard deviations, inf or NaN for none.
+
+        A group starts at the width that ``start`` has of it, or at its terms' usual size.
+        """
         self._terms = terms
         self.groups: dict[str, list[int]] = {}
         for i, term in enumerate(terms):
             if term.group is not None:
                 self.groups.setdefault(term.group, []).append(i)
-        self.widths: dict[str, float] = {}
+        self.widths = {name: start[name] for name in self.groups if name in start}
         """Of each group, in units of its terms' weights."""
-        self.precision: Array = np.array([1.0 / (t.typical * t.weight) ** 2 if t.group else 0.0 for t in terms])
+        sizes = [start.get(t.group, t.typical) * t.weight if t.group else np.inf for t in terms]
+        self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
         if given is not None:
             known = np.isfinite(given) & (given > 0)
             self.precision[known] = 1.0 / np.square(given[known])

@@ -157,21 +157,22 @@ def _fold(work: _Work, number: int) -> _Fold:
         if not complete.widths:
             complete = without_idle_rotations(complete, model, train, _options(loop.final))
     after = held_out(complete, test)
-    again = [_again(effect, selection, chosen) for effect in loop.effects]
+    again = _again(loop.effects, selection, chosen)
     without = tuple(_lacking(complete, ones, test) if ones else after for ones in again)
     return _Fold(held_out(declared, test), after, without, tuple(bool(ones) for ones in again))
 
 
-def _again(finding: Effect, selection: Selection, chosen: Sequence[tuple[Chosen, Effect]]) -> list[Effect]:
-    """What a fold has of a finding: itself, or what these poses cannot tell from it."""
-    same = [effect for _, effect in chosen if _same(finding, effect)]
-    if same:
-        return same
-    name = (finding.name, finding.joints)
+def _again(
+    findings: Sequence[Effect], selection: Selection, chosen: Sequence[tuple[Chosen, Effect]]
+) -> list[list[Effect]]:
+    """For each finding what a fold has of it: itself, or what these poses cannot tell from it."""
+    found = [[effect for _, effect in chosen if _same(finding, effect)] for finding in findings]
+    if all(found):
+        return found
+    others = [{(other.effect, other.joints) for other in rivals(selection, one)[1]} for one, _ in chosen]
     return [
-        effect
-        for one, effect in chosen
-        if any((other.effect, other.joints) == name for other in rivals(selection, one)[1])
+        same or [effect for (_, effect), names in zip(chosen, others, strict=True) if (f.name, f.joints) in names]
+        for f, same in zip(findings, found, strict=True)
     ]
 
 

@@ -114,8 +114,11 @@ def _outcome(
 def _lack(criterion: Criterion, curve: Curve) -> str:
     """Why there is no bound at the criterion's confidence."""
     if curve.has_upper or curve.has_lower:
-        wanted = f"{100 * criterion.confidence:g} %"
-        return curve.why or f"the result's interval does not reach {wanted}; make it with --confidence {wanted[:-2]}"
+        confidence = criterion.confidence
+        beyond = (
+            f"the result's interval does not reach {100 * confidence:g} %; make it with --confidence {confidence:g}"
+        )
+        return curve.why or beyond
     return curve.why or "the poses are too few for an interval"
 
 

@@ -57,7 +57,8 @@ def kind_of(key: str) -> Kind | None:
 
 def nearest_key(key: str) -> str:
     """The known key that a wrong one most resembles; all of its leaves' names where none does."""
-    near = difflib.get_close_matches(key, [*KEYS, "iso9283.AP.max", "iso9283.RP.max"], 1, 0.5)
+    known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
+    near = [one for one in known if one.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
     if near:
         return f"did you mean {near[0]}"
     return "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"

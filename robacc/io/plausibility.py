@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
+from robacc.statistics.intervals import interpolated
 
 TURN = 2 * math.pi
 _MANY_TURNS = 2 * TURN
@@ -73,8 +74,9 @@ def lengths_too_large(position: Array) -> bool:
 
 def spread(values: Array) -> Array:
     """``(C,)`` range of the middle 90 % of each row of ``(C, N)``, which outliers leave alone."""
-    low, high = np.percentile(values, (5, 95), axis=1)
-    result: Array = high - low
+    last = values.shape[1] - 1
+    limits = np.array([interpolated(row, (0.05 * last, 0.95 * last)) for row in values])
+    result: Array = limits[:, 1] - limits[:, 0]
     return result
 
 

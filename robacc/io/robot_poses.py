@@ -38,7 +38,7 @@ def read_robot_poses(path: str | os.PathLike[str], robot: Robot, *, ordered: boo
     )
     if data.q is not None and data.n > 1:
         # Rows at an uneven step: poses that are visited in turn are not all one pose.
-        some = data.subset(np.unique(np.linspace(0, data.n - 1, min(data.n, _CHECKED)).astype(int)))
+        some = data.subset(np.linspace(0, data.n - 1, min(data.n, _CHECKED)).astype(int))
         nominal, _ = commanded_poses(some, robot).block(slice(0, some.n))
         check_scale(some.position, nominal, data.source)
     return data

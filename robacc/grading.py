@@ -10,6 +10,7 @@ prove it. The probability of each grade is the confidence that lies between its 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -51,6 +52,10 @@ class QuantityGrade:
     """Why there is no upper bound."""
     within: tuple[float, ...] | None
     """For each step of the scale, best first, the probability that the true statistic is within its limit."""
+    interval: Interval
+    """Of ``value``, at the scale's confidence."""
+    n_poses: int
+    """Commanded poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,13 @@ class Grade:
             return None
         return math.fsum(share for _, share in self.probabilities[: names.index(name) + 1])
 
+    def poses_needed(self, rank: int) -> int | None:
+        """Poses with which the scale's step ``rank`` would be demonstrated with probability 0.9 if the estimate stays.
+
+        The larger number of the two quantities; None where none below a million would do.
+        """
+        return _poses_needed(self.scale, rank, {"position": self.position, "orientation": self.orientation})
+
 
 def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale: Scale) -> Grade:
     """Grade the errors on ``scale``; by position alone where no orientation was measured.
@@ -140,7 +152,7 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
         limited_by=limited_by,
         next=following,
         probabilities=_probabilities(scale, quantities),
-        poses_to_demonstrate=None if demonstrated else _poses_needed(scale, rank, dict(judged)),
+        poses_to_demonstrate=None if demonstrated else _poses_needed(scale, rank, quantities),
         reason=_reason(scale, rank, quantities, limited_by, following, demonstrated, demonstrated_grade),
     )
 
@@ -176,6 +188,8 @@ def _quantity(
         method=interval.method,
         why=interval.why if interval.upper_bound is None else None,
         within=_within(scale, name, interval),
+        interval=interval,
+        n_poses=statistics.n_poses,
     )
 
 
@@ -203,23 +217,22 @@ def _probabilities(scale: Scale, quantities: dict[Quantity, QuantityGrade]) -> t
     return tuple((name, max(share, 0.0)) for name, share in zip(names, shares, strict=True))
 
 
-def _poses_needed(scale: Scale, rank: int, judged: dict[Quantity, ErrorStatistics]) -> int | None:
-    """The larger number of the two quantities."""
+def _poses_needed(scale: Scale, rank: int, quantities: Mapping[Quantity, QuantityGrade | None]) -> int | None:
     if rank == len(scale.steps):
         return None
     most = 0
-    for name, statistics in judged.items():
+    for name, quantity in quantities.items():
         limit = _limit(scale.steps[rank], name)
-        interval = statistics.estimate(scale.statistic)[1]
-        if limit is None or (interval.upper_bound is not None and interval.upper_bound <= limit):
+        if limit is None or quantity is None:
             continue
-        poses = (
-            None if interval.curve is None else interval.curve.poses_for(limit, scale.confidence, statistics.n_poses)
-        )
-        if poses is None:
+        bound, curve = quantity.upper_bound, quantity.interval.curve
+        needed: int | None = quantity.n_poses + 1
+        if bound is None or bound > limit:
+            needed = None if curve is None else curve.poses_for(limit, scale.confidence, quantity.n_poses)
+        if needed is None:
             return None
-        most = max(most, poses)
-    return max(most, 1 + max(statistics.n_poses for statistics in judged.values()))
+        most = max(most, needed, quantity.n_poses + 1)
+    return most
 
 
 def _next(scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade]) -> NextGrade | None:

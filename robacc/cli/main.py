@@ -23,6 +23,7 @@ from robacc.report.console import say_error, say_interrupted
 COMMANDS = {
     "calibrate": "Fit the named effects to measured poses and report the error before and after, fitted and held out.",
     "check": "Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.",
+    "compare": "Stored results side by side: which differences are real, and which results demonstrate a grade.",
     "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
     "iso9283": "The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.",

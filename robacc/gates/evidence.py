@@ -107,7 +107,7 @@ def figure(document: Mapping[str, Any], key: str, confidence: float) -> Figure |
         return Missing(f"the result's {key} is no number")
     dimension = _SUFFIX.get(name.rpartition("_")[2], "number")
     statistic = key.rpartition(".")[2]
-    curve = None if stored is None else Curve.through([_interval(stored)], number)
+    curve = None if stored is None else _stored_curve(_interval(stored), number, statistic)
     n = _poses(document, holder)
     drawn = sample(document, key)
     if isinstance(drawn, Sample) and statistic in ("rms", "mean_error", "p95") and drawn.rows.size <= MOST_POSES:
@@ -166,6 +166,15 @@ def _stored(holder: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
         if isinstance(beside, Mapping):
             return beside
     return None
+
+
+def _stored_curve(interval: Interval, value: float, statistic: str) -> Curve:
+    """The curve through a stored interval, and through the value at one half where that is what it is about.
+
+    A sample's 95th percentile is not: of few poses it is low, so the bounds on either side say more of the middle.
+    """
+    both = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
+    return Curve.through([interval], None if both and statistic == "p95" else value)
 
 
 def _interval(stored: Mapping[str, Any]) -> Interval:

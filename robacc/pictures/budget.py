@@ -10,12 +10,12 @@ import numpy as np
 from robacc.pictures.palette import LIGHT
 from robacc.pictures.picture import Document, Picture, Table
 from robacc.pictures.units import DEGREE, length_unit
+from robacc.pictures.words import short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BARS = 10
-_LONGEST = 26
 
 
 def budget_pictures(document: Document) -> Iterator[Picture]:
@@ -76,13 +76,9 @@ def _draw(figure: Figure, shares: Sequence[Mapping[str, Any]], name: str) -> Non
         rows + 0.19, turned, height=0.26, facecolor="none", edgecolor=LIGHT["before"], linewidth=1, label="orientation"
     )
     axes.bar_label(bars, [f"{value:.1f}" for value in position], padding=3, fontsize=8)
-    axes.set_yticks(rows, [_short(str(one[name])) for one in shares])
+    axes.set_yticks(rows, [short(str(one[name])) for one in shares])
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=False, axis="y")
     axes.invert_yaxis()
     axes.set(xlabel="share of the variance, %", xlim=(0, 1.12 * max(*position, *turned)))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from robacc.pictures.palette import LIGHT
 from robacc.pictures.picture import Document, Picture, Table
+from robacc.pictures.words import short
 from robacc.report.numbers import p_value
 
 if TYPE_CHECKING:
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
 _BARS = 8
 _ROWS = 40
-_LONGEST = 34
 
 
 def candidate_pictures(document: Document) -> Iterator[Picture]:
@@ -71,13 +71,9 @@ def _draw(figure: Figure, ranked: Sequence[Mapping[str, Any]], chosen: bool) -> 
     colours = [LIGHT["after"] if chosen and i == 0 else LIGHT["nominal"] for i in range(len(ranked))]
     bars = axes.barh(range(len(ranked)), values, color=colours, height=0.62)
     axes.bar_label(bars, [f"{value:.1f}" for value in values], padding=3, fontsize=8)
-    axes.set_yticks(range(len(ranked)), [_short(_name(one)) for one in ranked])
+    axes.set_yticks(range(len(ranked)), [short(_name(one), 34) for one in ranked])
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=False, axis="y")
     axes.invert_yaxis()
     axes.set_xlim(0, 1.16 * max(*values, 1e-9) if len(values) > 1 else 1.16 * max(values[0], 1e-9))
     axes.set_xlabel("evidence, nats")
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"

@@ -95,4 +95,6 @@ def _style(more: dict[str, Any]) -> Iterator[None]:
     with matplotlib.rc_context(style), warnings.catch_warnings():
         # A sign that the font lacks is drawn as a box in a file, and by the reader's own fonts on a page.
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
+        # Where names leave too little room, the picture is drawn all the same.
+        warnings.filterwarnings("ignore", message="constrained_layout not applied")
         yield

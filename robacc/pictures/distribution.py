@@ -14,6 +14,7 @@ from robacc.pictures.palette import LIGHT
 from robacc.pictures.picture import Document, Picture, Table
 from robacc.pictures.thinning import thinned
 from robacc.pictures.units import Unit, error_unit
+from robacc.pictures.words import short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,7 +120,7 @@ def _draw(figure: Figure, name: str, curves: Curves, limits: Sequence[Limit], sh
         if left < value < right:
             axes.axvline(value, color=LIGHT["limit"], linewidth=0.9, linestyle=(0, (3, 2)))
             axes.annotate(
-                limit.short,
+                short(limit.short, 16),
                 (value, 1.0),
                 (0, 3),
                 xycoords=("data", "axes fraction"),

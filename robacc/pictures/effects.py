@@ -12,6 +12,7 @@ from robacc.pictures.palette import LIGHT
 from robacc.pictures.picture import Document, Picture, Table
 from robacc.pictures.thinning import Rows, shown, thinned
 from robacc.pictures.units import Unit, driver_unit, joint_unit
+from robacc.pictures.words import short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +63,7 @@ def _residual_picture(document: Document, effect: str, joints: str, curve: Curve
     unit, by = joint_unit(curve["unit"], largest), _driver(curve, largest)
     name = f"{effect} on {joints}" if joints else effect
     what = f"error of {curve['joint']}" if curve["joint"] else "error along the effect"
-    driver = str(_WORDS.get(curve["driver"], curve["driver"])).format(joint=curve["joint"])
+    driver = _WORDS.get(curve["driver"], str(curve["driver"])).replace("{joint}", str(curve["joint"]))
     fitted = "the line is the fitted effect" if curve["curve"] is not None else "crosses are the fitted effect"
     left = x.size - sure.size
     loose = f" {left} poses that hardly show this joint's error are not drawn." if left else ""
@@ -126,7 +127,7 @@ def _draw_residual(figure: Figure, curve: Curve, rows: Rows, unit: Unit, by: Uni
     _frame(axes, np.concatenate((before, after)) * unit.factor)
     if curve["driver"] == "direction":
         axes.set_xticks([-1, 0, 1], ["falling (−)", "none", "rising (+)"])
-    what, driver = words
+    what, driver = short(words[0], 30), short(words[1], 44)
     axes.set(xlabel=f"{driver}, {by.name}" if by.name else driver, ylabel=f"{what}, {unit.name}")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, handlelength=1.4)
 
@@ -177,6 +178,8 @@ def _draw_spectrum(
     axes.plot(orders, before * unit.factor, color=LIGHT["before"], linewidth=1.1, linestyle=(0, (5, 1)), label="before")
     axes.plot(orders, after * unit.factor, color=LIGHT["after"], linewidth=1.3, label="after")
     axes.axhline(noise * unit.factor, color=LIGHT["ink"], linewidth=0.9, linestyle=(0, (3, 2)), label="noise alone")
-    axes.set(xlim=(0, orders[-1]), ylabel=f"amplitude, {unit.name}", xlabel=f"order, periods per turn of {joint}")
+    axes.set(
+        xlim=(0, orders[-1]), ylabel=f"amplitude, {unit.name}", xlabel=f"order, periods per turn of {short(joint)}"
+    )
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper right")

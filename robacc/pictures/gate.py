@@ -11,6 +11,7 @@ from robacc.pictures.columns import Array
 from robacc.pictures.palette import LIGHT
 from robacc.pictures.picture import Document, Picture, Table
 from robacc.pictures.units import DEGREE, Unit, length_unit
+from robacc.pictures.words import short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,5 +66,5 @@ def _draw(figure: Figure, criterion: Mapping[str, Any], curve: Array, unit: Unit
     axes.axvline(limit, color=LIGHT["limit"], linewidth=1.1, linestyle=(0, (3, 2)), label="limit")
     axes.plot(value, 0, "o", ms=6, color=LIGHT["ink"], clip_on=False, zorder=5, label="found")
     axes.set(ylim=(0, 102), ylabel="probability to pass, %")
-    axes.set_xlabel(f"true value of {criterion['key']}{f', {unit.name}' if unit.name else ''}")
+    axes.set_xlabel(f"true value of {short(criterion['key'], 40)}{f', {unit.name}' if unit.name else ''}")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.0, handlelength=1.5)

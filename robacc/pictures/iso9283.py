@@ -12,6 +12,7 @@ from robacc.pictures.palette import LIGHT
 from robacc.pictures.picture import Document, Picture, Table
 from robacc.pictures.thinning import shown, thinned
 from robacc.pictures.units import Unit, length_unit
+from robacc.pictures.words import short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,7 +89,7 @@ def _draw_overview(figure: Figure, criteria: Criteria, unit: Unit) -> None:
         mark = "o" if key == "AP" else "s"
         bars = np.array([low, high]) * unit.factor
         axes.errorbar(x, y, bars, fmt=mark, color=LIGHT[role], ms=5, capsize=3, linewidth=1.3, label=key)
-    axes.set_xticks(range(len(names)), names, rotation=0 if len(names) < 9 else 60)
+    axes.set_xticks(range(len(names)), [short(name, 10) for name in names], rotation=0 if len(names) < 7 else 60)
     axes.set(ylabel=unit.name, xlabel="commanded pose", xlim=(-0.6, len(names) - 0.4))
     axes.set_ylim(bottom=0)
     axes.grid(visible=False, axis="x")

@@ -152,6 +152,7 @@ def compare(
     ranked = by or (RANKED_BY if RANKED_BY in rankable else rankable[0])
     judged = None if wanted is None else scale or chosen_scale(subjects)
     found = () if judged is None or wanted is None else standings(subjects, judged, wanted, seed)
+    tested = any(one is not None and one.p_value is not None for row in rows for one in row.differences)
     return Comparison(
         subjects=tuple(subjects),
         baseline=names[reference],
@@ -162,7 +163,7 @@ def compare(
         scale=judged,
         wanted=wanted,
         standings=found,
-        notes=notes(subjects, found, judged),
+        notes=notes(subjects, tested, found, judged),
         warnings=made_differently(subjects, [(one.first, one.second, one) for one in pairing]),
     )
 
@@ -191,7 +192,7 @@ class _Engine:
         if one.digest == other.digest:
             return Difference(0.0, 0.0, 0.0, self.confidence, 1.0, "one result twice", True, None)
         value = b.value - a.value
-        if statistic in ("max", "max_radius95"):
+        if statistic in ("max", "max_radius95") and not owner.startswith("iso9283."):
             return Difference(value, None, None, self.confidence, None, "none", False, None, _LARGEST)
         if not (one.measured and other.measured):
             return Difference(value, None, None, self.confidence, None, "none", False, None, _PREDICTED)

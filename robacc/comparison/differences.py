@@ -156,7 +156,7 @@ def _smooth(statistic: str, first: Sample, second: Sample, paired: bool, confide
     error = math.sqrt(float(np.sum(variances)))
     n = first.n_groups if paired else None
     if error <= _NIL * max(abs(part.value) for part in parts):
-        return Difference(value, value, value, confidence, float(value == 0.0), "no scatter", paired, n)
+        return Difference(value, value, value, confidence, float(value == 0.0), "the same at every pose", paired, n)
     sizes = [part.sums.shape[1] for part in parts]
     dof = _degrees_of_freedom(variances, sizes)
     t = student_quantile(0.5 + 0.5 * confidence, dof)
@@ -242,7 +242,7 @@ def _percentile(first: Sample, second: Sample, paired: bool, confidence: float, 
     drawn = [_resampled_percentile(sample, seed, 0 if paired else i) for i, sample in enumerate((first, second))]
     error = float(np.std(drawn[1] - drawn[0]))
     if error <= _NIL * abs(_plain("p95", first)):
-        return Difference(value, value, value, confidence, float(value == 0.0), "no scatter", paired, n)
+        return Difference(value, value, value, confidence, float(value == 0.0), "the same at every pose", paired, n)
     dof = sizes[0] - 1.0 if paired else _degrees_of_freedom([np.asarray(np.var(one)) for one in drawn], sizes)
     reach = student_quantile(0.5 + 0.5 * confidence, dof) * error
     over = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"

@@ -67,10 +67,10 @@ def _about_poses(subjects: Sequence[Subject], matches: Sequence[tuple[str, str, 
             )
 
 
-def notes(subjects: Sequence[Subject], found: Sequence[Standing], scale: Scale | None) -> tuple[str, ...]:
-    """What holds of the whole comparison."""
+def notes(subjects: Sequence[Subject], tested: bool, found: Sequence[Standing], scale: Scale | None) -> tuple[str, ...]:
+    """What holds of the whole comparison; ``tested`` says whether any difference has a p-value."""
     lines = []
-    if any(subject.errors for subject in subjects):
+    if tested:
         lines.append(
             "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)"
         )

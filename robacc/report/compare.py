@@ -26,8 +26,16 @@ _STATISTICS = {
     **{f"mean_{axis}": f"mean {axis}" for axis in "xyz"},
     **{f"sd_{axis}": f"sd {axis}" for axis in "xyz"},
 }
-_OWNERS = {"before.held_out": "before", "nominal.held_out": "nominal", "after.fitted": "after, poses fitted"}
-_BRIEF = ("rms", "mean_error", "p95", "max")
+_STAGES = {
+    "before.held_out": "before, held out",
+    "nominal.held_out": "nominal",
+    "after.fitted": "after, poses fitted",
+    "before.fitted": "before, poses fitted",
+    "nominal.fitted": "nominal",
+}
+_ISO9283 = "iso9283."
+_TESTED = ("rms", "mean_error", "p95")
+"""Statistics whose differences are listed where there are more than two results; the JSON has all."""
 _MOST_COLUMNS = 4
 """Results that stand side by side; more stand in rows."""
 _LONGEST = 24
@@ -47,9 +55,18 @@ def comparison_lines(found: Comparison, width: int) -> Iterator[Line]:
     if found.scale is not None:
         yield from (BLANK, *_grade(found, width))
     for owner in dict.fromkeys(split_key(row.key)[0] for row in found.rows):
-        rows = [row for row in found.rows if split_key(row.key)[0] == owner]
-        yield BLANK
-        yield from _block(found, owner, rows)
+        if _stage(owner) is None and not owner.startswith(_ISO9283):
+            rows = [row for row in found.rows if split_key(row.key)[0] == owner]
+            yield from (BLANK, *_block(found, _title(owner), rows, [_label(split_key(row.key)[1]) for row in rows]))
+    for title, unit in (("ISO 9283, position", "m"), ("ISO 9283, orientation", "rad")):
+        rows = [row for row in found.rows if row.key.startswith(_ISO9283) and row.unit == unit]
+        if rows:
+            yield from (BLANK, *_block(found, title, rows, [_characteristic(row.key) for row in rows]))
+    for quantity in ("position", "orientation"):
+        rows = [row for row in found.rows if row.key.endswith(f".{quantity}.rms") and _stage(row.key)]
+        if rows:
+            title = f"{quantity.capitalize()} rms"
+            yield from (BLANK, *_block(found, title, rows, [_stage(row.key) or "" for row in rows]))
     texts = list(dict.fromkeys(_methods(found)))
     if texts:
         yield from (BLANK, heading("Differences"), *items(texts, width))
@@ -77,7 +94,12 @@ def _results(found: Comparison) -> list[Line]:
 def _ranking(found: Comparison) -> Iterator[Line]:
     ranking = found.ranking
     owner, statistic = split_key(ranking.key)
-    yield heading(f"Ranking by {_label(statistic)} {_title(owner).lower()}, {_UNITS[ranking.unit]}")
+    of = owner.rpartition(".")[2]
+    what = _characteristic(ranking.key) if owner.startswith(_ISO9283) else f"{_label(statistic)} of the {of} error"
+    stage = _stage(ranking.key)
+    if stage is not None:
+        what = f"{what} ({stage})"
+    yield heading(f"Ranking by {what}, {_UNITS[ranking.unit]}")
     following = {pair.better: pair for pair in ranking.pairs if _next_to(ranking.names, pair.better, pair.worse)}
     rows = []
     for name, value, letters in zip(ranking.names, ranking.values, ranking.letters, strict=True):
@@ -86,7 +108,7 @@ def _ranking(found: Comparison) -> Iterator[Line]:
         if pair is not None:
             cells = [_difference(pair.difference, ranking.unit), p_value(pair.p_corrected)]
         rows.append((_short(name), _amount(value, ranking.unit), letters, *cells))
-    yield from columns(("", "", "group", "to the next", "corrected"), rows)
+    yield from columns(("", "", "group" if ranking.groups else "", "to the next", "corrected"), rows)
     yield from (Line(f"- {sentence}") for sentence in ranking.sentences())
 
 
@@ -119,46 +141,48 @@ def _bounded(value: float, bound: float | None, unit: str) -> str:
     return _amount(value, unit) + ("" if bound is None else f" ({_amount(bound, unit)})")
 
 
-def _block(found: Comparison, owner: str, rows: list[Row]) -> Iterator[Line]:
-    """The figures that are of one set of errors."""
+def _block(found: Comparison, title: str, rows: list[Row], labels: list[str]) -> Iterator[Line]:
+    """Figures that belong together; results are columns where they are few, else rows."""
     unit = rows[0].unit
     names = [_short(subject.name) for subject in found.subjects]
-    title = f"{_title(owner)}, {_UNITS[unit]}"
+    title = f"{title}, {_UNITS[unit]}"
     if len(names) == 2:
-        yield from _two(found, title, rows, names)
-    elif len(names) <= _MOST_COLUMNS:
-        table = [(_label(split_key(row.key)[1]), *(_amount(one.value, unit) for one in row.figures)) for row in rows]
-        yield from columns((title, *names), table)
+        table = []
+        for label, row in zip(labels, rows, strict=True):
+            one = next(one for one in row.differences if one is not None)
+            values = (_amount(figure.value, unit) for figure in row.figures)
+            table.append((label, *values, _difference(one, unit), _interval(one, unit), p_value(one.p_value)))
+        yield from columns((title, *names, "difference", _percent(found), ""), table)
+        return
+    if len(names) <= _MOST_COLUMNS:
+        side = [
+            (label, *(_amount(one.value, unit) for one in row.figures)) for label, row in zip(labels, rows, strict=True)
+        ]
+        yield from columns((title, *names), side)
         yield BLANK
-        yield from _differences(found, [row for row in rows if split_key(row.key)[1] in _BRIEF[:3]] or rows)
+        shown = [i for i, row in enumerate(rows) if split_key(row.key)[1] in _TESTED] or range(len(rows))
     else:
-        brief = [row for row in rows if split_key(row.key)[1] in _BRIEF] or rows[:4]
-        table = [(name, *(_amount(row.figures[i].value, unit) for row in brief)) for i, name in enumerate(names)]
-        yield from columns((title, *(_label(split_key(row.key)[1]) for row in brief)), table)
-        yield from _differences(found, brief[:1])
+        shown = [i for i, row in enumerate(rows) if split_key(row.key)[1] in (*_TESTED, "max")] or range(len(rows))[:4]
+        cells = [(name, *(_amount(rows[k].figures[i].value, unit) for k in shown)) for i, name in enumerate(names)]
+        yield from columns((title, *(labels[k] for k in shown)), cells)
+        yield BLANK
+        shown = shown[:1]
+    yield from _differences(found, [rows[k] for k in shown], [labels[k] for k in shown])
 
 
-def _two(found: Comparison, title: str, rows: list[Row], names: list[str]) -> list[Line]:
+def _differences(found: Comparison, rows: list[Row], labels: list[str]) -> list[Line]:
+    """One line for each figure and result beside the baseline."""
     table = []
-    for row in rows:
-        one = next(one for one in row.differences if one is not None)
-        values = (_amount(figure.value, row.unit) for figure in row.figures)
-        cells = (_difference(one, row.unit), _interval(one, row.unit), p_value(one.p_value))
-        table.append((_label(split_key(row.key)[1]), *values, *cells))
-    return columns((title, *names, "difference", f"{100 * found.confidence:g} % interval", ""), table)
-
-
-def _differences(found: Comparison, rows: list[Row]) -> Iterator[Line]:
-    """One row for each figure and result, beside the baseline."""
-    table = []
-    for row in rows:
+    for label, row in zip(labels, rows, strict=True):
         for subject, one in zip(found.subjects, row.differences, strict=True):
-            if one is None:
-                continue
-            label = f"{_label(split_key(row.key)[1])}, {_short(subject.name)}"
-            table.append((label, _difference(one, row.unit), _interval(one, row.unit), p_value(one.p_value)))
-    title = f"less that of {_short(found.baseline)}"
-    yield from columns((title, "difference", f"{100 * found.confidence:g} % interval", ""), table)
+            if one is not None:
+                cells = (_difference(one, row.unit), _interval(one, row.unit), p_value(one.p_value))
+                table.append((f"{label}, {_short(subject.name)}", *cells))
+    return columns((f"less that of {_short(found.baseline)}", "difference", _percent(found), ""), table)
+
+
+def _percent(found: Comparison) -> str:
+    return f"{100 * found.confidence:g} % interval"
 
 
 def _methods(found: Comparison) -> Iterator[str]:
@@ -173,15 +197,20 @@ def _methods(found: Comparison) -> Iterator[str]:
         yield f"{', '.join(statistics)}: {method}"
 
 
+def _stage(key: str) -> str | None:
+    """In words, of a figure of a fit that is not its main one."""
+    return next((words for stage, words in _STAGES.items() if key.startswith(f"{stage}.")), None)
+
+
 def _title(owner: str) -> str:
-    """``Position error``, ``Orientation error, before``, ``AP``."""
-    stage, _, quantity = owner.rpartition(".")
-    if quantity not in ("position", "orientation"):
-        return owner.removeprefix("iso9283.")
-    if stage.startswith("iso9283."):
-        return f"{stage.removeprefix('iso9283.')}, {quantity}"
-    title = f"{quantity.capitalize()} error"
-    return f"{title}, {_OWNERS.get(stage, stage.replace('.', ', ').replace('_', ' '))}" if stage else title
+    return f"{owner.capitalize()} error"
+
+
+def _characteristic(key: str) -> str:
+    """``AP``, ``drift of AP`` …, the largest over the commanded poses."""
+    symbol = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation")
+    kind, _, of = symbol.partition(".")
+    return f"{kind} of {of}" if of else kind
 
 
 def _label(statistic: str) -> str:
@@ -193,12 +222,16 @@ def _amount(value: float, unit: str) -> str:
 
 
 def _difference(one: Difference, unit: str) -> str:
+    if one.value == 0.0:
+        return "0"
     return _signed(one.value * _FACTORS[unit], _places(one, unit))
 
 
 def _interval(one: Difference, unit: str) -> str:
     if one.lower is None or one.upper is None:
         return "–"
+    if one.lower == one.upper == 0.0:
+        return "0 … 0"
     factor, places = _FACTORS[unit], _places(one, unit)
     return f"{_signed(one.lower * factor, places)} … {_signed(one.upper * factor, places)}"
 

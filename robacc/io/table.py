@@ -134,7 +134,8 @@ class TableReader:
         if plain:
             if table.shape[1] != width:
                 return None
-            values = np.ascontiguousarray(table.T[list(numbers)])
+            # In the file's own order, which is the usual one, there is nothing to copy before the columns are stored.
+            values = table.T if list(numbers) == list(range(width)) else table.T[list(numbers)]
         else:
             values = np.empty((len(numbers), table.size))
             for row, i in zip(values, numbers, strict=True):

@@ -33,6 +33,8 @@ _STAGES = {
     "before.fitted": "before, poses fitted",
     "nominal.fitted": "nominal",
 }
+_NIL = 1e-12
+"""m or rad: less is rounding."""
 _ISO9283 = "iso9283."
 _TESTED = ("rms", "mean_error", "p95")
 """Statistics whose differences are listed where there are more than two results; the JSON has all."""
@@ -191,7 +193,8 @@ def _methods(found: Comparison) -> Iterator[str]:
     for row in found.rows:
         for one in row.differences:
             if one is not None:
-                statistic = _label(split_key(row.key)[1])
+                iso9283 = row.key.startswith(_ISO9283)
+                statistic = _characteristic(row.key) if iso9283 else _label(split_key(row.key)[1])
                 methods.setdefault(one.why or one.method, {})[statistic] = None
     for method, statistics in methods.items():
         yield f"{', '.join(statistics)}: {method}"
@@ -222,7 +225,7 @@ def _amount(value: float, unit: str) -> str:
 
 
 def _difference(one: Difference, unit: str) -> str:
-    if one.value == 0.0:
+    if abs(one.value) < _NIL:
         return "0"
     return _signed(one.value * _FACTORS[unit], _places(one, unit))
 
@@ -230,7 +233,7 @@ def _difference(one: Difference, unit: str) -> str:
 def _interval(one: Difference, unit: str) -> str:
     if one.lower is None or one.upper is None:
         return "–"
-    if one.lower == one.upper == 0.0:
+    if max(abs(one.lower), abs(one.upper)) < _NIL:
         return "0 … 0"
     factor, places = _FACTORS[unit], _places(one, unit)
     return f"{_signed(one.lower * factor, places)} … {_signed(one.upper * factor, places)}"

@@ -121,7 +121,7 @@ def _of_repeatability(pose: CommandedPose, parts: list[NDArray[np.int64]], seed:
     for number, part in enumerate(parts):
         visits = pose.attained[:, part]
         residuals = visits - visits.mean(axis=1, keepdims=True)
-        each.append(estimates.position_repeatability(residuals, (seed, pose.number, int(pose.rows[0]), number)))
+        each.append(estimates.position_repeatability(residuals, (seed, *pose.stream, number)))
     position, window = _greatest(parts, lambda i: estimates.change(each[i], each[0]))
     angles = None
     if pose.turn is not None:

@@ -66,7 +66,7 @@ def _repeatability(pose: CommandedPose, seed: int) -> Found:
         (pose.label,),
         pose.source,
         pose.n,
-        estimates.position_repeatability(pose.residuals, (seed, pose.number, int(pose.rows[0]))),
+        estimates.position_repeatability(pose.residuals, (seed, *pose.stream)),
         None,
         None if pose.turn is None else tuple(estimates.threefold_sd(row) for row in pose.turn),
         float(np.mean(length)),

@@ -148,9 +148,7 @@ def _single_target(robot: Robot, target: str | None) -> tuple[Robot, list[str]]:
 def _remarks(robot: Robot, found: Proposal, wanted: Orientation | None) -> list[str]:
     remarks = []
     if robot.effects:
-        remarks.append(
-            "joint angles are of the robot file's nominal kinematics, as a controller without its effects has it"
-        )
+        remarks.append("joint angles are of the robot file's nominal kinematics, its effects left out")
     if found.edge not in PREFERRED_EDGES:
         sizes = ", ".join(f"{1e3 * one:.0f}" for one in reversed(PREFERRED_EDGES))
         remarks.append(f"the standard prefers edges of {sizes} mm")

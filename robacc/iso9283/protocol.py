@@ -171,7 +171,10 @@ def _cube(files: Sequence[Sequence[CommandedPose]], robot: Robot | None) -> tupl
     if isinstance(fit, str):
         return _both(names, "not met", fit)
     first = Condition(
-        names[0], "6.8", "met", f"P1 is {poses[fit.centre].label}; the plane rises at 45° towards {fit.plane}"
+        names[0],
+        "6.8",
+        "met",
+        f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}",
     )
     if fit.plane is None:
         first = Condition(

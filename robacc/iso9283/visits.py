@@ -7,6 +7,7 @@ the turn from the command to the attained orientation is written about x, y and 
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -58,6 +59,11 @@ class CommandedPose:
     def n(self) -> int:
         """Number of visits."""
         return int(self.attained.shape[1])
+
+    @property
+    def stream(self) -> tuple[int, int]:
+        """What tells its random draws from other poses', whatever the order of rows."""
+        return self.number, zlib.crc32(self.label.encode())
 
     @property
     def residuals(self) -> Array:

@@ -1,0 +1,163 @@
+"""Which conditions of the standard's protocol are met, not met, unknown, and why."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robacc.iso9283.cube import five_points
+from robacc.iso9283.evaluation import iso9283
+from robacc.iso9283.records import Condition
+from robacc.measurements import Measurements, motion_between_rows
+from robacc.robots.description import Frame, Robot
+
+
+def cycles(n: int = 30, points: np.ndarray | None = None, **columns: Any) -> Measurements:
+    """Visits of five points in turn, by default those of a cube of 630 mm."""
+    points = five_points(np.array([0.6, 0.0, 0.5]), 0.63, "x-") if points is None else points
+    index = np.tile(np.arange(points.shape[1]), n)
+    noise = np.random.default_rng(7).normal(scale=2e-5, size=(3, index.size))
+    base = Measurements(
+        position=points[:, index] + noise,
+        commanded_position=points[:, index],
+        pose=np.array([f"P{i + 1}" for i in index]),
+    )
+    return dataclasses.replace(base, **columns)
+
+
+def condition(name: str, data: Measurements, **call: Any) -> Condition:
+    return next(one for one in iso9283([data], **call).protocol if one.name == name)
+
+
+N = 150
+ONES = np.ones(N)
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "status", "why"),
+    [
+        ("temperature", {}, "unknown", "no column temperature_c"),
+        ("temperature", {"temperature": np.linspace(19, 21, N)}, "met", "19.0 °C to 21.0 °C, within 20 °C ± 2 °C"),
+        ("temperature", {"temperature": np.linspace(24, 26, N)}, "met", "not about 20 °C, so to be stated"),
+        ("temperature", {"temperature": np.linspace(20, 25, N)}, "not met", "not held within ± 2 °C"),
+        ("measuring uncertainty", {}, "unknown", "no columns sigma_x"),
+        ("measuring uncertainty", {"sigma_position": np.full((3, N), 1e-6)}, "met", "at most 25 % are allowed"),
+        ("measuring uncertainty", {"sigma_position": np.full((3, N), 2e-5)}, "not met", "of the smallest RP"),
+        ("rated load", {}, "unknown", "no column payload_kg"),
+        ("rated load", {"payload": 5 * ONES}, "unknown", "5 kg throughout; --rated-load says"),
+        ("rated load", {"payload": np.linspace(1, 5, N)}, "not met", "varies from 1 kg to 5 kg"),
+        ("rated velocity", {}, "unknown", "no speed columns"),
+        ("rated velocity", {"speed": np.zeros((2, N))}, "unknown", "every speed is 0"),
+        ("rated velocity", {"speed": np.vstack((-ONES, 0.3 * ONES))}, "met", "the fastest joint's last motion: 100 %"),
+        ("rated velocity", {"speed": np.full((2, N), 0.5)}, "met", "50 %, one of the optional steps"),
+        ("rated velocity", {"speed": np.full((2, N), 0.1)}, "met", "10 %, one of the optional steps"),
+        ("rated velocity", {"speed": np.full((2, N), 0.3)}, "not met", "30 %; the standard's is 100 %, and 50 %, 10 %"),
+        ("rated velocity", {"speed": np.linspace(0.2, 1, N)[None]}, "not met", "varies from 20 % to 100 %"),
+        ("one approach", {}, "unknown", "approach directions are not known"),
+        ("one approach", {"direction": np.ones((2, N))}, "met", "the joints turning the same way"),
+        ("five poses", {}, "met", "5 commanded poses"),
+        ("diagonal plane", {}, "met", "P1 is the centre, and the plane rises at 45° towards x-"),
+        ("10 % from the corners", {}, "met", "10.0 % in a cube of 630 mm"),
+        ("30 cycles", {}, "met", "30 visits of each commanded pose"),
+        ("stabilisation", {}, "unknown", "how long after its arrival"),
+        ("warm-up", {}, "unknown", "whether the robot was warm"),
+    ],
+)
+def test_conditions(name: str, columns: dict[str, Any], status: str, why: str) -> None:
+    found = condition(name, cycles(**columns))
+    assert found.status == status
+    assert why in found.why
+
+
+@pytest.mark.parametrize(
+    ("rated", "status", "why"),
+    [
+        (5.0, "met", "5 kg of 5 kg: 100 %"),
+        (50.0, "met", "10 %, one of the optional steps; a test at 100 % load is needed beside it"),
+        (10.0, "not met", "50 %; the standard's is 100 %, and 10 % as an option"),
+    ],
+)
+def test_load_against_the_rated_one(rated: float, status: str, why: str) -> None:
+    found = condition("rated load", cycles(payload=5 * ONES), rated_load=rated)
+    assert found.status == status
+    assert why in found.why
+
+
+def test_speeds_from_the_order_of_rows_do_not_say_how_fast() -> None:
+    q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
+    direction, speed = motion_between_rows(q)
+    data = cycles(q=q, direction=direction, speed=speed)
+    found = condition("rated velocity", data)
+    assert found.status == "unknown"
+    assert "shares among the joints, not how fast" in found.why
+    assert condition("one approach", data).status == "met"
+
+
+def test_several_approaches_are_named() -> None:
+    direction = np.where(np.arange(N) < 75, 1.0, -1.0)[None]
+    found = condition("one approach", cycles(direction=direction))
+    assert found.status == "not met"
+    assert found.why == "P1, P2, P3 … reached in several ways: AP and RP contain vAP"
+
+
+def test_too_few_cycles_and_other_poses() -> None:
+    few = cycles(4, points=np.random.default_rng(0).uniform(0, 1, (3, 6)))
+    assert condition("30 cycles", few).why == "4 visits of each commanded pose"
+    assert condition("30 cycles", few).status == "not met"
+    assert condition("five poses", few).status == "not met"
+    assert condition("diagonal plane", few).why == "needs five commanded poses"
+    unequal = cycles(4).subset(np.arange(19))
+    assert condition("30 cycles", unequal).why == "3 to 4 visits of a commanded pose"
+
+
+def test_a_plane_that_stands_upright_and_a_cube_of_no_preferred_size() -> None:
+    upright = np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2
+    found = condition("diagonal plane", cycles(3, points=upright))
+    assert found.status == "not met"
+    assert "an upright one" in found.why
+    other = condition("10 % from the corners", cycles(3, points=upright))
+    assert other.status == "unknown"
+    assert other.why == "10 % if a cube of 500 mm was meant; the preferred edges are 250, 400, 630, 1000 mm"
+
+
+def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
+    """The base is turned in the measuring frame: in its axes the five poses are a cube, in the frame's they are not."""
+    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
+    data = cycles(3, points=turn @ five_points(np.array([0.6, 0.0, 0.5]), 0.63, "x-"))
+    assert "not parallel to the axes of the base" in condition("diagonal plane", data).why
+    from robacc.iso9283.protocol import protocol
+
+    robot = Robot("turned", "standard", (), base=Frame((0.1, 0.2, 0.3), (0, 0, 0.3)))
+    found = iso9283([data])
+    conditions = protocol([data], found.poses, robot, found.characteristic("RP"), found.characteristic("shift"), None)
+    assert next(one for one in conditions if one.name == "diagonal plane").status == "met"
+
+
+def test_commands_that_are_not_known() -> None:
+    data = cycles(commanded_position=None)
+    for name in ("diagonal plane", "10 % from the corners"):
+        assert condition(name, data).status == "unknown"
+        assert condition(name, data).why == "the commanded positions are not known"
+
+
+def test_drift_is_told_beside_warm_up() -> None:
+    data = cycles()
+    drifting = data.position + np.linspace(0, 3e-4, N)
+    found = condition("warm-up", dataclasses.replace(data, position=drifting))
+    assert found.status == "unknown"
+    assert "moved 0.3" in found.why
+
+
+def test_one_visit_has_no_repeatability_to_compare_the_instrument_with() -> None:
+    found = condition("measuring uncertainty", cycles(1, sigma_position=np.full((3, 5), 1e-6)))
+    assert (found.status, found.why) == ("unknown", "no RP to compare it with")
+
+
+def test_several_files_are_judged_together() -> None:
+    warm, unknown = cycles(temperature=20 * ONES), cycles()
+    found = {one.name: one for one in iso9283([warm, unknown]).protocol}
+    assert found["temperature"].status == "unknown"
+    assert found["five poses"].status == "met"

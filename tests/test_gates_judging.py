@@ -80,8 +80,10 @@ def test_bounds_are_those_of_the_result_itself(statistic: str) -> None:
     assert not isinstance(alone, Missing)
     assert alone.curve is not None
     assert alone.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
+    # Order statistics make steps, of which three bounds show little.
+    near = 0.15 if statistic == "p95" else 0.08
     for limit in (0.95 * found.value, found.value, 1.08 * found.value):
-        assert alone.curve.below(limit) == pytest.approx(found.curve.below(limit), abs=0.08)
+        assert alone.curve.below(limit) == pytest.approx(found.curve.below(limit), abs=near)
 
 
 def test_repetitions_of_a_pose_count_once() -> None:

@@ -112,20 +112,20 @@ def conclude(
 
     from robacc.report.gate import draw_gate
 
-    def whole(stream: TextIO) -> None:
+    def shown(stream: TextIO) -> None:
         if table is not None:
             table(stream)
-            stream.write("\n")
-        draw_gate(found, stream)
+        if outlets.form is Format.table:
+            stream.write("\n" if table is not None else "")
+            draw_gate(found, stream)
 
-    shown = whole if outlets.form is Format.table or table is None else table
-    every = (*warnings, *found.warnings)
-    _write_result(outlets, command, document=lambda: document, table=shown, found=found, warnings=every)
     if outlets.junit is not None:
         from robacc.io.files import write_text
         from robacc.report.junit import junit
 
         write_text(outlets.junit, junit(command, found))
+    every = (*warnings, *found.warnings)
+    _write_result(outlets, command, document=lambda: document, table=shown, found=found, warnings=every)
     if found.exit_status:
         raise typer.Exit(found.exit_status)
 
@@ -139,6 +139,12 @@ def _write_result(
     found: GateOutcome | None,
     warnings: Sequence[str],
 ) -> None:
+    """The page first, so that what fails there leaves nothing on standard output."""
+    if outlets.report is not None:
+        from robacc.cli.pages import page_of_document
+        from robacc.io.files import write_text
+
+        write_text(outlets.report, page_of_document(document()))
     if outlets.form is Format.markdown:
         from robacc.report.markdown import markdown
 
@@ -149,11 +155,6 @@ def _write_result(
         write(outlets.output, (github_annotations(command, _page(table), found, tuple(warnings)),))
     else:
         emit(PlainFormat(outlets.form.value), outlets.output, table=table, document=document)
-    if outlets.report is not None:
-        from robacc.cli.pages import page_of_document
-        from robacc.io.files import write_text
-
-        write_text(outlets.report, page_of_document(document()))
 
 
 def emit(

@@ -18,7 +18,7 @@ def markdown(command: str, table: str, found: GateOutcome | None, warnings: tupl
 
     Args:
         command: That made the result.
-        table: The result's report as plain text.
+        table: The result's report as plain text; empty where the gate's outcome is all there is.
         found: The gate's outcome, where there was a gate.
         warnings: Of the command.
     """
@@ -27,6 +27,8 @@ def markdown(command: str, table: str, found: GateOutcome | None, warnings: tupl
         lines += [*_gate(found), ""]
     for warning in warnings:
         lines += [f"> **Warning:** {_text(warning)}", ""]
+    if not table:
+        return "\n".join(lines[:-1]) + "\n"
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", table)), default=0))
     body = [f"{fence}text", table.rstrip("\n"), fence]
     if found is not None:

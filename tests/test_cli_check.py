@@ -127,6 +127,15 @@ def test_a_bad_gate_file_is_found_before_anything_is_computed(tmp_path: Path) ->
     assert "  tip: did you mean position.p95" in lines
 
 
+def test_a_stored_result_that_is_not_what_its_command_writes(stored: Path, tmp_path: Path) -> None:
+    document = json.loads((stored / "estimate.json").read_text())
+    document["poses"]["group"] = ["a"] * 60
+    (tmp_path / "odd.json").write_text(json.dumps(document))
+    done = run("check", str(tmp_path / "odd.json"), "--gate", gate(tmp_path, PASSING))
+    assert (done.exit_code, done.stdout) == (3, "")
+    assert f"error: {tmp_path / 'odd.json'}: is a result of robacc estimate, but is not as expected" in done.stderr
+
+
 def test_junit_and_output_are_written_whatever_the_outcome(tmp_path: Path) -> None:
     path = gate(tmp_path, PASSING, FAILING, ELSEWHERE)
     junit, output = tmp_path / "junit.xml", tmp_path / "summary.md"

@@ -24,6 +24,7 @@ def check(
     Example: robacc estimate poses.csv --format json -o result.json; robacc check result.json --gate assembly.yaml
     """
     from robacc.cli.output import Outlets, conclude, judged
+    from robacc.cli.pages import understood
     from robacc.io.gate_files import read_gate
     from robacc.io.gate_json import gate_document
     from robacc.io.read_result import read_result
@@ -31,7 +32,8 @@ def check(
 
     loaded = read_gate(gate)
     stored = read_result(result)
-    found = judged(loaded, stored.document)
+    with understood(stored.name, stored.command):
+        found = judged(loaded, stored.document)
     document = envelope(
         "check",
         {

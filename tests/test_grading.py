@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from robacc.covariance import error_statistics
 from robacc.errors import InputError, UsageError
 from robacc.grade_scale import Scale, Step, default_scale, load_scale
 from robacc.grading import Grade, grade
+from robacc.statistics.confidence import ChiSquareCurve
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics
 
@@ -272,3 +274,162 @@ def test_a_scale_without_steps(steps: str) -> None:
 def test_all_problems_at_once() -> None:
     text = GOOD.replace("statistic: rms", "statistic: p99").replace("position: 3e-4", "position: x")
     assert len(problems(text)) == 2
+
+
+def test_probability_is_the_confidence_between_the_limits() -> None:
+    """Of Gaussian errors of zero mean along one axis: the RMS's chi-square, read by scipy."""
+    errors = np.zeros((3, 40))
+    errors[0] = 1.9e-4 * np.random.default_rng(3).standard_normal(40)
+    statistics = error_statistics(errors, "m")
+    found = grade(statistics, None, SCALE)
+    dof = 40.0
+    within = [chi2.sf(dof * (statistics.rms / step.position) ** 2, dof) for step in SCALE.steps]
+    shares = dict(found.probabilities)
+    assert [*shares] == ["A", "B", "C", "D"]
+    # Satterthwaite's degrees of freedom are estimated, and are 40 to within rounding where there is one direction.
+    assert [shares["A"], shares["B"], shares["C"], shares["D"]] == pytest.approx(
+        [within[0], within[1] - within[0], within[2] - within[1], 1.0 - within[2]], abs=1e-9
+    )
+    assert found.probability == shares[found.grade]
+    assert found.probability_within("C") == pytest.approx(within[2])
+    assert found.probability_within("Z") is None
+
+
+@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
+@pytest.mark.parametrize("n", [15, 40, 100, 300])
+@pytest.mark.parametrize("kind", ["gauss", "mean", "repeated", "uniform"])
+def test_a_demonstrated_grade_has_the_scales_confidence(statistic: str, n: int, kind: str) -> None:
+    """The curve at the one-sided bound is the bound's confidence, whatever the method; to 2000 draws' own step."""
+    rng = np.random.default_rng(n)
+    vectors = {
+        "gauss": rng.standard_normal((3, n)),
+        "mean": rng.standard_normal((3, n)) + 2.0,
+        "repeated": np.repeat(rng.standard_normal((3, n)), 3, axis=1) + 1e-3 * rng.standard_normal((3, 3 * n)),
+        "uniform": rng.uniform(-1.0, 1.0, (3, n)) ** 5,
+    }[kind]
+    groups = np.repeat(np.arange(n), 3) if kind == "repeated" else None
+    for confidence in (0.8, 0.95):
+        interval = error_statistics(1e-4 * vectors, "m", groups=groups, confidence=confidence).estimate(statistic)[1]
+        if interval.upper_bound is None:
+            continue
+        assert interval.curve is not None
+        assert interval.curve.below(interval.upper_bound) == pytest.approx(confidence, abs=2e-3)
+        assert interval.lower is not None
+        assert interval.curve.below(interval.lower) == pytest.approx(0.5 - 0.5 * confidence, abs=2e-3)
+        values = [interval.curve.below(x * interval.upper_bound) for x in np.linspace(0.0, 3.0, 61)]
+        assert values == sorted(values)
+        assert 0.0 <= values[0] < 0.01
+        assert values[-1] <= 1.0
+
+
+def test_grades_are_unknown_where_nothing_is_known() -> None:
+    found = grade(error_statistics(np.full((3, 1), 1e-5), "m"), None, default_scale())
+    assert (found.probability, found.probabilities, found.poses_to_demonstrate) == (None, (), None)
+    largest = grade(error_statistics(errors_like(50), "m"), None, dataclasses.replace(default_scale(), statistic="max"))
+    assert (largest.probability, largest.poses_to_demonstrate) == (None, None)
+    still = grade(error_statistics(np.full((3, 20), 1e-5), "m"), None, SCALE)
+    assert (still.probability, still.demonstrated) == (1.0, True)
+
+
+def errors_like(n: int, size: float = 1e-4, seed: int = 0) -> np.ndarray:
+    return size / math.sqrt(3.0) * np.random.default_rng(seed).standard_normal((3, n))
+
+
+def test_position_and_orientation_together() -> None:
+    position, orientation = error_statistics(errors_like(30), "m"), error_statistics(errors_like(30, 1e-3, 1), "rad")
+    both, one, other = (
+        grade(position, orientation, SCALE),
+        grade(position, None, SCALE),
+        grade(error_statistics(errors_like(500, 1e-6), "m"), orientation, SCALE),
+    )
+    first, second, whole = (found.probability_within("A") for found in (one, other, both))
+    assert first is not None
+    assert second is not None
+    assert whole == pytest.approx(first * second, rel=1e-6)
+
+
+def test_free_orientation_is_met_for_certain() -> None:
+    scale = Scale("free", "rms", 0.95, (Step("A", 1e-4, None), Step("B", 3e-4, None)), "C")
+    position = error_statistics(errors_like(50), "m")
+    alone, free = grade(position, None, scale), grade(position, errors_of(0.5, None, "rad", "few"), scale)
+    assert alone.probabilities == free.probabilities
+
+
+def test_poses_that_would_demonstrate_it() -> None:
+    found = grade(error_statistics(errors_like(30, 1.85e-4), "m"), None, SCALE)
+    assert (found.grade, found.demonstrated) == ("B", False)
+    assert found.poses_to_demonstrate is not None
+    assert found.poses_to_demonstrate > 30
+    assert grade(error_statistics(errors_like(300, 1.2e-4), "m"), None, SCALE).poses_to_demonstrate is None
+    assert grade(error_statistics(errors_like(30, 1.0), "m"), None, SCALE).poses_to_demonstrate is None
+
+
+@pytest.mark.parametrize("share", [0.7, 0.9])
+def test_number_of_poses_for_a_variance_is_the_fewest(share: float) -> None:
+    """Chi-square: the bound meets the limit with probability 0.9 at the number given, and with less at one fewer."""
+    curve, limit = ChiSquareCurve(1.0, 50.0), 1.0 / share
+    poses = curve.poses_for(limit, 0.95, 50)
+    assert poses is not None
+
+    def chance(n: int) -> float:
+        return float(chi2.cdf(chi2.ppf(0.05, n) * limit, n))
+
+    assert chance(poses) >= 0.9 > chance(poses - 1)
+    assert curve.poses_for(1.0, 0.95, 50) is None
+    assert curve.poses_for(1.0 + 1e-6, 0.95, 50) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
+def test_the_number_of_poses_is_enough(statistic: str) -> None:
+    """Planned where the estimate is the truth: nine in ten sets of that many poses demonstrate the grade.
+
+    Of 150 sets, three standard deviations are 7 %; a percentile's number rests on 400 poses' own shares, so it may
+    err by as much again.
+    """
+    rng = np.random.default_rng(4)
+    vectors = rng.standard_normal((3, 100_000))
+    truth = error_statistics(vectors, "m").estimate(statistic)[0]
+    pilot = error_statistics(vectors[:, :400], "m", bootstrap=300)
+    value, interval = pilot.estimate(statistic)
+    assert interval.curve is not None
+    limit = 1.08 * value
+    poses = interval.curve.poses_for(limit, 0.95, 400)
+    assert poses is not None
+    assert 50 < poses < 2500
+    met = 0
+    for _ in range(150):
+        drawn = error_statistics(value / truth * rng.standard_normal((3, poses)), "m", bootstrap=200)
+        bound = drawn.estimate(statistic)[1].upper_bound
+        met += bound is not None and bound <= limit
+    assert 0.9 - (0.14 if statistic == "p95" else 0.07) <= met / 150
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
+@pytest.mark.parametrize("n", [15, 40, 150])
+def test_grades_are_as_probable_as_they_say(statistic: str, n: int) -> None:
+    """Over a spread of true values: of the grades said to be 80 % sure, some 80 % are right, to within 6 %.
+
+    Each said probability counts; those of one decile are put together (at least 80 of them, 4.5 % of one standard
+    deviation at worst; what one set says of its grades goes together, so three are not asked for).
+    """
+    scale = Scale("fine", statistic, 0.95, tuple(Step(str(i), 1e-4 * 1.25**i, None) for i in range(14)), "beyond")
+    rng = np.random.default_rng(6)
+    shape = np.array([1.0, 0.8, 0.5])[:, None]
+    truth = error_statistics(shape * rng.standard_normal((3, 200_000)), "m").estimate(statistic)[0]
+    said, right = [], []
+    for seed in range(1500):
+        size = 1e-4 * 1.25 ** rng.uniform(1.0, 11.0)
+        errors = size / truth * shape * rng.standard_normal((3, n))
+        found = grade(error_statistics(errors, "m", bootstrap=400, seed=seed), None, scale)
+        true = next(step.grade for step in scale.steps if size <= step.position)
+        said += [share for _, share in found.probabilities]
+        right += [name == true for name, _ in found.probabilities]
+    sure, hit = np.array(said), np.array(right)
+    for low in np.arange(0.1, 0.95, 0.1):
+        inside = (sure >= low) & (sure < low + 0.1)
+        if np.count_nonzero(inside) >= 80:
+            assert np.mean(hit[inside]) == pytest.approx(
+                np.mean(sure[inside]), abs=0.06 + 2 * 0.5 / math.sqrt(inside.sum())
+            )

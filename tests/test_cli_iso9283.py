@@ -125,8 +125,9 @@ def test_robot_and_alignment() -> None:
 def test_several_files_are_robots(tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     made = run(
-        "simulate", str(ROBOT), "--at", str(SAMPLE / "plan.csv"), "--seed", "3", "--noise", "0.01mm", "--commanded", "-o", str(other)
-    )  # fmt: skip
+        *("simulate", str(ROBOT), "--at", str(SAMPLE / "plan.csv"), "--seed", "3"),
+        *("--noise", "0.01mm", "--commanded", "-o", str(other)),
+    )
     assert made.exit_code == 0
     found = document(str(POSES), str(other))
     assert found["files"] == ["poses.csv", "other.csv"]

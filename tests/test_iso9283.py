@@ -390,6 +390,20 @@ def test_calls_that_do_not_fit(call: dict[str, object], message: str) -> None:
         iso9283([random_cycles(0)], **call)  # type: ignore[arg-type]
 
 
+def test_a_file_without_repetitions_in_number_is_refused() -> None:
+    with pytest.raises(InputError, match="has 301 commanded poses; the standard's criteria are of a few"):
+        iso9283([random_cycles(0, poses=301, cycles=1)])
+
+
+def test_visits_that_do_not_scatter_at_all() -> None:
+    still = data({"P1": [[1, 2, 2]] * 6, "P2": [[5, 0, 0]] * 6}, {"P1": [0, 0, 0], "P2": [0, 0, 0]})
+    found = iso9283([still])
+    accuracy, repeatability = found.characteristic("AP").position, found.characteristic("RP").position
+    assert (accuracy.value, accuracy.interval.upper) == pytest.approx((5 * MM, 5 * MM))
+    assert (repeatability.value, repeatability.interval.upper) == (0.0, 0.0)
+    assert found.characteristic("dRP").position.value == 0.0
+
+
 def test_no_file_and_no_pose() -> None:
     with pytest.raises(UsageError, match="at least one file"):
         iso9283([])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robacc.errors import UsageError
+from robacc.errors import InputError, Problem, UsageError
 from robacc.estimation import check_call
 from robacc.geometry import Array, Poses
 from robacc.iso9283.distance_criteria import distance_criteria
@@ -22,6 +22,9 @@ from robacc.robots.description import Robot
 from robacc.statistics.multivariate import assumption_tests
 
 _HEAVY_TAILS = 0.01
+"""p-value below which the scatter is said to be no Gaussian's."""
+_MOST_POSES = 300
+"""Commanded poses of a file: sixty times the standard's five."""
 
 
 def iso9283(
@@ -54,14 +57,9 @@ def iso9283(
     _check(files, windows, rated_load)
     sources = _names(files)
     commands = [_commanded(data, robot) for data in files]
-    alignments: list[Alignment] = []
-    unaligned = None
-    if robot is not None and what:
-        from robacc.registration import align
-
-        unaligned = np.array([_greatest_error(*entry) for entry in zip(files, commands, sources, strict=True)])
-        alignments = [align(robot, data, what) for data in files]
     nominal = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
+    _check_count(nominal)
+    alignments = _alignments(files, robot, what)
     robots = nominal
     if alignments:
         moved = [commanded_poses(data, one.robot) for data, one in zip(files, alignments, strict=True)]
@@ -87,7 +85,7 @@ def iso9283(
         ),
         protocol=protocol(files, poses, robot, repeated, drifts[2], rated_load),
         alignments=tuple(alignments),
-        unaligned=unaligned,
+        unaligned=np.array([_greatest_accuracy(own) for own in nominal]) if alignments else None,
         confidence=confidence,
         notes=_notes(poses, alignments, robot, files, drifts[2]),
         warnings=_warnings(files, poses),
@@ -116,9 +114,36 @@ def _commanded(data: Measurements, robot: Robot | None) -> Commanded | None:
     return commanded_poses(data, robot)
 
 
-def _greatest_error(data: Measurements, commanded: Commanded | None, source: str) -> float:
-    """The largest AP_p of a file, m."""
-    poses = visits_of(data, commanded, source, 0)
+def _check_count(robots: Sequence[Sequence[CommandedPose]]) -> None:
+    """Refuse files in which hardly any pose is visited again.
+
+    Raises:
+        InputError: there are too many commanded poses.
+    """
+    problems = [
+        Problem(
+            f"has {len(poses)} commanded poses; the standard's criteria are of a few, at most {_MOST_POSES} are taken",
+            poses[0].source,
+            fix="name the commanded poses in a column pose; robacc estimate takes poses that are visited once",
+        )
+        for poses in robots
+        if len(poses) > _MOST_POSES
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _alignments(files: Sequence[Measurements], robot: Robot | None, what: Sequence[str]) -> list[Alignment]:
+    """The alignment of each file; none where nothing is to be aligned."""
+    if robot is None or not what:
+        return []
+    from robacc.registration import align
+
+    return [align(robot, data, what) for data in files]
+
+
+def _greatest_accuracy(poses: Sequence[CommandedPose]) -> float:
+    """The largest AP_p, m."""
     return max(position_accuracy(pose.deviation).value for pose in poses if pose.deviation is not None)
 
 

@@ -65,11 +65,13 @@ def _aligned(result: Iso9283Result) -> str:
 
 
 def _counted(result: Iso9283Result) -> str:
-    poses = len(result.poses)
+    files = len(result.sources)
+    poses = [sum(pose.number == number for pose in result.poses) for number in range(files)]
     counts = sorted({pose.n for pose in result.poses})
     visits = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    each = f"{visits} visit{'s' * (counts != [1])}{' of each' * (poses > 1)}"
-    return f"{poses} commanded pose{'s' * (poses != 1)}, {each}"
+    each = f"{visits} visit{'s' * (counts != [1])}{' of each' * (len(result.poses) > 1)}"
+    numbers = " and ".join(map(str, dict.fromkeys(poses)))
+    return f"{numbers} commanded pose{'s' * (poses != [1] * files)}{', robot by robot' * (files > 1)}, {each}"
 
 
 def _commanded(result: Iso9283Result, robot: str | None) -> str:

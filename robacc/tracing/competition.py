@@ -137,7 +137,8 @@ class Competition:
         if with_blocks:
             ranked.extend(self._rank_blocks(conditioned))
         open_to = [one for one in ranked if not any(self.holds(other.candidate, one.candidate) for other in present)]
-        return sorted(open_to, key=lambda one: -one.total)
+        # Where two explain exactly the same, rounding (and so the order of rows) must not choose between them.
+        return sorted(open_to, key=lambda one: -round(one.total, 6))
 
     def holds(self, present: Candidate, other: Candidate) -> bool:
         """Whether a candidate in the model leaves nothing to another one."""

@@ -25,7 +25,7 @@ from robacc.observation import residuals
 from robacc.parsimony import without_idle_rotations
 from robacc.registration import ALIGNABLE
 from robacc.tracing.competition import Chosen
-from robacc.tracing.loop import SEARCH, Loop, choose, refined, refit
+from robacc.tracing.loop import SEARCH, Loop, choose, refit
 from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
 
@@ -146,7 +146,7 @@ def _fold(work: _Work, number: int) -> _Fold:
     learn, rest = work.assigned != number, work.assigned == number
     train, test = data.subset(np.flatnonzero(learn & loop.final.kept)), data.subset(np.flatnonzero(rest))
     selection = choose(loop.scene, learn, empirical=work.empirical, most=_FOLD_POSES)
-    chosen = [(one, refined(selection, one)) for one in selection.chosen]
+    chosen = [(one, selection.refined(one)) for one in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
     declared = refit(loop.declared, loop.declared.model.free, train, _options(loop.declared))
     declared = without_idle_rotations(declared, loop.declared.model, train, _options(loop.declared))

@@ -29,7 +29,7 @@ from robacc.tracing.candidates import (
     profiles,
     waves,
 )
-from robacc.tracing.competition import Chosen, Competition
+from robacc.tracing.competition import Competition
 from robacc.tracing.evidence import Columns
 from robacc.tracing.selection import FALSE_ALARM, Selection, Step
 
@@ -238,7 +238,7 @@ def close_loop(
     effects: tuple[Effect, ...] = ()
     frames: tuple[Effect, ...] = ()
     for _ in range(_ROUNDS):
-        chosen = frames + tuple(refined(selection, one) for one in selection.chosen)
+        chosen = frames + tuple(selection.refined(one) for one in selection.chosen)
         if [coarse(effect) for effect in chosen] == [coarse(effect) for effect in effects]:
             break
         effects = chosen
@@ -273,19 +273,3 @@ def coarse(effect: Effect) -> tuple[object, ...]:
     if isinstance(effect, TransmissionError) and not effect.shrunk:
         return (effect.name, effect.joints, tuple(round(order / ORDER_STEP) for order in effect.orders))
     return effect.key()
-
-
-def refined(selection: Selection, one: Chosen) -> Effect:
-    """A finding with its order improved off the grid, where it is a single searched order."""
-    effect = one.candidate.effect
-    if not isinstance(effect, TransmissionError) or effect.shrunk or len(effect.orders) != 1:
-        return effect
-    order = effect.orders[0]
-    if order in (1.0, 2.0):
-        return effect
-    wave = next((w for w in selection.field.waves if w.joint == effect.joints[0]), None)
-    if wave is None:
-        return effect
-    for span in (ORDER_STEP, ORDER_STEP / 8):
-        order = selection.best_order(one, wave, order, span)
-    return TransmissionError(effect.joints, (round(order, 4),))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+from robacc.effects.base import Effect
+from robacc.effects.transmission_error import TransmissionError
 from robacc.registration import ALIGNABLE
-from robacc.tracing.candidates import Candidate, Waves
+from robacc.tracing.candidates import ORDER_STEP, Candidate
 from robacc.tracing.competition import Chosen, Competition, Ranked
 
 FALSE_ALARM = 0.002
@@ -50,10 +52,32 @@ class Selection:
 
     def add(self, ranked: Ranked) -> Chosen:
         """Take a candidate into the model; it takes the place of what it holds already."""
-        one = self.field.taken(ranked.candidate, ranked.width)
         self.chosen = [other for other in self.chosen if not self.field.holds(ranked.candidate, other.candidate)]
-        self.chosen.append(one)
-        return one
+        self.chosen.append(self.field.taken(ranked.candidate, ranked.width))
+        return self._settle_order(self.chosen[-1])
+
+    def _settle_order(self, one: Chosen) -> Chosen:
+        """Improve a searched order at once: what the grid of orders leaves of a line would look like another line."""
+        effect = self.refined(one)
+        if effect.key() == one.candidate.key:
+            return one
+        better = self.field.taken(dataclasses.replace(one.candidate, effect=effect, terms=()), 0.0)
+        self.chosen[self.chosen.index(one)] = better
+        return better
+
+    def refined(self, one: Chosen) -> Effect:
+        """A finding with its order improved off the grid, where it is a single searched order."""
+        effect = one.candidate.effect
+        if not isinstance(effect, TransmissionError) or effect.shrunk or len(effect.orders) != 1:
+            return effect
+        order = effect.orders[0]
+        wave = next((w for w in self.field.waves if w.joint == effect.joints[0]), None)
+        if order in (1.0, 2.0) or wave is None:
+            return effect
+        conditioned = self.field.condition(self.chosen, without=one)
+        for span in (ORDER_STEP, ORDER_STEP / 8):
+            order = self.field.best_order(conditioned, wave, order, span)
+        return TransmissionError(effect.joints, (round(order, 4),))
 
     def run(self, with_blocks: bool = False, most: int = _MOST) -> None:
         """Forward until nothing is significant, each time putting every earlier finding to the test again."""
@@ -117,6 +141,7 @@ class Selection:
         if best.total > own.total + _SWAP:
             at = self.chosen.index(one)
             self.chosen[at] = self.field.taken(best.candidate, best.width)
+            self._settle_order(self.chosen[at])
             self.steps.append(Step("swap", f"{one.candidate.effect} -> {best.candidate.effect}", ranking[:10]))
             return True
         return False
@@ -133,10 +158,6 @@ class Selection:
     def likeness(self, one: Chosen, rival: Candidate) -> float:
         """Cosine between what a finding and a rival take out of the residual, all other findings kept."""
         return self.field.likeness(self.chosen, one, rival)
-
-    def best_order(self, one: Chosen, wave: Waves, order: float, span: float) -> float:
-        """The order within ``span`` of ``order`` that explains most, all other findings kept."""
-        return self.field.best_order(self.field.condition(self.chosen, without=one), wave, order, span)
 
     def total(self) -> float:
         """Log posterior odds of everything chosen together, against nothing: each in turn given those before it."""

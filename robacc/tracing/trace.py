@@ -103,7 +103,7 @@ def trace(
     noise = lack_of_fit(final, data)
     findings = tuple(told(loop, effect, final, held, data) for effect in loop.effects)
     unexplained = _left(loop, final, noise, data)
-    rows = loop.final.kept
+    rows = final.kept
     shown = data if holdout is None else holdout
     kept = rows if holdout is None else np.ones(holdout.n, dtype=bool)
     held_nominal = residuals(holdout, predict(model.arm.robot, holdout)) if holdout is not None else nominal_residual

@@ -67,7 +67,8 @@ class ChiSquareCurve:
             dof = self.dof * poses / n
             return chi2_quantile(ASSURANCE, dof) * self.value <= chi2_quantile(1.0 - confidence, dof) * limit
 
-        return fewest(enough)
+        z = normal_quantile(confidence) + normal_quantile(ASSURANCE)
+        return fewest(enough, 2.0 * (z / math.log(limit / self.value)) ** 2 * n / self.dof)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,28 +179,20 @@ class PercentileCurve:
             return None
 
         def enough(poses: int) -> bool:
-            if self.p**poses > 1.0 - confidence:
-                return False
             # So many of the lengths must lie within the limit for the bound, which is one of them, to do so.
-            spread = math.sqrt(self.p * (1.0 - self.p) / poses)
-            if poses > MOST_FOR_BINOMIAL:
-                needed = self.p + normal_quantile(confidence) * spread
-                return normal_cdf((share - needed) / math.sqrt(share * (1.0 - share) / poses + 1e-300)) >= ASSURANCE
-            low, high = max(int(self.p * poses), 1), poses
-            while low < high:
-                middle = (low + high) // 2
-                low, high = (
-                    (low, middle) if percentile_confidence(middle, poses, self.p) >= confidence else (middle + 1, high)
-                )
-            return beta_cdf(share, float(low), poses + 1.0 - low) >= ASSURANCE
+            rank = _bounding_rank(poses, self.p, confidence)
+            return rank is not None and beta_cdf(share, float(rank), poses + 1.0 - rank) >= ASSURANCE
 
-        return fewest(enough)
+        spread = normal_quantile(confidence) * math.sqrt(self.p * (1.0 - self.p))
+        spread += normal_quantile(ASSURANCE) * math.sqrt(share * (1.0 - share))
+        return fewest(enough, (spread / (share - self.p)) ** 2, close=0.01)
 
     def _level(self, value: float) -> float:
         """Rank of ``value`` among the lengths as a fraction of N + 1, linear between neighbours."""
         within = self.lengths <= value
         count, size = int(np.count_nonzero(within)), self.lengths.size
-        if count in (0, size):
+        if count in (0, size) or size > MOST_FOR_BINOMIAL:
+            # Of so many, one neighbour is as good as the next.
             return count / (size + 1.0)
         low, high = float(np.max(self.lengths[within])), float(np.min(self.lengths[~within]))
         return (count + (value - low) / (high - low)) / (size + 1.0)
@@ -225,15 +218,38 @@ def percentile_confidence(rank: float, n: int, p: float) -> float:
     return 1.0 - at_low + share * (at_low - at_high)
 
 
-def fewest(enough: Callable[[int], bool]) -> int | None:
-    """The smallest number of poses that is enough, if more are never fewer; None above :data:`MOST_POSES`."""
-    high = 2
+def _bounding_rank(n: int, p: float, confidence: float) -> int | None:
+    """Rank of the first of n order statistics that bounds the ``p`` quantile from above; None where n is too small."""
+    if p**n > 1.0 - confidence:
+        return None
+    rank = min(max(math.floor(p * n + normal_quantile(confidence) * math.sqrt(n * p * (1.0 - p))), 1), n)
+    while rank < n and percentile_confidence(rank, n, p) < confidence:
+        rank += 1
+    while rank > 1 and percentile_confidence(rank - 1, n, p) >= confidence:
+        rank -= 1
+    return rank
+
+
+def fewest(enough: Callable[[int], bool], guess: float, close: float = 0.0) -> int | None:
+    """The smallest number of poses that is enough, if more are never fewer; None above :data:`MOST_POSES`.
+
+    Args:
+        enough: Whether a number is.
+        guess: Where to look first.
+        close: The number found may be greater by this part of it.
+    """
+    low, high = 1, min(max(math.ceil(guess), 2), MOST_POSES)
     while not enough(high):
-        high *= 2
-        if high > MOST_POSES:
+        if high == MOST_POSES:
             return None
-    low = high // 2
-    while high - low > 1:
+        low, high = high, min(math.ceil(1.3 * high), MOST_POSES)
+    while low == 1 and high > 2:
+        below = max(math.floor(high / 1.3), 2)
+        if enough(below):
+            high = below
+        else:
+            low = below
+    while high - low > max(1.0, close * high):
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle) else (middle, high)
     return high

@@ -94,6 +94,28 @@ def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path
                 assert found.value == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5), rel=1e-6)
 
 
+def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
+    import numpy as np
+
+    from robacc.gates.evidence import figure, sample
+
+    lines = Path(POSES).read_text().splitlines()
+    x = lines[1].split(",").index("x")
+    cells = lines[8].split(",")
+    cells[x] = repr(float(cells[x]) * 1.1)  # a broken beam, which is left out
+    lines[8] = ",".join(cells)
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
+    command = ("trace", str(tmp_path / "poses.csv"), "--robot", ROBOT, "--declared", "base_frame,tool_frame")
+    done = run(*command, "--named-only", "--format", "json")
+    assert done.exit_code == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert np.sum(np.logical_not(document["poses"]["used"])) == 1
+    for key in ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted"):
+        errors, found = sample(document, f"{key}.position.rms"), figure(document, f"{key}.position.rms", 0.95)
+        assert errors is not None
+        assert getattr(found, "value", None) == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5))
+
+
 def test_a_regression_gate_reads_its_baseline_from_beside_itself(stored: Path, tmp_path: Path) -> None:
     shutil.copy(stored / "estimate.json", tmp_path / "baseline.json")
     path = gate(tmp_path, "{key: position.rms, baseline: baseline.json, reason: r}")

@@ -14,9 +14,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robacc.cli.main import app
+from robacc.comparison.reading import subject
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOT = ROOT / "configs" / "robots" / "ur10.yaml"
+STAGES = {"position", "before.held_out.position", "nominal.held_out.position", "after.fitted.position"}
 PLACES = np.random.default_rng(7).uniform(-0.8, 0.8, (60, 3))
 
 
@@ -230,12 +232,16 @@ def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """An estimate, two calibrations and a prediction of one simulated arm."""
     folder = tmp_path_factory.mktemp("fits")
     poses = str(folder / "poses.csv")
-    simulated = robacc("simulate", str(ROBOT), "--poses", "40", "--noise", "0.05mm", "--output", poses)
-    assert simulated.exit_code == 0
+    apart = str(folder / "holdout.csv")
+    for path, seed in ((poses, "0"), (apart, "1")):
+        call = ("simulate", str(ROBOT), "--poses", "40", "--noise", "0.05mm", "--seed", seed, "--output", path)
+        assert robacc(*call).exit_code == 0
+    fit = ("calibrate", poses, "--robot", str(ROBOT), "--folds", "2", "--fit")
     calls = {
         "estimate": ("estimate", poses, "--robot", str(ROBOT)),
-        "frames": ("calibrate", poses, "--robot", str(ROBOT), "--fit", "base_frame"),
-        "offsets": ("calibrate", poses, "--robot", str(ROBOT), "--fit", "base_frame,joint_offset[all]"),
+        "frames": (*fit, "base_frame"),
+        "offsets": (*fit, "base_frame,joint_offset[all]"),
+        "apart": (*fit, "base_frame", "--holdout", apart),
         "predict": ("predict", str(ROBOT), "--samples", "50"),
     }
     found = {}
@@ -260,6 +266,18 @@ def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
     table = run(fits["frames"], fits["offsets"]).stdout
     assert re.search(r"Position rms, mm +frames +offsets", table)
     assert "after, poses fitted" in table
+
+
+@pytest.mark.parametrize("name", ["estimate", "frames", "apart"])
+def test_figures_are_those_of_the_errors_they_are_tested_by(fits: dict[str, str], name: str) -> None:
+    found = subject(json.loads(Path(fits[name]).read_text(encoding="utf-8")), name, name, "")
+    owners = {"estimate": {"position"}, "frames": STAGES, "apart": STAGES}[name]
+    assert {owner for owner in found.errors if owner.endswith("position")} == owners
+    for owner, errors in found.errors.items():
+        lengths = np.linalg.norm(errors.vectors, axis=0)
+        # Errors of a fit are stored to 1e-12 m.
+        assert found.figures[f"{owner}.rms"].value == pytest.approx(np.sqrt(np.mean(lengths**2)), abs=2e-12)
+        assert found.figures[f"{owner}.max"].value == pytest.approx(np.max(lengths), abs=2e-12)
 
 
 def test_an_estimate_beside_a_calibration(fits: dict[str, str]) -> None:

@@ -64,14 +64,12 @@ def many(n: int) -> dict[str, Any]:
 
 
 def test_many_poses_are_thinned_in_the_picture_and_not_in_the_numbers() -> None:
-    few, lots = results.document("estimate"), many(20_000)
-    for before, after in zip(pictures_of(few), pictures_of(lots), strict=False):
-        assert before.kind == after.kind
-        drawn = [as_part(picture.draw, picture.size, "x").count("<use") for picture in (before, after)]
-        assert drawn[1] < 2500
-        if before.kind == "time":
+    lots = many(20_000)
+    for after in pictures_of(lots):
+        assert as_part(after.draw, after.size, "x").count("<use") < 2500
+        if after.kind == "time":
             assert "of 20,000 poses are drawn" in after.caption
-        if before.kind == "distribution":
+        if after.kind == "distribution":
             sizes = np.sqrt(np.sum(np.square(lots["position"]["errors_m"]), axis=1)) * 1e3
             shown = [float(row[1].split()[0]) for row in after.table.rows]
             assert shown == pytest.approx(np.quantile(sizes, (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1)), rel=6e-3)

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso9283.estimates import Estimate, distance, largest, size, student
+from robacc.iso9283.estimates import Estimate, distance, largest, largest_of, size, student
 from robacc.iso9283.records import Characteristic, Criterion, Figure, Symbol
 
 CLAUSES: dict[Symbol, str] = {
@@ -91,10 +91,10 @@ def separation(
     if turns is not None:
         scatter, dof = _pooled(turns)
         angles = tuple(
-            _largest_of([_angle_apart(turns[h][i], turns[k][i], float(scatter[i, i]), dof) for h, k in pairs])
+            largest_of([_angle_apart(turns[h][i], turns[k][i], float(scatter[i, i]), dof) for h, k in pairs])
             for i in range(3)
         )
-    return _largest_of(position), angles, f"{names[h]} and {names[k]}"
+    return largest_of(position), angles, f"{names[h]} and {names[k]}"
 
 
 def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
@@ -112,11 +112,6 @@ def _apart(one: Array, other: Array, scatter: Array, dof: float) -> Estimate:
 def _angle_apart(one: Array, other: Array, variance: float, dof: float) -> Estimate:
     error = (variance * (1.0 / one.size + 1.0 / other.size)) ** 0.5
     return size(student(float(one.mean() - other.mean()), error, dof))
-
-
-def _largest_of(estimates: Sequence[Estimate]) -> Estimate:
-    value = max(one.value for one in estimates)
-    return Estimate(value, lambda confidence: largest(estimates, confidence)[1].interval)
 
 
 def _lettered(one: Found) -> list[tuple[str, Estimate]]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from robacc.iso9283 import estimates
 from robacc.iso9283.collecting import Found, absent, collected, separation
-from robacc.iso9283.estimates import Estimate, largest, size
+from robacc.iso9283.estimates import Estimate, largest_of, size
 from robacc.iso9283.pose_criteria import NO_ANGLES, NO_COMMAND
 from robacc.iso9283.records import Characteristic
 from robacc.iso9283.visits import CommandedPose
@@ -76,7 +76,7 @@ def _greatest(parts: Sequence[NDArray[np.int64]], against_first: Callable[[int],
     """The largest size of a change against the first window, and the window."""
     changes = [size(against_first(i)) for i in range(1, len(parts))]
     worst = max(range(len(changes)), key=lambda i: changes[i].value)
-    return Estimate(changes[worst].value, lambda confidence: largest(changes, confidence)[1].interval), worst + 1
+    return largest_of(changes), worst + 1
 
 
 def _of_accuracy(pose: CommandedPose, parts: list[NDArray[np.int64]]) -> Found:

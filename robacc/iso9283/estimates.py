@@ -33,7 +33,7 @@ _MOST_FOR_BOOTSTRAP = 300
 """With more visits the delta method's error is far within the scatter of the draws."""
 _MOST_STEPS = 60
 _FINE = 1e-5
-"""Of a limit, as a part of it: no interval is printed to five digits."""
+"""Of a limit, as a part of it."""
 _RARE = 1e-15
 """Probability below which none is told apart."""
 _CLEAR = 20.0
@@ -47,10 +47,16 @@ class Estimate:
     value: float
     at: Callable[[float], Interval]
     """The interval at a confidence."""
+    low: Callable[[float], float | None] | None = None
+    """Its lower limit alone, where that costs less; the largest of many asks for it at a stricter confidence."""
 
     def __post_init__(self) -> None:
-        """Remember the intervals: places, their largest and its lower limit ask for the same ones."""
+        """Remember the intervals: places and their largest ask for the same ones."""
         object.__setattr__(self, "at", lru_cache(maxsize=8)(self.at))
+
+    def lower(self, confidence: float) -> float | None:
+        """The lower limit of the interval at a confidence."""
+        return self.at(confidence).lower if self.low is None else self.low(confidence)
 
     def figure(self, confidence: float) -> Figure:
         """The number with its interval at that confidence."""
@@ -93,7 +99,11 @@ def size(signed: Estimate) -> Estimate:
         bound = abs(signed.value) + (one.upper_bound - signed.value)
         return Interval(nearest, max(-one.lower, one.upper), bound, confidence, one.method)
 
-    return Estimate(abs(signed.value), at)
+    def low(confidence: float) -> float | None:
+        lower = signed.lower(confidence) if signed.value >= 0.0 else at(confidence).lower
+        return None if lower is None else max(lower, 0.0)
+
+    return Estimate(abs(signed.value), at, low)
 
 
 def threefold_sd(values: Array) -> Estimate:
@@ -144,9 +154,12 @@ def distance(difference: Array, covariance: Array, dof: float) -> Estimate:
         )
         return Interval(solve(tail, True), upper, bound, confidence, NONCENTRAL)
 
+    def low(confidence: float) -> float:
+        return solve(0.5 * (1.0 - confidence), True)
+
     if not np.any(variances > 0.0):
         return Estimate(value, lambda confidence: Interval(value, value, value, confidence, "no scatter"))
-    return Estimate(value, at)
+    return Estimate(value, at, low)
 
 
 def _likeliest(found: Array, variances: Array, length: float) -> Array:
@@ -277,9 +290,23 @@ def largest(estimates: Sequence[Estimate], confidence: float) -> tuple[int, Figu
     missing = next((one for one in intervals if one.upper is None), None)
     if missing is not None or len(estimates) == 1:
         return best, Figure(value, missing or intervals[0])
-    strict = 1.0 - (1.0 - confidence) / len(estimates)
-    lower = max(one.at(strict).lower or 0.0 for one in estimates)
+    lower = _lower_of_largest(estimates, confidence)
     upper = max(one.upper or 0.0 for one in intervals)
     bound = max(one.upper_bound or 0.0 for one in intervals)
     method = f"{intervals[best].method}; largest of {len(estimates)}"
-    return best, Figure(value, Interval(min(lower, value), upper, bound, confidence, method))
+    return best, Figure(value, Interval(lower, upper, bound, confidence, method))
+
+
+def _lower_of_largest(estimates: Sequence[Estimate], confidence: float) -> float:
+    strict = 1.0 - (1.0 - confidence) / len(estimates)
+    return max(one.lower(strict) or 0.0 for one in estimates)
+
+
+def largest_of(estimates: Sequence[Estimate]) -> Estimate:
+    """The largest of the estimates' true values, as an estimate."""
+    value = max(one.value for one in estimates)
+    return Estimate(
+        value,
+        lambda confidence: largest(estimates, confidence)[1].interval,
+        lambda confidence: _lower_of_largest(estimates, confidence),
+    )

@@ -107,10 +107,12 @@ def propose(
     arm = Arm.of(dataclasses.replace(single, base=Frame(), effects=()))
     base = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
     edges = PREFERRED_EDGES if edge is None else (edge,)
-    within = {size: _within_reach(arm, size) for size in edges}
+    within: dict[float, Array] = {}
     # A smaller cube with one orientation goes before a larger one without.
     for kinds in (("down", "forward", "own"), ("free",)) if orientation is None else ((orientation,),):
         for size in edges:
+            if size not in within:
+                within[size] = _within_reach(arm, size)
             for kind in kinds:
                 found = _in_cube_of(arm, within[size], size, plane, kind)
                 if found is not None:

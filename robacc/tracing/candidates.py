@@ -79,13 +79,12 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """Periodic errors of one joint over a grid of orders, evaluated without building a column each."""
+    """Periodic errors of one joint over a grid of orders."""
 
     joint: str
     number: int
     orders: Array
-    basis: Array
-    """``(2 K, N)``: cosine and sine of each order."""
+    """``(K,)`` evenly spaced."""
     angle: Array
     """``(N,)`` rad"""
     log_prior: float
@@ -154,11 +153,9 @@ def waves(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> li
         orders = supported_orders(angle)
         if orders.size == 0:
             continue
-        phase = orders[:, None] * angle
-        basis = np.concatenate((np.cos(phase), np.sin(phase)))
         # Neighbours of the grid say the same: what counts as independent are orders half a period of the range apart.
         independent = max(1.0, 2 * float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
-        result.append(Waves(joint, arm.number(joint), orders, basis, angle, -math.log(_UNITS * independent)))
+        result.append(Waves(joint, arm.number(joint), orders, angle, -math.log(_UNITS * independent)))
     return result
 
 

@@ -130,13 +130,19 @@ class Competition:
             )
             ranked.extend(_ranked(self.pool[i], scores, k) for k, i in enumerate(members))
         for wave, family in zip(self.waves, self._spectra, strict=True):
-            scores = family.judge(conditioned)
+            scores = family.judge(conditioned, best_only=True)
             best = int(np.argmax(scores.evidence))
             effect = TransmissionError((wave.joint,), (float(wave.orders[best]),))
             ranked.append(_ranked(Candidate(effect, (), wave.log_prior), scores, best))
         if with_blocks:
             ranked.extend(self._rank_blocks(conditioned))
-        open_to = [one for one in ranked if not any(self.holds(other.candidate, one.candidate) for other in present)]
+        keys = {one.candidate.key for one in present}
+        profiles = [one.candidate for one in present if one.candidate.is_block]
+        open_to = [
+            one
+            for one in ranked
+            if one.candidate.key not in keys and not any(self.holds(profile, one.candidate) for profile in profiles)
+        ]
         # Where two explain exactly the same, rounding (and so the order of rows) must not choose between them.
         return sorted(open_to, key=lambda one: -round(one.total, 6))
 
@@ -170,19 +176,23 @@ class Competition:
 
     def strongest_order(self, conditioned: Conditioned, wave: Waves) -> tuple[float, float]:
         """The order of one joint's waves that explains most, and its evidence in nats."""
-        scores = self._spectra[list(self.waves).index(wave)].judge(conditioned)
+        scores = self._spectra[list(self.waves).index(wave)].judge(conditioned, best_only=True)
         best = int(np.argmax(scores.evidence))
         return float(wave.orders[best]), float(scores.evidence[best])
 
     def best_order(self, conditioned: Conditioned, wave: Waves, order: float, span: float) -> float:
         """The order of one joint within ``span`` of ``order`` that explains most."""
         orders = order + np.linspace(-span, span, 17)
-        scores = self._spectrum(wave, orders).judge(conditioned)
+        scores = self._spectrum(wave, orders).judge(conditioned, best_only=True)
         return float(orders[int(np.argmax(scores.evidence))])
 
     def _spectrum(self, wave: Waves, orders: Array) -> Family:
-        phase = orders[:, None] * wave.angle
-        basis = np.stack((np.cos(phase), np.sin(phase)), axis=1)
+        """Cosine and sine of evenly spaced orders, each from the one before."""
+        turned = np.empty((orders.size, wave.angle.size), dtype=np.complex128)
+        turned[0] = np.exp(1j * orders[0] * wave.angle)
+        turned[1:] = np.exp(1j * (orders[1] - orders[0]) * wave.angle) if orders.size > 1 else 1.0
+        np.cumprod(turned, axis=0, out=turned)
+        basis = np.stack((turned.real, turned.imag), axis=1)
         return Family(self.system, self.joint_columns[:, wave.number], basis, False)
 
     def likeness(self, chosen: Sequence[Chosen], one: Chosen, rival: Candidate) -> float:

@@ -23,6 +23,8 @@ from robacc.statistics.distributions import chi2_sf, f_sf
 _WIDTHS = np.exp(np.linspace(math.log(1e-3), math.log(1e10), 66))
 _PLAUSIBLE = 300.0
 """A coefficient's prior is at most this many times its usual size: what only an absurd value would explain is not."""
+_FEW = 8
+"""Candidates looked at first where only the best one is asked for."""
 _NEW = 1e-10
 """A candidate's direction whose new part has less than this share of its squared length is no new direction."""
 
@@ -181,8 +183,8 @@ class Family:
             self._cross = np.concatenate((self._cross, shared @ flat.T))
         return self._cross
 
-    def judge(self, conditioned: Conditioned) -> Scores:
-        """Scores of all of them beside a model."""
+    def judge(self, conditioned: Conditioned, best_only: bool = False) -> Scores:
+        """Scores of all of them beside a model, or of those that can be the best."""
         count, size = self.moment.shape
         reduced = conditioned.crossed(self)
         parts = np.moveaxis(reduced.reshape(-1, count, size), 0, 2)
@@ -193,11 +195,18 @@ class Family:
             conditioned.energy,
             conditioned.freedom,
             np.full(count, self.shrunk),
+            best_only,
         )
 
 
 def judge(
-    blocks: Array, moments: Array, lengths: Array, energy: float, freedom: float, shrunk: NDArray[np.bool_]
+    blocks: Array,
+    moments: Array,
+    lengths: Array,
+    energy: float,
+    freedom: float,
+    shrunk: NDArray[np.bool_],
+    best_only: bool = False,
 ) -> Scores:
     """Scores of B candidates of Q columns each.
 
@@ -209,22 +218,57 @@ def judge(
         energy: whitened sum of squares of what is left.
         freedom: its degrees of freedom.
         shrunk: ``(B,)`` whether a candidate is a block.
+        best_only: leave the evidence of candidates that cannot be the best at zero.
     """
-    values, vectors = np.linalg.eigh(blocks)
+    values, coordinates = _decomposed(blocks, moments)
     new = values > _NEW * np.maximum(lengths.max(axis=1), 1e-300)[:, None]
     values = np.where(new, values, 0.0)
-    projected = np.where(new, np.einsum("bqr,bq->br", vectors, moments), 0.0)
-    safe = np.where(new, values, 1.0)
-    gains = np.minimum(np.sum(np.square(projected) / safe, axis=1), 0.999999999 * energy)
-    top = np.where(values.max(axis=1) > 0, values.max(axis=1), 1.0)
-    widths = np.minimum(_WIDTHS[None, :] / top[:, None], _PLAUSIBLE**2 * freedom / energy)
-    share = widths[:, :, None] / (1.0 + widths[:, :, None] * values[:, None, :])
-    left = energy - np.sum(np.square(projected)[:, None, :] * share, axis=2)
-    left = np.maximum(left, 1e-9 * energy)
-    log_likelihood = -0.5 * freedom * np.log(left / energy)
-    log_likelihood -= 0.5 * np.sum(np.log1p(widths[:, :, None] * values[:, None, :]), axis=2)
-    best = np.argmax(log_likelihood, axis=1)
+    projected = np.square(np.where(new, coordinates, 0.0))
+    gains = np.minimum((projected / np.where(new, values, 1.0)).sum(axis=1), 0.999999999 * energy)
+    count = blocks.shape[0]
+    evidence, width = np.zeros(count), np.ones(count)
+
+    def evaluate(at: NDArray[np.int64]) -> None:
+        evidence[at], width[at] = _evidence(values[at], projected[at], energy, freedom)
+
+    if not best_only or count <= _FEW:
+        evaluate(np.arange(count))
+    else:
+        order = np.argsort(-gains, kind="stable")
+        evaluate(order[:_FEW])
+        # No width can do better than least squares without any prior.
+        bound = -0.5 * freedom * np.log1p(-gains[order[_FEW:]] / energy)
+        evaluate(order[_FEW:][bound > evidence.max()])
+    return Scores(evidence, gains, new.sum(axis=1), width, energy, freedom, shrunk)
+
+
+def _decomposed(blocks: Array, moments: Array) -> tuple[Array, Array]:
+    """Eigenvalues ``(B, Q)`` of symmetric matrices, and the moments along the eigenvectors; of pairs by one rotation."""
+    size = blocks.shape[1]
+    if size == 1:
+        return blocks[:, 0], moments
+    if size == 2:
+        (a, b), c = blocks[:, 0].T, blocks[:, 1, 1]
+        angle = 0.5 * np.arctan2(2 * b, a - c)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        middle, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+        x, y = moments.T
+        values = np.stack((middle + half, middle - half), axis=1)
+        return values, np.stack((cosine * x + sine * y, cosine * y - sine * x), axis=1)
+    values, vectors = np.linalg.eigh(blocks)
+    return values, (moments[:, None, :] @ vectors)[:, 0]
+
+
+def _evidence(values: Array, projected: Array, energy: float, freedom: float) -> tuple[Array, Array]:
+    """``(B,)`` log marginal likelihood ratio at its best prior width, and that width, from eigenvalues ``(B, Q)``."""
+    if values.shape[0] == 0:
+        return np.zeros(0), np.zeros(0)
+    top = values.max(axis=1)
+    widths = np.minimum(_WIDTHS / np.where(top > 0, top, 1.0)[:, None], _PLAUSIBLE**2 * freedom / energy)
+    spread = 1.0 + widths[:, :, None] * values[:, None, :]
+    left = energy - widths * ((1.0 / spread) @ projected[:, :, None])[:, :, 0]
+    likelihood = -0.5 * freedom * np.log(np.maximum(left, 1e-9 * energy) / energy)
+    likelihood -= 0.5 * np.log(spread).sum(axis=2)
+    best = np.argmax(likelihood, axis=1)
     rows = np.arange(best.size)
-    rank = new.sum(axis=1)
-    evidence = np.where(rank > 0, np.maximum(log_likelihood[rows, best], 0.0), 0.0)
-    return Scores(evidence, gains, rank, widths[rows, best], energy, freedom, shrunk)
+    return np.where(top > 0, np.maximum(likelihood[rows, best], 0.0), 0.0), widths[rows, best]

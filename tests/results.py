@@ -58,6 +58,19 @@ criteria:
 
 
 @cache
+def compared(folder: Path) -> dict[str, Any]:
+    """The calibration held against the trace of the same poses."""
+    paths = []
+    for command in ("calibrate", "trace"):
+        paths.append(str(folder / f"{command}.json"))
+        Path(paths[-1]).write_text(text(command), encoding="utf-8")
+    done = run("compare", *paths, "--format", "json")
+    assert done.exit_code == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+@cache
 def gated(folder: Path) -> dict[str, Any]:
     """The estimate held against a gate that it passes in part."""
     gate = folder / "gate.yaml"

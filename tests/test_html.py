@@ -100,6 +100,17 @@ def test_an_estimate_shows_its_grade_gate_and_intervals(tmp_path: Path) -> None:
     assert sum("operating curve" in h.text for h in found.all("h3")) == 2
 
 
+def test_a_comparison_shows_its_ranking_and_every_difference(tmp_path: Path) -> None:
+    document = results.compared(tmp_path)
+    found = parsed(render([document], ["compare"]))
+    assert document["ranking"]["text"][0] in found.text
+    assert found.all("figure")[0].all("h2")[0].text == "position.rms of each result"
+    known = set(numbers(document))
+    shown = [float(one.attributes["value"]) for one in found.all("data")]
+    assert len(shown) > 20
+    assert set(shown) <= known
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_picture_has_words_numbers_and_something_drawn(command: str) -> None:
     pictures = pictures_of(results.document(command))

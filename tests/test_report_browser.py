@@ -39,6 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("pages")
     documents = {command: [results.document(command)] for command in results.CALLS}
     documents["gated"] = [results.gated(place)]
+    documents["compare"] = [results.compared(place)]
     documents["several"] = [results.document("trace"), results.document("iso9283")]
     documents["hostile"] = [hostile(results.document("trace"))]
     for name, found in documents.items():
@@ -47,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-PAGES = (*results.CALLS, "gated", "several", "hostile")
+PAGES = (*results.CALLS, "gated", "compare", "several", "hostile")
 DRAWN = """
 return Array.from(document.querySelectorAll('figure')).map(function (figure) {
   var part = figure.querySelector('.still').hidden ? figure.querySelector('.scene') : figure.querySelector('svg');
@@ -65,7 +66,7 @@ def test_everything_is_drawn_and_nothing_asked_for(name: str, size: str, driver:
     browser.look(driver, page, SIZES[size])
     browser.settled(driver)
     figures = driver.execute_script(DRAWN)
-    assert len(figures) >= 6
+    assert len(figures) >= (3 if name == "compare" else 6)
     width = SIZES[size][0]
     for figure, wide, high, left, right, marks in figures:
         assert wide > 250, figure

@@ -221,7 +221,7 @@ def _predict(document: Document) -> Headline:
     return Headline(f"Predicted accuracy{_of_robot(document)}", story, tiles, (badge,), facts)
 
 
-# -- iso9283, check
+# -- iso9283, check, compare
 
 
 def _iso9283(document: Document) -> Headline:
@@ -257,6 +257,17 @@ def _check(document: Document) -> Headline:
     return Headline(f"Check against {gate['name']}", story, (), (), ())
 
 
+def _compare(document: Document) -> Headline:
+    names, ranking = [one["name"] for one in document["results"]], document["ranking"]
+    story = "" if ranking is None else f"By {ranking['by']}: {'; '.join(ranking['text'])}."
+    tiles = []
+    if ranking is not None and ranking["unit"] in ("m", "rad"):
+        show = length if ranking["unit"] == "m" else angle
+        tiles = [Tile(one["name"], show(one["value"]), f"group {one['letters']}") for one in ranking["order"][:3]]
+    facts = [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))]
+    return Headline(f"Comparison of {len(names)} results", story, tiles, (), facts)
+
+
 # -- anything else
 
 
@@ -272,4 +283,5 @@ _HEADLINES: dict[str, Callable[[Document], Headline]] = {
     "predict": _predict,
     "iso9283": _iso9283,
     "check": _check,
+    "compare": _compare,
 }

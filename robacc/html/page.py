@@ -12,6 +12,7 @@ from typing import Any
 
 from robacc import __version__
 from robacc.html.blocks import Headline, Listing, Section
+from robacc.html.compare_sections import compare_sections
 from robacc.html.estimate_sections import estimate_sections
 from robacc.html.fit_sections import fit_sections, outliers
 from robacc.html.gate_section import gate_section
@@ -32,6 +33,7 @@ _SECTIONS: dict[str, Callable[[Document], Iterator[Section]]] = {
     "estimate": estimate_sections,
     "predict": predict_sections,
     "iso9283": iso9283_sections,
+    "compare": compare_sections,
 }
 
 

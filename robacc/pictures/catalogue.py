@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from robacc.errors import UsageError
 from robacc.pictures.budget import budget_pictures
 from robacc.pictures.candidates import candidate_pictures
+from robacc.pictures.comparison import comparison_pictures
 from robacc.pictures.course import course_pictures
 from robacc.pictures.distribution import distributions
 from robacc.pictures.effects import effect_pictures
@@ -20,6 +21,7 @@ from robacc.pictures.workspace import workspace_pictures
 _FAMILIES: Sequence[Callable[[Document], Iterator[Picture]]] = (
     distributions,
     iso9283_pictures,
+    comparison_pictures,
     gate_pictures,
     effect_pictures,
     candidate_pictures,

@@ -15,6 +15,7 @@ from robacc.errors import InputError
 from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
 from robacc.folding import fold
+from robacc.gauss_newton import posterior
 from robacc.geometry import Array
 from robacc.identifiability import Identifiability
 from robacc.measurements import Measurements
@@ -26,10 +27,13 @@ from robacc.parsimony import without_idle_rotations
 from robacc.registration import ALIGNABLE
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.sparse_prior import Kind, drawn
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.loop import close_loop
 from robacc.tracing.mistakes import refuse_mistake
 
+_CONSTANTS = ("joint_offset", "link_geometry")
+"""Effects that the robot file has a value of, for each of their coefficients."""
 _OVERFIT = 1.5
 """Held-out rms over the fitted one beyond which a warning says so."""
 _LEVERAGE = 0.5
@@ -52,6 +56,9 @@ class Calibration:
     after: Stage
     gain: Gain | None
     parameters: tuple[Parameter, ...]
+    """Standard errors are of the data alone, drawn or not."""
+    drawn: tuple[Kind, ...]
+    """Constants drawn to the robot file's values."""
     correlations: tuple[Correlation, ...]
     identifiability: Identifiability
     leverage: tuple[tuple[int, float], ...]
@@ -73,6 +80,7 @@ def calibrate(
     *,
     options: Options | None = None,
     priors: Mapping[str, float] | None = None,
+    shrink: bool = True,
     n_folds: int = 5,
     seed: int = 0,
     holdout: Measurements | None = None,
@@ -81,7 +89,8 @@ def calibrate(
 
     An effect that acts joint by joint and is named without joints is fitted on the joints where the data show it, by
     the evidence that `trace` uses; with joints in brackets, exactly there. ``priors`` are standard deviations about
-    zero by coefficient name, SI (:func:`tolerance_priors`).
+    zero by coefficient name, SI (:func:`tolerance_priors`); without them, ``shrink`` draws constants of the arm that
+    are named without joints to the robot file's values where most of them do not differ (:mod:`robacc.sparse_prior`).
 
     Raises:
         InputError: the data hold a mistake, or are too few.
@@ -89,9 +98,9 @@ def calibrate(
     """
     refuse_mistake(robot, data)
     options = options or Options()
-    plan = _Plan(robot, data, requests, options, priors or {})
+    plan = _Plan(robot, data, requests, options, priors or {}, shrink)
     effects = plan.effects(data)
-    found = _fitted(plan, effects, data)
+    found, kinds = _fitted(plan, effects, data, options)
     effects = found.model.free
     frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
@@ -119,6 +128,7 @@ def calibrate(
         after,
         None if held is None else paired_gain(held[0][:, kept], held[1][:, kept], groups[kept]),
         parameters(found),
+        kinds,
         correlations(found),
         found.identifiability,
         _leverage(found, data),
@@ -151,6 +161,7 @@ class _Plan:
     requests: Sequence[Request]
     options: Options
     priors: Mapping[str, float]
+    shrink: bool
 
     def effects(self, data: Measurements) -> tuple[Effect, ...]:
         """The effects for these poses, in the catalogue's order."""
@@ -164,20 +175,31 @@ class _Plan:
             effects = (*effects, *loop.effects)
         return effects
 
-    def options_for(self, effects: Sequence[Effect], data: Measurements) -> Options:
-        """Options with the priors of the coefficients that have one."""
+    def with_priors(self, options: Options, effects: Sequence[Effect], data: Measurements) -> Options:
+        """``options`` with the priors of the coefficients that have one."""
         if not self.priors:
-            return self.options
+            return options
         arm = Arm.of(self.robot)
         names = [term.name for effect in effects for term in effect.terms(arm, data)]
-        return dataclasses.replace(self.options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
+        return dataclasses.replace(options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
+
+    @property
+    def whole(self) -> tuple[str, ...]:
+        """Constants asked for without saying which."""
+        return tuple(one.name for one in self.requests if one.name in _CONSTANTS and one.joints is None)
 
 
-def _fitted(plan: _Plan, effects: tuple[Effect, ...], data: Measurements) -> Fit:
-    """The fit of all effects; with priors as they stand, else without rotations that the data do not show."""
-    model, options = Model.of(plan.robot, effects), plan.options_for(effects, data)
+def _fitted(
+    plan: _Plan, effects: tuple[Effect, ...], data: Measurements, options: Options
+) -> tuple[Fit, tuple[Kind, ...]]:
+    """The fit of all effects; with priors as they stand, else without what is idle in the arm's constants."""
+    model, options = Model.of(plan.robot, effects), plan.with_priors(options, effects, data)
     found = fit(model, data, options)
-    return found if plan.priors or found.widths else without_idle_rotations(found, model, data, options)
+    if plan.priors:
+        return found, ()
+    if not found.widths:
+        found = without_idle_rotations(found, model, data, options)
+    return drawn(found, data, options, plan.whole) if plan.shrink else (found, ())
 
 
 def _searched(request: Request) -> bool:
@@ -198,7 +220,7 @@ def _hold_out(
     search = Options(robust=plan.options.robust, tolerance=1e-6)
     if holdout is not None:
         alone = fit(Model.of(plan.robot, frames), data, search)
-        whole = _fitted(plan, effects, data)
+        whole, _ = _fitted(plan, effects, data, search)
         return held_out(alone, holdout), held_out(whole, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:
@@ -211,7 +233,7 @@ def _hold_out(
             train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
             chosen = plan.effects(train) if again else effects
             before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)
-            after[:, rest] = held_out(fit(Model.of(plan.robot, chosen), train, search), test)
+            after[:, rest] = held_out(_fitted(plan, chosen, train, search)[0], test)
     except InputError:
         # What is left to learn from without a fold is too little for what is fitted.
         return None
@@ -223,12 +245,10 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
     kept = found.identifiability.kept
     if kept.size == 0:
         return ()
-    covariance = found.covariance[np.ix_(kept, kept)]
-    model = found.model.bind(data)
-    _, jacobian = model.linearise(found.theta)
-    columns = jacobian[: found.residual.shape[0], kept] * found.weight[:, None, :]
-    scale = max(found.chi_square / max(found.degrees_of_freedom, 1.0), 1e-300)
-    share = np.einsum("mpn,pq,mqn->n", columns, covariance, columns) / scale / found.residual.shape[0]
+    inverse = posterior(found.gram, found.precision)
+    _, jacobian = found.model.bind(data).linearise(found.theta, kept)
+    columns = jacobian[: found.residual.shape[0]] * found.weight[:, None, :]
+    share = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / found.residual.shape[0]
     high = np.flatnonzero((share > _LEVERAGE) & found.kept)
     return tuple((int(i), float(share[i])) for i in high[np.argsort(-share[high])])
 
@@ -238,10 +258,10 @@ def _warnings(found: Fit, data: Measurements, after: Stage) -> tuple[str, ...]:
     if found.outliers.size:
         lines = ", ".join(str(data.line(int(i))) for i in found.outliers[:10])
         warnings.append(f"left out as no part of the rest: {found.outliers.size} row(s), on line(s) {lines}")
-    if found.degrees_of_freedom < found.identifiability.kept.size:
-        warnings.append(
-            f"only {found.degrees_of_freedom:.0f} more numbers measured than coefficients fitted: measure more poses"
-        )
+    count = int(found.identifiability.kept.size)
+    spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
+    if spare < count:
+        warnings.append(f"only {spare} more numbers measured than coefficients fitted: measure more poses")
     if found.identifiability.condition > _TOLD_APART:
         warnings.append(
             f"condition number {found.identifiability.condition:.3g}: the poses are too few or too much alike to tell "

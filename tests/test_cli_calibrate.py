@@ -149,6 +149,31 @@ def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
     np.testing.assert_allclose(poses.rotation, found.fit.poses.rotation, rtol=0, atol=1e-12)
 
 
+def test_constants_that_do_not_differ_are_drawn_to_the_file(files: Path) -> None:
+    # Of the lengths only a of the second joint is wrong, of the angles three.
+    found, alone = document(files, GEOMETRY), document(files, GEOMETRY, "--no-shrink")
+    chance = {one["name"]: one["probability"] for kind in found["shrinkage"] for one in kind["constants"]}
+    assert {name for name, p in chance.items() if p > 0.5} >= {"link_geometry.j2.a", "joint_offset.j2"}
+    assert [kind["unit"] for kind in found["shrinkage"]] == ["rad", "m"]
+    assert alone["shrinkage"] == []
+    assert found["degrees_of_freedom"] > alone["degrees_of_freedom"] + 3
+    for name in chance:
+        drawn, free = values(found)[name], values(alone)[name]
+        assert drawn["std"] == pytest.approx(free["std"], rel=1e-6)
+        assert abs(drawn["value"]) < 0.1 * drawn["std"] or chance[name] > 0.05
+    assert document(files, "base_frame,tool_frame,joint_offset[all],link_geometry[all]")["shrinkage"] == []
+    assert document(files, GEOMETRY, "--prior")["shrinkage"] == []
+
+
+def test_the_table_says_what_is_drawn(files: Path) -> None:
+    text = " ".join(run(*command(files, GEOMETRY)).stdout.split())
+    assert "1 of 8 lengths differs from the robot file's value, link_geometry.j2.a; the others are drawn to it" in text
+    assert "standard errors are of the poses alone, drawn or not; --no-shrink draws nothing" in text
+    assert "drawn to it" not in run(*command(files, GEOMETRY, "--no-shrink")).stdout
+    offsets = " ".join(run(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry")).stdout.split())
+    assert "drawn to it" in offsets
+
+
 def test_tolerances_as_priors(files: Path) -> None:
     free = document(files, "joint_offset,link_geometry")
     held = document(files, "joint_offset,link_geometry", "--prior")
@@ -236,13 +261,15 @@ def few_poses(n: int) -> Measurements:
 
 
 def test_warnings_of_poses_too_few() -> None:
-    found = calibrate(arm("puma560").robot, few_poses(14), parse_requests(GEOMETRY))
+    found = calibrate(arm("puma560").robot, few_poses(14), parse_requests(GEOMETRY), shrink=False)
     text = "\n".join(found.warnings)
     assert "more numbers measured than coefficients fitted: measure more poses" in text
     assert "poses held out are predicted much worse than those fitted: fewer effects or more poses" in text
     assert found.leverage
     assert found.leverage[0][1] == max(share for _, share in found.leverage)
     assert all(0.5 < share <= 1 + 1e-9 for _, share in found.leverage)
+    drawn = calibrate(arm("puma560").robot, few_poses(14), parse_requests(GEOMETRY))
+    assert any("more numbers measured than coefficients fitted: measure more" in warning for warning in drawn.warnings)
     tiny = calibrate(arm("puma560").robot, few_poses(5), parse_requests("base_frame"))
     assert tiny.after.held_out is None
     assert any("too few to hold any out" in warning for warning in tiny.warnings)
@@ -250,7 +277,7 @@ def test_warnings_of_poses_too_few() -> None:
 
 def test_leverages_are_the_hat_matrix() -> None:
     data = few_poses(14)
-    found = calibrate(arm("puma560").robot, data, parse_requests("joint_offset,link_geometry"))
+    found = calibrate(arm("puma560").robot, data, parse_requests("joint_offset,link_geometry"), shrink=False)
     kept = found.fit.identifiability.kept
     _, jacobian = found.fit.model.bind(data).linearise(found.fit.theta)
     rows = (jacobian[:3, kept] * found.fit.weight[:, None, :]).transpose(2, 0, 1).reshape(-1, kept.size)

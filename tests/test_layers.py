@@ -33,6 +33,7 @@ LAYERS = (
         "robacc.parsimony",
         "robacc.registration",
         "robacc.shrinkage",
+        "robacc.sparse_prior",
     ),
     ("robacc.tracing",),
     ("robacc.calibration", "robacc.simulation"),

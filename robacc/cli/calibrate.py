@@ -37,6 +37,14 @@ def calibrate(
     prior: Annotated[
         bool, typer.Option("--prior/--no-prior", help="Use the robot file's tolerances as priors of its geometry.")
     ] = False,
+    shrink: Annotated[
+        bool,
+        typer.Option(
+            "--shrink/--no-shrink",
+            help="Draw joint_offset and link_geometry, asked for without brackets, to the robot file's values where "
+            "most of them do not differ.",
+        ),
+    ] = True,
     robust: Annotated[
         bool, typer.Option("--robust/--all-rows", help="Leave out rows that are no part of the rest, naming them.")
     ] = True,
@@ -80,6 +88,7 @@ def calibrate(
         requests,
         options=Options(robust=robust),
         priors=priors,
+        shrink=shrink,
         n_folds=folds,
         seed=seed,
         holdout=apart,
@@ -91,6 +100,7 @@ def calibrate(
         "robot": robot,
         "fit": fit,
         "prior": prior,
+        "shrink": shrink,
         "robust": robust,
         "folds": folds,
         "holdout": holdout,

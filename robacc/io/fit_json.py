@@ -20,6 +20,7 @@ from robacc.measurements import Measurements
 from robacc.noise import LackOfFit
 from robacc.parameters import Parameter
 from robacc.robots.description import Robot
+from robacc.sparse_prior import Kind
 from robacc.tracing.competition import Ranked
 from robacc.tracing.findings import Finding
 from robacc.tracing.trace import Trace
@@ -41,6 +42,7 @@ def calibration_payload(
         "n_folds": found.n_folds,
         "effects": [{"effect": e.name, "joints": list(e.joints), **e.settings()} for e in found.effects],
         "parameters": _parameters(found.parameters),
+        "shrinkage": [_kind(kind) for kind in found.drawn],
         "correlations": [{"first": c.first, "second": c.second, "correlation": c.value} for c in found.correlations],
         "chi_square": fit.chi_square,
         "degrees_of_freedom": fit.degrees_of_freedom,
@@ -202,6 +204,17 @@ def _parameters(found: Sequence[Parameter]) -> list[dict[str, Any]]:
         {"name": p.name, "value": p.value, "std": p.std, "unit": p.unit, **({"why": p.why} if p.why else {})}
         for p in found
     ]
+
+
+def _kind(kind: Kind) -> dict[str, Any]:
+    return {
+        "unit": kind.unit,
+        "width": kind.width,
+        "constants": [
+            {"name": name, "probability": probability}
+            for name, probability in zip(kind.names, kind.probability, strict=True)
+        ],
+    }
 
 
 def _identifiability(found: Identifiability) -> dict[str, Any]:

@@ -11,9 +11,11 @@ from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
 from robacc.report.stages import gain_line, stages
+from robacc.sparse_prior import Kind
 
 _IN_MM = 1e3
 _SHOWN = 60
+_DIFFERING = 6
 
 
 def draw_calibration(
@@ -60,6 +62,10 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     yield f"chi-square {found.chi_square:.4g} on {found.degrees_of_freedom:.1f} degrees of freedom, as weighed"
     indices = ", ".join(f"{name} {value:.3g}" for name, value in result.identifiability.observability().items())
     yield f"condition number {result.identifiability.condition:.3g}; observability {indices}"
+    for kind in result.drawn:
+        yield _drawn(kind)
+    if result.drawn:
+        yield "standard errors are of the poses alone, drawn or not; --no-shrink draws nothing"
     for one in result.identifiability.dropped:
         yield f"no number: {one.why}"
     for pair in result.correlations[:8]:
@@ -68,3 +74,16 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
         yield f"and {len(result.correlations) - 8} pairs more correlated above 0.9"
     for i, share in result.leverage[:5]:
         yield f"line {data.line(i)} decides {100 * share:.0f} % of its own prediction"
+
+
+def _drawn(kind: Kind) -> str:
+    differing = [name for name, p in zip(kind.names, kind.probability, strict=True) if p > 0.5]
+    count, what = len(kind.names), {"m": "lengths", "rad": "angles"}[kind.unit]
+    if not differing:
+        return f"no one of {count} {what} is shown to differ from the robot file's value: all are drawn to it"
+    shown = ", ".join(differing[:_DIFFERING]) + (" …" if len(differing) > _DIFFERING else "")
+    verb = "differs" if len(differing) == 1 else "differ"
+    return (
+        f"{len(differing)} of {count} {what} {verb} from the robot file's value, {shown}; the others are drawn to it "
+        "as far as the poses allow"
+    )

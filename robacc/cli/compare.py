@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def compare(
     results: Annotated[
-        list[str], typer.Argument(metavar="RESULT RESULT …", help="Results stored as JSON; - reads standard input.")
+        list[str], typer.Argument(metavar="RESULT", help="Results stored as JSON; - reads standard input.")
     ],
     baseline: Annotated[
         str | None,

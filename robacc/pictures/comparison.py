@@ -52,7 +52,7 @@ def _picture(one: Mapping[str, Any], values: Sequence[Mapping[str, Any]], baseli
             ("result", "value", "from", "to"),
             [[v["name"], unit.text(v["value"]), unit.text(v["lower"]), unit.text(v["upper"])] for v in values],
         ),
-        (4.9, 1.0 + 0.34 * len(values)),
+        (4.9, 1.3 + 0.34 * len(values)),
     )
 
 

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from robacc.iso9283 import estimates
-from robacc.iso9283.estimates import Estimate
+from robacc.iso_9283 import estimates
+from robacc.iso_9283.estimates import Estimate
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
 

@@ -13,8 +13,8 @@ from robacc.errors import InputError, UsageError
 from robacc.geometry import Poses, compose, log_so3, transpose
 from robacc.inverse_kinematics import inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
 from robacc.io.robot_file import read_robot
-from robacc.iso9283.cube import PLANES, CubeFit, corners, fit_cube, five_points
-from robacc.iso9283.proposal import ORIENTATIONS, planned_poses, propose
+from robacc.iso_9283.cube import PLANES, CubeFit, corners, fit_cube, five_points
+from robacc.iso_9283.proposal import ORIENTATIONS, planned_poses, propose
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.urdf import parse_urdf, robot_to_urdf

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robacc.iso9283.collecting import absent
-from robacc.iso9283.cube import five_points
-from robacc.iso9283.drift import drift
-from robacc.iso9283.evaluation import iso9283
-from robacc.iso9283.pose_criteria import repeatability
-from robacc.iso9283.protocol import protocol
-from robacc.iso9283.records import Condition
-from robacc.iso9283.visits import visits_of
+from robacc.iso_9283.collecting import absent
+from robacc.iso_9283.cube import five_points
+from robacc.iso_9283.drift import drift
+from robacc.iso_9283.evaluation import iso9283
+from robacc.iso_9283.pose_criteria import repeatability
+from robacc.iso_9283.protocol import protocol
+from robacc.iso_9283.records import Condition
+from robacc.iso_9283.visits import visits_of
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.pose_errors import Commanded
 from robacc.robots.description import Frame, Robot

@@ -38,7 +38,7 @@ LAYERS = (
     ("robacc.tracing",),
     ("robacc.calibration", "robacc.simulation"),
     ("robacc.covariance", "robacc.grade_scale", "robacc.grading", "robacc.pose_errors"),
-    ("robacc.error_frames", "robacc.estimation", "robacc.iso9283", "robacc.prediction"),
+    ("robacc.error_frames", "robacc.estimation", "robacc.iso_9283", "robacc.prediction"),
     ("robacc.comparison", "robacc.gates", "robacc.results"),
     ("robacc.io", "robacc.report"),
     ("robacc.pictures",),

@@ -69,7 +69,7 @@ def iso9283(
     with neither there is repeatability, and no accuracy. Several files are several robots.
     """
     from robacc.cli.output import Outlets, deliver
-    from robacc.iso9283.evaluation import iso9283 as evaluated
+    from robacc.iso_9283.evaluation import iso9283 as evaluated
 
     arm, files, inputs = _load(poses, robot, base_link, tip_link, ordered)
     found = evaluated(

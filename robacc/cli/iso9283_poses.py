@@ -11,7 +11,7 @@ import typer
 from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, TipLinkOption
 
 if TYPE_CHECKING:
-    from robacc.iso9283.proposal import Proposal
+    from robacc.iso_9283.proposal import Proposal
     from robacc.robots.description import Robot
 
 
@@ -71,7 +71,7 @@ def iso9283_poses(
     from robacc.io.files import write_text
     from robacc.io.poses_csv import format_poses
     from robacc.io.robot_file import read_robot
-    from robacc.iso9283.proposal import planned_poses, propose
+    from robacc.iso_9283.proposal import planned_poses, propose
     from robacc.report.iso9283_poses import proposal_comments
 
     if form is PlainFormat.json and output == "-":

@@ -11,9 +11,9 @@ from typing import Any
 
 from robacc.geometry import quaternion_from_rotation
 from robacc.io.statistics_json import interval_document
-from robacc.iso9283.proposal import Proposal
-from robacc.iso9283.records import Characteristic, Criterion, Figure, Iso9283Result
-from robacc.iso9283.visits import CommandedPose
+from robacc.iso_9283.proposal import Proposal
+from robacc.iso_9283.records import Characteristic, Criterion, Figure, Iso9283Result
+from robacc.iso_9283.visits import CommandedPose
 
 Document = dict[str, Any]
 

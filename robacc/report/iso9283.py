@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TextIO
 
-from robacc.iso9283.records import Characteristic, Iso9283Result, Symbol
+from robacc.iso_9283.records import Characteristic, Iso9283Result, Symbol
 from robacc.report.console import width_of, write_lines
 from robacc.report.iso9283_parts import IN_DEGREES, IN_MM, measured, pair_tables, pose_tables
 from robacc.report.layout import BLANK, Line, columns, heading, items

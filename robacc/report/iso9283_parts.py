@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from robacc.iso9283.records import Characteristic, Criterion, Figure, Iso9283Result
+from robacc.iso_9283.records import Characteristic, Criterion, Figure, Iso9283Result
 from robacc.report.layout import BLANK, Line, columns, heading
 from robacc.report.numbers import decimals, fixed
 

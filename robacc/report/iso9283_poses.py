@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TextIO
 
-from robacc.iso9283.proposal import Proposal
+from robacc.iso_9283.proposal import Proposal
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, columns, heading, items
 from robacc.report.numbers import fixed

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.iso9283 import estimates
-from robacc.iso9283.collecting import Found, absent, collected, separation
-from robacc.iso9283.estimates import Estimate
-from robacc.iso9283.records import Characteristic
-from robacc.iso9283.visits import CommandedPose
+from robacc.iso_9283 import estimates
+from robacc.iso_9283.collecting import Found, absent, collected, separation
+from robacc.iso_9283.estimates import Estimate
+from robacc.iso_9283.records import Characteristic
+from robacc.iso_9283.visits import CommandedPose
 
 NO_COMMAND = "nothing says where the target was to be: give --robot, or columns cmd_x, cmd_y, cmd_z"
 NO_ANGLES = "no orientation was measured"

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.iso9283 import estimates
-from robacc.iso9283.collecting import Found, absent, collected
-from robacc.iso9283.estimates import Estimate
-from robacc.iso9283.pose_criteria import NO_ANGLES, NO_COMMAND
-from robacc.iso9283.records import Characteristic
-from robacc.iso9283.visits import CommandedPose, wrapped
+from robacc.iso_9283 import estimates
+from robacc.iso_9283.collecting import Found, absent, collected
+from robacc.iso_9283.estimates import Estimate
+from robacc.iso_9283.pose_criteria import NO_ANGLES, NO_COMMAND
+from robacc.iso_9283.records import Characteristic
+from robacc.iso_9283.visits import CommandedPose, wrapped
 
 MOST_POSES = 10
 """With more commanded poses only neighbours in the order of their first visit are paired."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robacc.geometry import Array
-from robacc.iso9283.visits import CommandedPose
+from robacc.iso_9283.visits import CommandedPose
 from robacc.registration import Alignment
 from robacc.statistics.intervals import Interval
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from robacc.geometry import Array, Poses
-from robacc.iso9283.cube import PREFERRED_EDGES, CubeFit, fit_cube
-from robacc.iso9283.records import Characteristic, Condition, Status
-from robacc.iso9283.visits import CommandedPose
+from robacc.iso_9283.cube import PREFERRED_EDGES, CubeFit, fit_cube
+from robacc.iso_9283.records import Characteristic, Condition, Status
+from robacc.iso_9283.visits import CommandedPose
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.robots.description import Robot
 

@@ -17,12 +17,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.iso9283 import estimates
-from robacc.iso9283.collecting import Found, absent, collected, separation
-from robacc.iso9283.estimates import Estimate, largest_of, size
-from robacc.iso9283.pose_criteria import NO_ANGLES, NO_COMMAND
-from robacc.iso9283.records import Characteristic
-from robacc.iso9283.visits import CommandedPose
+from robacc.iso_9283 import estimates
+from robacc.iso_9283.collecting import Found, absent, collected, separation
+from robacc.iso_9283.estimates import Estimate, largest_of, size
+from robacc.iso_9283.pose_criteria import NO_ANGLES, NO_COMMAND
+from robacc.iso_9283.records import Characteristic
+from robacc.iso_9283.visits import CommandedPose
 
 FEWEST = 3
 """Visits of a window: with two, RP is nearly nothing but chance."""

@@ -9,12 +9,12 @@ import numpy as np
 from robacc.errors import InputError, Problem, UsageError
 from robacc.estimation import check_call
 from robacc.geometry import Array, Poses
-from robacc.iso9283.distance_criteria import distance_criteria
-from robacc.iso9283.drift import drift
-from robacc.iso9283.pose_criteria import accuracy, exchangeability, multidirectional, position_accuracy, repeatability
-from robacc.iso9283.protocol import protocol
-from robacc.iso9283.records import Characteristic, Iso9283Result
-from robacc.iso9283.visits import CommandedPose, shifting_commands, visits_of
+from robacc.iso_9283.distance_criteria import distance_criteria
+from robacc.iso_9283.drift import drift
+from robacc.iso_9283.pose_criteria import accuracy, exchangeability, multidirectional, position_accuracy, repeatability
+from robacc.iso_9283.protocol import protocol
+from robacc.iso_9283.records import Characteristic, Iso9283Result
+from robacc.iso_9283.visits import CommandedPose, shifting_commands, visits_of
 from robacc.measurements import Measurements
 from robacc.pose_errors import Commanded, commanded_poses
 from robacc.registration import Alignment

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso9283.estimates import Estimate, distance, largest, largest_of, size, student
-from robacc.iso9283.records import Characteristic, Criterion, Figure, Symbol
+from robacc.iso_9283.estimates import Estimate, distance, largest, largest_of, size, student
+from robacc.iso_9283.records import Characteristic, Criterion, Figure, Symbol
 
 CLAUSES: dict[Symbol, str] = {
     "AP": "7.2.1",

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso9283.records import Figure
+from robacc.iso_9283.records import Figure
 from robacc.statistics.distributions import normal_quantile, student_quantile
 from robacc.statistics.intervals import Interval, chi2_interval, interpolated, tails
 from robacc.statistics.multivariate import principal_axes

@@ -1,3 +1,3 @@
 """robacc: how accurate is the arm, why, and what would make it better."""
 
-__version__ = "0.1.0"
+from robacc.version import __version__ as __version__

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-from robacc import __version__
+from robacc.version import __version__
 
 SCHEMA_VERSION = 1
 """Goes up when a key of a result changes its name or meaning; added keys leave it."""

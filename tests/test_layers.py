@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "robacc"
 
 LAYERS = (
-    ("robacc", "robacc.errors"),
+    ("robacc.errors", "robacc.version"),
     ("robacc.geometry", "robacc.quantities"),
     ("robacc.chain", "robacc.measurements", "robacc.statistics"),
     ("robacc.robots", "robacc.figures"),
@@ -43,8 +43,9 @@ LAYERS = (
     ("robacc.io", "robacc.report"),
     ("robacc.pictures",),
     ("robacc.html",),
+    ("robacc.api",),
     ("robacc.cli",),
-    ("robacc.__main__",),
+    ("robacc", "robacc.__main__"),
 )
 """From the ground up. A package stands for all of its modules."""
 PLACES = {name: number for number, names in enumerate(LAYERS) for name in names}

@@ -65,7 +65,7 @@ def model_text(robot: Robot, command: str, poses: str) -> str:
     """The written model: a robot file whose first lines say where it is from."""
     from pathlib import PurePath
 
-    from robacc import __version__
+    from robacc.version import __version__
     from robacc.robots.yamlspec import robot_to_yaml
 
     return robot_to_yaml(robot, (f"written by robacc {__version__} {command} from {PurePath(poses).name}",))

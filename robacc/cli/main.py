@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from robacc import __version__
+from robacc.version import __version__
 from robacc.errors import RobaccError
 from robacc.report.console import say_error, say_interrupted
 

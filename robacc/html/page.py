@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robacc import __version__
+from robacc.version import __version__
 from robacc.html.blocks import Headline, Listing, Section
 from robacc.html.compare_sections import compare_sections
 from robacc.html.estimate_sections import estimate_sections

@@ -101,9 +101,12 @@ def _next_body(weights: Weights, motion: int) -> int:
     return min((after for after in weights.after if after > motion), default=-1)
 
 
-def gravity_torques(arm: Arm, q: Array) -> Array:
-    """``(J, N)`` moment (N m), or force (N), of the arm's own weight along each joint's axis at its nominal pose."""
-    loads = own_weight(arm)
+def gravity_torques(arm: Arm, q: Array, loads: Sequence[Load] | None = None) -> Array:
+    """``(J, N)`` moment (N m), or force (N), of loads along each joint's axis at its nominal pose.
+
+    The loads are the arm's own weight where none are given.
+    """
+    loads = own_weight(arm) if loads is None else loads
     counts = sorted({load.after for load in loads})
     sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], arm.chain.joint_axis, counts)
     weights = Weights.place(loads, dict(zip(counts, sweep.frames, strict=True)))

@@ -19,6 +19,7 @@ from robacc.geometry import log_so3, transpose
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
 from robacc.observation import residuals
+from robacc.robots.description import Frame
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.drivers import _DRIVERS
 
@@ -75,6 +76,21 @@ def test_what_is_explained_is_the_difference_of_the_residuals(name: str) -> None
     assert np.sqrt(np.mean(np.square(ratio))) < 1.3
 
 
+def payload_moment(data: Measurements) -> np.ndarray:
+    """About the second axis by hand: the work of the payload's weight as the joint turns, by central differences."""
+    robot = dataclasses.replace(arm("puma560").robot, effects=(), tool=Frame(arm("puma560").payload_com))
+
+    def height(shift: float) -> np.ndarray:
+        q = np.array(data.q)
+        q[1] += shift
+        return predict(robot, dataclasses.replace(data, q=q)).translation[2]
+
+    # Gravity pulls along -z: what sinks is turned that way.
+    rise: np.ndarray = (height(1e-5) - height(-1e-5)) / 2e-5
+    assert data.payload is not None
+    return -9.81 * data.payload * rise
+
+
 EXPECTED = {
     "backlash": lambda data: -2e-4 * data.direction[2],
     "approach_lag": lambda data: 3e-4 * data.speed[1],
@@ -82,6 +98,7 @@ EXPECTED = {
     "joint_coupling": lambda data: 1e-3 * data.q[4],
     "transmission_error": lambda data: 1.2e-4 * np.cos(7.5 * data.q[0]) - 1.6e-4 * np.sin(7.5 * data.q[0]),
     "joint_compliance": lambda data: 5e-6 * gravity_torques(arm("puma560"), data.q)[1],
+    "payload_compliance": lambda data: 2e-5 * payload_moment(data),
 }
 
 

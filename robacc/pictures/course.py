@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robacc.pictures.columns import Array, numbers, place
-from robacc.pictures.errors_of import Stages, stages_of
+from robacc.pictures.errors_of import Stage, Stages, stages_of
 from robacc.pictures.palette import LIGHT
 from robacc.pictures.picture import Document, Picture, Table
 from robacc.pictures.thinning import Rows, shown, thinned
 from robacc.pictures.units import Unit, error_unit
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _POINTS = 700
 _ROWS = 60
-_MARKS = {"before": "o", "after": "o"}
 
 
 def course_pictures(document: Document) -> Iterator[Picture]:
@@ -31,7 +31,7 @@ def course_pictures(document: Document) -> Iterator[Picture]:
     x = numbers(found.poses["time_s"] if timed else found.poses["line"])
     if x.size < 2:
         return
-    stages = [stage for stage in found.stages if stage.role != "nominal"]
+    stages = _told(found)
     sizes = [stage.sizes for stage in stages]
     rows = thinned(_POINTS, x, *sizes)
     unit = error_unit("m", float(max(one.max() for one in sizes)))
@@ -53,7 +53,7 @@ def course_pictures(document: Document) -> Iterator[Picture]:
 
 
 def _table(found: Stages, x: Array, unit: Unit, over: str) -> Table:
-    stages = [stage for stage in found.stages if stage.role != "nominal"]
+    stages = _told(found)
     rows = thinned(_ROWS, x, stages[-1].sizes)
     columns = [[unit.text(value) for value in stage.sizes[rows].tolist()] for stage in stages]
     named = [place(found.poses, int(i)) for i in rows]
@@ -66,9 +66,8 @@ def _table(found: Stages, x: Array, unit: Unit, over: str) -> Table:
 
 def _draw(figure: Figure, found: Stages, x: Array, rows: Rows, unit: Unit, over: str) -> None:
     axes = figure.add_subplot()
-    for stage in found.stages:
-        if stage.role == "nominal":
-            continue
+    stages = _told(found)
+    for stage in stages:
         values = stage.sizes[rows] * unit.factor
         filled = stage.role == "after"
         axes.plot(
@@ -81,10 +80,29 @@ def _draw(figure: Figure, found: Stages, x: Array, rows: Rows, unit: Unit, over:
             color=LIGHT[stage.role],
             label=stage.label,
         )
-    left_out = rows[found.used[rows] == 0]
-    if left_out.size:
-        values = found.last.sizes[left_out] * unit.factor
-        axes.plot(x[left_out], values, "x", color=LIGHT["ink"], ms=6, mew=1.2, label="left out as no part of the rest")
+    kept = found.used[rows] > 0
+    if not kept.all():
+        _left_out(axes, found, x, rows[~kept], unit)
     axes.set(xlabel=over, ylabel=f"position error, {unit.name}")
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, _top(stages, rows[kept] if kept.any() else rows) * unit.factor)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+
+def _told(found: Stages) -> list[Stage]:
+    """As delivered is left out, which is larger than the rest by far."""
+    return [stage for stage in found.stages if stage.role != "nominal"]
+
+
+def _top(stages: Sequence[Stage], rows: Rows) -> float:
+    """Room for every pose that took part."""
+    return 1.08 * max(float(stage.sizes[rows].max()) for stage in stages) or 1.0
+
+
+def _left_out(axes: Axes, found: Stages, x: Array, rows: Rows, unit: Unit) -> None:
+    """Rows that are no part of the rest, at the upper edge where they are far beyond it."""
+    top = _top(_told(found), np.flatnonzero(found.used > 0))
+    sizes = found.last.sizes[rows]
+    for mark, chosen, label in (("x", sizes <= top, "left out"), ("^", sizes > top, "left out, beyond the picture")):
+        if chosen.any():
+            y = np.minimum(sizes[chosen], 0.97 * top) * unit.factor
+            axes.plot(x[rows[chosen]], y, mark, color=LIGHT["ink"], ms=6, mew=1.2, label=label)

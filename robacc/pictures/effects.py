@@ -25,7 +25,8 @@ _LOOSE = 4.0
 _WORDS = {
     "torque": "gravity torque on {joint}",
     "direction": "direction of approach of {joint}",
-    "speed": "speed of the last motion of {joint}, share of full",
+    "payload_torque": "payload's torque on {joint}",
+    "speed": "last speed of {joint}, share of full",
     "time_s": "time",
     "temperature_c": "temperature",
     "payload_kg": "payload",

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
-from robacc.effects.base import Effect, Part, Term
+from robacc.effects.base import Effect, Term
 from robacc.effects.joint_offset import JointOffset
 from robacc.errors import RobaccError
 from robacc.fitting import Fit
@@ -127,9 +127,7 @@ def _of_target(effect: Effect, own: Sequence[int], found: Fit, data: Measurement
     moved = lacking[:3] - found.residual[:3]
     length = np.sqrt(np.sum(np.square(moved), axis=0))
     way = np.zeros_like(lacking)
-    # Counted along the first regressor, so that a drift or a change of temperature is seen to pass through zero.
-    sign = np.sign(found.theta[own[0]]) * _sign(found.terms[own[0]].parts[0])
-    way[:3] = moved / np.where(length > 0, length, 1.0) * sign
+    way[:3] = moved / np.where(length > 0, length, 1.0) * _sign([found.terms[i] for i in own], found.theta[own[0]])
     before, after, sd = _along(way, lacking, found)
     driver = driver_of(effect, found.model.arm, data, None)
     grid, value = None, None
@@ -170,8 +168,13 @@ def _along(way: Array, lacking: Array, found: Fit) -> tuple[Array, Array, Array]
     return np.sum(share * lacking, axis=0), np.sum(share * found.residual, axis=0), sd
 
 
-def _sign(part: Part) -> Array | float:
-    return 1.0 if part.loads is not None else np.where(np.asarray(part.factor) < 0, -1.0, 1.0)
+def _sign(terms: Sequence[Term], first: float) -> Array | float:
+    """Counted along the regressor where all terms have the same, so that a drift is seen to pass through zero."""
+    parts = [term.parts[0] for term in terms]
+    signs = [np.where(np.asarray(part.factor) < 0, -1.0, 1.0) for part in parts]
+    if any(part.loads is not None for part in parts) or not all(np.array_equal(signs[0], one) for one in signs):
+        return 1.0
+    return signs[0] * (-1.0 if first < 0 else 1.0)
 
 
 def _predicted(explained: Array) -> Driver:

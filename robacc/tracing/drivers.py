@@ -17,6 +17,7 @@ from robacc.effects.joint_coupling import JointCoupling
 from robacc.effects.thermal_expansion import ThermalExpansion
 from robacc.elasticity import gravity_torques
 from robacc.geometry import Array
+from robacc.loads import payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -26,8 +27,8 @@ class Driver:
     """One circumstance that varies from pose to pose."""
 
     name: str
-    """A joint's name, or ``torque``, ``direction``, ``speed``, ``time_s``, ``temperature_c``, ``payload_kg``,
-    ``distance``.
+    """A joint's name, or ``torque``, ``payload_torque``, ``direction``, ``speed``, ``time_s``, ``temperature_c``,
+    ``payload_kg``, ``distance``.
     """
     unit: str
     values: Array
@@ -93,7 +94,9 @@ def _torque(arm: Arm, data: Measurements, joint: str, alone: bool) -> Driver:
 
 
 def _payload(effect: Effect, arm: Arm, data: Measurements, joint: str) -> Driver:
-    return _circumstance("payload_kg", data, False)
+    loads = payload(arm, needed(data.payload, "payload_kg", effect.name))
+    torque = gravity_torques(arm, commanded(data, "a torque"), loads)[arm.number(joint)]
+    return Driver("payload_torque", "N m" if arm.is_revolute(joint) else "N", torque, True)
 
 
 def _correction(effect: Effect, arm: Arm, data: Measurements, joint: str) -> Driver | None:

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from robacc.errors import Problem
 from robacc.geometry import Array
 
+_LARGEST = 1e9
+"""m or rad: no joint, place or error is as large, and the square of what is much larger cannot be held."""
+
 
 @dataclass(frozen=True, slots=True)
 class Document:
@@ -76,8 +79,8 @@ class Document:
         if array.ndim != 2 or array.shape[0] != n or array.shape[1] != (width or array.shape[1]):
             self.report(path, f"{n} rows of {width or 'equally many'} numbers are expected here")
             return None
-        if not np.all(np.isfinite(array)):
-            self.report(path, "every number must be finite")
+        if not np.all(np.abs(array) < _LARGEST):
+            self.report(path, f"numbers below {_LARGEST:g} are expected here")
             return None
         return array.T
 

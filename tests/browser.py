@@ -62,7 +62,7 @@ def settled(driver: Any) -> None:
     """Wait until every view that starts by itself is drawn."""
     from selenium.webdriver.support.ui import WebDriverWait
 
-    waiting = "return document.querySelectorAll(\"figure[data-starts=yes] .scene:not([data-drawn=yes])\").length === 0"
+    waiting = 'return document.querySelectorAll("figure[data-starts=yes] .scene:not([data-drawn=yes])").length === 0'
     WebDriverWait(driver, 30).until(lambda one: one.execute_script(waiting))
 
 

@@ -197,8 +197,7 @@ def _fitted(
     found = fit(model, data, options)
     if plan.priors:
         return found, ()
-    if not found.widths:
-        found = without_idle_rotations(found, model, data, options)
+    found = without_idle_rotations(found, model, data, options)
     return drawn(found, data, options, plan.whole) if plan.shrink else (found, ())
 
 

@@ -46,9 +46,13 @@ class Scale:
 
 def default_scale() -> Scale:
     """The scale that comes with the package: A within 0.1 mm and 0.1 degree, the CAD/CAM requirement of the paper."""
-    # Not importlib.resources, which loads zipfile and more: 3 ms of the 150 that an estimate may take.
+    import yaml
+
+    # Not importlib.resources, which loads zipfile and more: 3 ms of the 150 that an estimate may take. And libyaml, where
+    # PyYAML was built with it, takes a tenth of the time; but it ends the process where a file is nested too deeply.
     path = Path(__file__).with_name("data") / "grades" / "default.yaml"
-    return load_scale(path.read_text(encoding="utf-8"), path.name)
+    text = path.read_text(encoding="utf-8")
+    return _scale_of(yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), path.name)
 
 
 def load_scale(text: str, file: str) -> Scale:
@@ -61,16 +65,12 @@ def load_scale(text: str, file: str) -> Scale:
     Raises:
         InputError: With every problem found, each with its line and key.
     """
-    import yaml
+    from robacc.robots.yamlnode import compose
 
-    try:
-        # libyaml, where PyYAML was built with it, takes a tenth of the time.
-        root = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except yaml.MarkedYAMLError as error:
-        line = None if error.problem_mark is None else error.problem_mark.line + 1
-        raise InputError(Problem(f"this is not YAML: {error.problem}", file, line)) from error
-    except yaml.YAMLError as error:
-        raise InputError(Problem(f"this is not YAML: {error}", file)) from error
+    return _scale_of(compose(text, file), file)
+
+
+def _scale_of(root: yaml.Node | None, file: str) -> Scale:
     reader = _Reader(file)
     scale = _read(reader, root)
     if scale is None or reader.problems:
@@ -117,7 +117,7 @@ class _Reader:
 
         if node is None:
             self.report(parent, key, "this key is missing")
-        elif not isinstance(node, ScalarNode) or not node.value.strip():
+        elif not isinstance(node, ScalarNode) or not node.value.strip() or not node.value.isprintable():
             self.report(node, key, "a single word or number is expected here")
         else:
             return str(node.value).strip()
@@ -139,7 +139,8 @@ class _Reader:
         if value is None:
             return None
         try:
-            number = float(value)
+            # float() also takes 1_000 and digits of other scripts.
+            number = float(value) if value.isascii() and "_" not in value else math.nan
         except ValueError:
             number = math.nan
         if not (math.isfinite(number) and number > 0.0):

@@ -241,8 +241,8 @@ def problems(text: str) -> list[str]:
             "s.yaml:10, xyzzy: this key is not known; the keys are robacc, name",
         ),
         ("  - {grade: B, position: 3e-4}", "  - B", "s.yaml:8, steps[1]: a mapping with the keys grade, position"),
-        ("name: mine", "name: [", "s.yaml:4: this is not YAML: "),
-        ("name: mine", "name: \x07", "s.yaml: this is not YAML: "),
+        ("name: mine", "name: [", "s.yaml:4: not readable as YAML: "),
+        ("name: mine", "name: \x07", "s.yaml:2: not readable as YAML: "),
     ],
 )
 def test_every_message_of_a_scale(old: str, new: str, message: str | None) -> None:
@@ -259,9 +259,19 @@ def test_an_orientation_limit_after_none() -> None:
     assert problems(text) == ["s.yaml:8, steps[1].orientation: A, which is better, has no limit of orientation"]
 
 
-@pytest.mark.parametrize("text", ["", "# nothing\n", "- a\n"])
-def test_a_file_without_a_mapping(text: str) -> None:
-    assert problems(text)[0].startswith("s.yaml:1: a mapping with the keys robacc, name, statistic")
+def test_a_file_without_a_mapping() -> None:
+    assert problems("- a\n")[0].startswith("s.yaml:1: a mapping with the keys robacc, name, statistic")
+    assert problems("") == problems("# nothing\n") == ["s.yaml: the file is empty"]
+
+
+def test_a_scale_is_read_as_carefully_as_a_robot_file() -> None:
+    # libyaml ends the process here, without a word.
+    assert problems("[" * 200_000) == ["s.yaml:1: not readable as YAML: nested deeper than 32"]
+    assert problems(GOOD.replace("3e-4", "&a 3e-4")) == [
+        "s.yaml:8: not readable as YAML: anchors (&) and aliases (*) are not taken"
+    ]
+    assert "found '3_00', expected a number greater than zero" in problems(GOOD.replace("3e-4", "3_00"))[0]
+    assert "a single word or number is expected here" in problems(GOOD.replace("mine", '"\\e[2J"'))[0]
 
 
 @pytest.mark.parametrize("steps", ["steps: []", "steps: A", ""])

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from robacc.report.layout import Line
 
+_SPACES = frozenset("\u00a0\u2002\u2003\u2007\u2009\u202f\u3000")
+"""Spaces that Python counts as unprintable, and that do no more than a space."""
 _RED, _YELLOW, _DIM, _RESET = "\033[31m", "\033[33m", "\033[2m", "\033[0m"
 
 PLAIN_WIDTH = 80
@@ -32,8 +34,19 @@ def uses_colour(stream: TextIO) -> bool:
     return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
+def visible(text: str) -> str:
+    """The text with what would act on a terminal, or not show on it, spelled out: controls, other directions of writing.
+
+    A file's names and texts reach messages and tables; an escape sequence among them could clear or rewrite the screen.
+    """
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign in _SPACES else ascii(sign)[1:-1] for sign in text)
+
+
 def say(text: str, colour: str = "") -> None:
     """One line on standard error."""
+    text = "\n".join(visible(line) for line in text.split("\n"))
     if colour and uses_colour(sys.stderr):
         text = f"{colour}{text}{_RESET}"
     print(text, file=sys.stderr)
@@ -84,8 +97,8 @@ def width_of(stream: TextIO) -> int:
 def write_lines(lines: Iterable[Line], stream: TextIO) -> None:
     """Write a report's lines, with their looks where colour shows."""
     if not uses_colour(stream):
-        stream.writelines(f"{line.text}\n" for line in lines)
+        stream.writelines(f"{visible(line.text)}\n" for line in lines)
         return
     console = console_for(stream)
     for line in lines:
-        console.print(line.text, style=line.style or None, markup=False, highlight=False, soft_wrap=True)
+        console.print(visible(line.text), style=line.style or None, markup=False, highlight=False, soft_wrap=True)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
+from robacc.robots.urdfsizes import complain_of_sizes
 from robacc.robots.urdfwrite import robot_to_urdf
 from robacc.robots.urdfxml import Document, read_document
 
@@ -90,6 +91,7 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
     if not path:
         raise UsageError(f"{file}: link {tip!r} is not behind link {base!r}")
     joints = [_read_joint(tree, joint) for joint in path]
+    complain_of_sizes(document, tree.elements, joints)
     document.finish()
     joints = _resolve_mimics(tree, joints)
     if not any(joint.is_variable for joint in joints):

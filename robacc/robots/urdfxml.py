@@ -16,6 +16,7 @@ _KEPT: Mapping[str, tuple[str, ...]] = {
     "link": ("inertial",),
     "inertial": ("origin", "mass"),
     "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
+    "leaf": (),
 }
 """Which elements are kept below which; meshes, colours, transmissions and simulators' own say nothing of the chain."""
 _NAMES: Mapping[str, tuple[str, ...]] = {
@@ -127,7 +128,8 @@ class _Reader:
             return
         if any("${" in value or "$(" in value for value in attributes.values()):
             self._refuse_xacro()
-        known = {key: value for key, value in attributes.items() if ":" not in key and not key.startswith("xmlns")}
+        taken = ("name",) if tag == "robot" else (*_NAMES.get(tag, ()), *_NUMBERS.get(tag, {}))
+        known = {key: value for key, value in attributes.items() if key in taken}
         element = self.builder.start(tag, known)
         self.lines[element] = self.parser.CurrentLineNumber
         self.parents.append(tag if tag in _KEPT else "leaf")
@@ -141,7 +143,9 @@ class _Reader:
 
 
 def _check(document: Document) -> None:
-    document.root.attrib.setdefault("name", "robot")
+    own = document.root.attrib.setdefault("name", "robot")
+    if not own.isprintable():
+        document.complain(document.root, "", f"<robot name>: expected a name, found {own!r}")
     seen: dict[tuple[str, str], int] = {}
     for owner in document.root:
         name = owner.get("name", "")
@@ -160,18 +164,23 @@ def _check(document: Document) -> None:
 def _check_element(document: Document, owner: Element, element: Element) -> None:
     name = owner.get("name", "")
     for attribute in _NAMES.get(element.tag, ()):
-        if not element.get(attribute, "").strip():
+        given = element.get(attribute, "")
+        if not given.strip():
             document.complain(element, name, f"<{element.tag}> needs the attribute {attribute!r}")
+        elif not given.isprintable():
+            document.complain(element, name, f"<{element.tag} {attribute}>: expected a name, found {given!r}")
     for attribute, count in _NUMBERS.get(element.tag, {}).items():
-        given = element.get(attribute)
-        if given is None:
+        numbers = element.get(attribute)
+        if numbers is None:
             continue
         try:
-            values = [float(part) for part in given.split()]
+            # float() also takes 1_000 and digits of other scripts, which no other reader of URDF does.
+            plain = numbers.isascii() and "_" not in numbers
+            values = [float(part) for part in numbers.split()] if plain else []
         except ValueError:
             values = []
         # An infinite limit is a way of saying that there is none.
         finite = all(math.isfinite(value) or (element.tag == "limit" and math.isinf(value)) for value in values)
         if len(values) != count or not finite:
             wanted = "a number" if count == 1 else f"{count} numbers"
-            document.complain(element, name, f"<{element.tag} {attribute}>: expected {wanted}, found {given!r}")
+            document.complain(element, name, f"<{element.tag} {attribute}>: expected {wanted}, found {numbers[:60]!r}")

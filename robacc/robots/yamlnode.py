@@ -15,6 +15,8 @@ from robacc.errors import InputError, Problem
 
 MAX_DEPTH = 32
 MAX_NODES = 50_000
+MAX_LENGTH = 4 * 2**20
+"""Characters: far above any file of these, and what takes some ten seconds to be found fault with."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """Decimal numbers only: YAML 1.1 would take 1e-4 for text, 010 for eight and 1:30 for ninety."""
@@ -51,6 +53,8 @@ def compose(text: str, file: str) -> yaml.Node:
     Raises:
         InputError: The text is no YAML, empty, several documents, or uses anchors, or is nested or long beyond reason.
     """
+    if len(text) > MAX_LENGTH:
+        raise InputError(Problem(f"is larger than {MAX_LENGTH / 2**20:g} MiB, the most that is read as YAML", file))
     try:
         node = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -109,6 +113,9 @@ class Source:
                 self.complain(key_node, path, "a key must be a plain name")
                 continue
             key = str(key_node.value)
+            if not key.isprintable():
+                self.complain(key_node, path, f"a key has printable characters only, found {found(key_node)}")
+                continue
             if key in lines:
                 self.complain(key_node, join(path, key), f"is given twice, first in line {lines[key]}")
                 continue
@@ -169,6 +176,8 @@ class Source:
         if isinstance(node, yaml.SequenceNode):
             return [self.plain(item, f"{path}[{i}]") for i, item in enumerate(node.value)]
         text = str(node.value)
+        if not text.isprintable():
+            self.complain(node, path, f"expected printable characters, found {found(node)}")
         if not isinstance(node, yaml.ScalarNode) or node.style is not None:
             return text
         if _NUMBER.fullmatch(text) or _NOT_FINITE.fullmatch(text):

@@ -19,11 +19,11 @@ MAX_LENGTH = 50.0
 """m: no arm has a longer link and no hall a base farther from its instrument."""
 MIN_LENGTH = 5e-3
 """m: an arm all of whose lengths are shorter was written in m and declared mm."""
-_TURN = 2 * math.pi * 1.001
+TURN = 2 * math.pi * 1.001
 """rad: a fixed angle beyond a turn (and rounding) was written in degrees."""
 _LIMITS_IN_DEGREES = (4 * math.pi, 1000.0)
 """rad: limits beyond two turns are rare, and of every joint of an arm unheard of; much larger ones mean "no limit"."""
-_TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
+TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
 """m: a slide's travel between these was written in mm; a longer one means "no limit"."""
 
 
@@ -51,7 +51,7 @@ class Units:
             fix = "it looks like mm: write length: mm under units" if self.length == 1.0 else None
             source.complain(node, path, f"{value:g} is {abs(value) * self.length:g} m, too long for an arm", fix)
             return None
-        if not is_length and abs(value) * self.angle > _TURN:
+        if not is_length and abs(value) * self.angle > TURN:
             fix = "it looks like degrees: write angle: deg under units" if self.angle == 1.0 else None
             source.complain(node, path, f"{value:g} {'rad' if fix else 'deg'} is more than a turn", fix)
             return None
@@ -60,7 +60,7 @@ class Units:
     def travel(self, source: Source, node: yaml.Node, path: str, limits: tuple[float, float]) -> tuple[float, float]:
         """A slide's limits in m; such as only make sense in mm are complained of."""
         longest = max(map(abs, limits)) * self.length
-        if self.length == 1.0 and _TRAVEL_IN_MM[0] < longest < _TRAVEL_IN_MM[1]:
+        if self.length == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
             fix = "it looks like mm: write length: mm under units"
             source.complain(node, path, f"a travel to {longest:g} m is too long for an arm", fix)
         return limits[0] * self.length, limits[1] * self.length
@@ -108,10 +108,9 @@ class Units:
 def complain_of_likely_units(robot: Robot, units: Units, top: Section) -> None:
     """Notice, over a whole robot that reads without fault, that it was written in units other than it says."""
     source, node = top.source, top.values["units"]
-    limits = [joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute"]
-    low, high = _LIMITS_IN_DEGREES
-    if units.angle == 1.0 and limits and all(low < max(map(abs, pair)) < high for pair in limits):
-        message = f"the limits of every joint (the first: {limits[0]} rad) are more than two turns"
+    if units.angle == 1.0 and limits_likely_degrees(robot.joints):
+        first = next(joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute")
+        message = f"the limits of every joint (the first: {first} rad) are more than two turns"
         source.complain(node, "units.angle", message, "they look like degrees: write angle: deg")
     angles = [abs(angle) / units.angle for joint in robot.joints for angle in _fixed_angles(joint)]
     if units.angle != 1.0 and angles and all(_is_right_angle(value) for value in angles):
@@ -121,6 +120,13 @@ def complain_of_likely_units(robot: Robot, units: Units, top: Section) -> None:
     if units.length != 1.0 and 0 < longest < MIN_LENGTH:
         message = f"the longest length of the arm is {longest / units.length:g} mm"
         source.complain(node, "units.length", message, "the lengths look like metres: write length: m")
+
+
+def limits_likely_degrees(joints: Sequence[Joint]) -> bool:
+    """Whether the limits of every revolute joint, in rad, are such as only make sense in degrees."""
+    limits = [joint.limits for joint in joints if joint.limits and joint.type == "revolute"]
+    low, high = _LIMITS_IN_DEGREES
+    return bool(limits) and all(low < max(map(abs, pair)) < high for pair in limits)
 
 
 def _fixed_angles(joint: Joint) -> list[float]:

@@ -1,0 +1,39 @@
+"""Sizes in a URDF, which is in m and rad, that only make sense in mm or degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from xml.etree.ElementTree import Element
+
+from robacc.robots.description import LENGTH_PARAMETERS, Joint
+from robacc.robots.urdfxml import Document
+from robacc.robots.yamlunits import MAX_LENGTH, TRAVEL_IN_MM, TURN, limits_likely_degrees
+
+_LENGTH_FIX = "a URDF's lengths are in m"
+_ANGLE_FIX = "a URDF's angles are in rad"
+
+
+def complain_of_sizes(document: Document, elements: Mapping[str, Element], joints: Sequence[Joint]) -> None:
+    """Complain of lengths and angles beyond reason, as of a robot file's.
+
+    Args:
+        document: The file, which takes the complaints.
+        elements: Each joint's element, by its name.
+        joints: Those of the chain.
+    """
+    for joint in joints:
+        element = elements[joint.name]
+        for name, value in joint.parameters.items():
+            if name in LENGTH_PARAMETERS and abs(value) > MAX_LENGTH:
+                document.complain(element, joint.name, f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX)
+            elif name not in LENGTH_PARAMETERS and abs(value) > TURN:
+                document.complain(element, joint.name, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
+        if joint.com is not None and max(map(abs, joint.com)) > MAX_LENGTH:
+            message = f"the centre of mass of its link lies {max(map(abs, joint.com)):g} m off, too far for an arm"
+            document.complain(element, joint.name, message, _LENGTH_FIX)
+        if joint.type == "prismatic" and joint.limits is not None:
+            longest = max(map(abs, joint.limits))
+            if TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
+                document.complain(element, joint.name, f"a travel to {longest:g} m is too long for an arm", _LENGTH_FIX)
+    if limits_likely_degrees(joints):
+        document.complain(None, "", "the limits of every joint are more than two turns", _ANGLE_FIX)

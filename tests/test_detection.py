@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from arms import arm
+from draws import KINDS, draw
 from scipy import stats
 from test_trace import DECLARED, NOISE, entry, measured
 
@@ -21,6 +22,7 @@ from robacc.observation import observed_jacobian
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.loop import Loop, close_loop
 from robacc.tracing.selection import FALSE_ALARM
+from robacc.tracing.trace import trace
 
 CIRCUMSTANCES = {"time_step": 30.0, "temperature": (18.0, 30.0), "payloads": (0.0, 2.0, 5.0)}
 
@@ -136,3 +138,14 @@ def test_a_form_that_others_make_up_is_not_repeated() -> None:
     orders = [one.settings["orders"] for one in found if one.effect == "transmission_error" and one.joints == ("j2",)]
     assert orders == [[1.0], [2.0], [107.815]]
     assert all(one.effect != "base_frame" for one in found)
+
+
+@pytest.mark.parametrize("which", ["backlash", "thermal_expansion"])
+def test_far_beyond_the_limit_an_effect_is_named_and_far_below_it_is_not(which: str) -> None:
+    one = draw(KINDS[which], 0)
+    for times, expected in ((10.0, True), (0.1, False)):
+        data = one.measured(times)
+        found = trace(one.model(data), data, n_folds=2)
+        assert one.is_named(found) is expected
+        assert len(found.findings) == expected
+        assert one.power(times, 0.5) == pytest.approx(expected, abs=1e-3)

@@ -148,4 +148,4 @@ def test_far_beyond_the_limit_an_effect_is_named_and_far_below_it_is_not(which: 
         found = trace(one.model(data), data, n_folds=2)
         assert one.is_named(found) is expected
         assert len(found.findings) == expected
-        assert one.power(times, 0.5) == pytest.approx(expected, abs=1e-3)
+        assert one.power(times, 0.5) == pytest.approx(float(expected), abs=1e-3)

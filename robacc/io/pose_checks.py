@@ -26,6 +26,10 @@ Limits = Sequence[tuple[float, float] | None]
 QUATERNION_TOLERANCE = 1e-3
 SPEED_TOLERANCE = 1e-6
 ABSOLUTE_ZERO = -273.15
+SMALLEST_SIGMA = 1e-12
+"""m or rad; below it a weight 1/sigma^2 leaves nothing of the other rows."""
+_LARGEST: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "number": 1e12}
+"""m (geocentric coordinates are 6.4e6), rad, either, and what circumstances are counted in: squares still have digits."""
 COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
 COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
 
@@ -82,9 +86,19 @@ class RowChecks:
             self._column(key, lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1")
         for key in (*SIGMAS, "sigma_r"):
             self._column(key, lambda v: v <= 0, "expected a standard deviation above 0")
+            self._column(key, lambda v: (v > 0) & (v < SMALLEST_SIGMA), "expected one that an instrument can have")
         self._column("payload_kg", lambda v: v < 0, "expected 0 kg or more")
         self._column("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more")
+        self._sizes()
         self._targets(target_names)
+
+    def _sizes(self) -> None:
+        """Numbers so large that nothing computed from them would mean anything."""
+        for key, column in self.values.layout.columns.items():
+            most = _LARGEST.get(column.kind)
+            if most is not None:
+                shown = f"{most * column.divisor:g}{f' {column.unit}' if column.unit else ''}"
+                self._column(key, lambda v, most=most: np.abs(v) > most, f"expected at most {shown}")  # type: ignore[misc]
 
     def _quaternion(self, keys: Sequence[str]) -> None:
         quaternion = self.values.several(keys)

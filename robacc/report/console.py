@@ -35,7 +35,7 @@ def uses_colour(stream: TextIO) -> bool:
 
 
 def visible(text: str) -> str:
-    """The text with what would act on a terminal, or not show on it, spelled out: controls, other directions of writing.
+    """The text with what would act on a terminal, or not show on it, spelled out: controls, turned writing.
 
     A file's names and texts reach messages and tables; an escape sequence among them could clear or rewrite the screen.
     """
@@ -73,9 +73,9 @@ def say_warnings(warnings: Iterable[str]) -> None:
         say(f"warning: {warning}", _YELLOW)
 
 
-def say_interrupted() -> None:
-    """The one line that an interrupt leaves."""
-    say("interrupted; nothing was written", _DIM)
+def say_interrupted(done: str = "nothing was written") -> None:
+    """The one line that an interrupt leaves, with what was done before it."""
+    say(f"interrupted; {done}", _DIM)
 
 
 def console_for(stream: TextIO, width: int | None = None) -> Console:

@@ -95,7 +95,8 @@ def _alike(variances: Array, n: int) -> list[list[int]]:
 
 def _without_bias(variances: Array, k: int, n: int) -> float:
     """Factor that frees the k-th principal variance, which stands apart from the others, of its bias of order 1/n."""
-    if variances[k] == 0.0:
+    # Below four the expansion in 1/n says nothing, and its factor could be of any sign.
+    if variances[k] == 0.0 or n < 4:
         return 1.0
     others = np.delete(variances, k)
     return 1.0 / (1.0 + float(np.sum(others / (variances[k] - others))) / n)

@@ -6,6 +6,8 @@ import math
 import re
 from typing import Literal
 
+from robacc.errors import UsageError
+
 Dimension = Literal["length", "angle"]
 
 UNITS: dict[Dimension, dict[str, float]] = {
@@ -31,3 +33,17 @@ def parse_quantity(text: str) -> tuple[float, Dimension | None] | None:
         if match[2] in sizes:
             return float(match[1]) * sizes[match[2]], dimension
     return None
+
+
+def size(value: float | str, kind: Dimension, option: str) -> float:
+    """A size in m or rad: of text, the number with its unit; a bare number is in m or rad already.
+
+    Raises:
+        UsageError: it is not a finite number that is not negative, or its unit is another.
+    """
+    found = parse_quantity(value) if isinstance(value, str) else (float(value), None)
+    if found is None or not math.isfinite(found[0]) or found[1] not in (None, kind):
+        raise UsageError(f"{option}: expected a number with a unit ({', '.join(UNITS[kind])}), found {value!r}")
+    if found[0] < 0:
+        raise UsageError(f"{option}: expected a size that is not negative, found {value!r}")
+    return found[0]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.fitting import FoldsOption, HoldoutOption, NeededRobotOption, WriteModelOption, load, model_text
+from robacc.cli.fitting import FoldsOption, HoldoutOption, NeededRobotOption, WriteModelOption
 from robacc.cli.options import (
     BaseLinkOption,
     Format,
@@ -65,56 +65,28 @@ def calibrate(
     An effect of joints named without brackets is fitted on the joints where the data show it; with brackets, exactly
     there. Example: robacc calibrate poses.csv --robot arm.yaml --fit base_frame,tool_frame,joint_offset,link_geometry
     """
-    from robacc.calibration import calibrate as fit_effects
-    from robacc.calibration import tolerance_priors
-    from robacc.cli.output import Outlets, deliver
-    from robacc.effects.request import parse_requests
-    from robacc.errors import UsageError
-    from robacc.fitting import Options
-    from robacc.io.files import write_text
-    from robacc.io.fit_json import calibration_payload
+    from robacc.api.calibrate import calibrate as calibrated
+    from robacc.cli.output import Outlets, deliver_result
     from robacc.report.calibrate import draw_calibration
 
-    arm, data, apart, inputs = load(poses, robot, holdout, ordered, base_link, tip_link)
-    requests = parse_requests(fit)
-    if not requests:
-        raise UsageError("--fit names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
-    priors = tolerance_priors(arm) if prior else {}
-    if prior and not priors:
-        raise UsageError(f"--prior: {robot} has no tolerance on any joint")
-    found = fit_effects(
-        arm,
-        data,
-        requests,
-        options=Options(robust=robust),
-        priors=priors,
+    found = calibrated(
+        poses,
+        robot=robot,
+        fit=fit,
+        prior=prior,
         shrink=shrink,
-        n_folds=folds,
+        robust=robust,
+        holdout=holdout,
+        folds=folds,
+        ordered=ordered,
+        base_link=base_link,
+        tip_link=tip_link,
         seed=seed,
-        holdout=apart,
     )
     if write_model is not None:
-        write_text(write_model, model_text(found.robot, "calibrate", poses))
-    options = {
-        "poses": poses,
-        "robot": robot,
-        "fit": fit,
-        "prior": prior,
-        "shrink": shrink,
-        "robust": robust,
-        "folds": folds,
-        "holdout": holdout,
-        "ordered": ordered,
-        "base_link": base_link,
-        "tip_link": tip_link,
-    }
-    deliver(
+        found.write_model(write_model)
+    deliver_result(
         Outlets(form, output, gate, junit, report),
-        "calibrate",
-        payload=lambda: calibration_payload(found, data, arm, apart, seed),
-        table=lambda stream: draw_calibration(found, data, poses, robot, fit, stream),
-        options=options,
-        inputs=inputs,
-        seed=seed,
-        warnings=found.warnings,
+        found,
+        lambda stream: draw_calibration(found, found.given.data, poses, robot, fit, stream),
     )

@@ -23,25 +23,10 @@ def check(
 
     Example: robacc estimate poses.csv --format json -o result.json; robacc check result.json --gate assembly.yaml
     """
-    from robacc.cli.output import Outlets, conclude, judged
-    from robacc.cli.pages import understood
-    from robacc.io.gate_files import read_gate
-    from robacc.io.gate_json import gate_document
-    from robacc.io.read_result import read_result
-    from robacc.results import envelope
+    from robacc.api.check import check as checked
+    from robacc.cli.output import Outlets, conclude
+    from robacc.report.console import say_warnings
 
-    loaded = read_gate(gate)
-    stored = read_result(result)
-    with understood(stored.name, stored.command):
-        found = judged(loaded, stored.document)
-    document = envelope(
-        "check",
-        {
-            "result": {key: stored.document.get(key) for key in ("schema", "robacc", "command", "inputs")},
-            "gate": gate_document(found),
-        },
-        options={},
-        inputs=(stored.record, *loaded.records),
-        seed=None,
-    )
-    conclude(Outlets(form, output, gate, junit, report), "check", document, None, found)
+    found = checked(result, gate)
+    say_warnings(found.warnings)
+    conclude(Outlets(form, output, gate, junit, report), "check", found.document(), None, found)

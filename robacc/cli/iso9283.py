@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import Annotated, TextIO
 
 import typer
 
@@ -20,13 +19,7 @@ from robacc.cli.options import (
     RobotOption,
     SeedOption,
     TipLinkOption,
-    split_list,
 )
-from robacc.results import InputFile
-
-if TYPE_CHECKING:
-    from robacc.measurements import Measurements
-    from robacc.robots.description import Robot
 
 
 def iso9283(
@@ -68,18 +61,20 @@ def iso9283(
     The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns;
     with neither there is repeatability, and no accuracy. Several files are several robots.
     """
-    from robacc.cli.output import Outlets, deliver
-    from robacc.iso_9283.evaluation import iso9283 as evaluated
+    from robacc.api.iso9283 import iso9283 as evaluated
+    from robacc.cli.output import Outlets, deliver_result
 
-    arm, files, inputs = _load(poses, robot, base_link, tip_link, ordered)
     found = evaluated(
-        files,
-        arm,
-        what=split_list(align),
-        confidence=confidence,
-        seed=seed,
-        windows=drift_windows,
+        *poses,
+        robot=robot,
+        align=align or (),
         rated_load=rated_load,
+        drift_windows=drift_windows,
+        confidence=confidence,
+        ordered=ordered,
+        base_link=base_link,
+        tip_link=tip_link,
+        seed=seed,
     )
 
     def table(stream: TextIO) -> None:
@@ -87,62 +82,4 @@ def iso9283(
 
         draw_iso9283(found, robot, stream)
 
-    def payload() -> dict[str, Any]:
-        from robacc.io.iso9283_json import payload as document
-
-        return document(found)
-
-    deliver(
-        Outlets(form, output, gate, junit, report),
-        "iso9283",
-        payload=payload,
-        table=table,
-        options={
-            "align": list(split_list(align)),
-            "rated_load": rated_load,
-            "drift_windows": drift_windows,
-            "confidence": confidence,
-            "ordered": ordered,
-            "base_link": base_link,
-            "tip_link": tip_link,
-        },
-        inputs=inputs,
-        seed=seed,
-        warnings=found.warnings,
-    )
-
-
-def _load(
-    paths: list[str], robot: str | None, base_link: str | None, tip_link: str | None, ordered: bool
-) -> tuple[Robot | None, list[Measurements], tuple[InputFile, ...]]:
-    """The robot, where one is named, every file read for it, and the records of all."""
-    from robacc.errors import UsageError
-    from robacc.io.files import sha256_of
-    from robacc.io.poses_csv import read_poses
-
-    if robot is None and (base_link or tip_link):
-        raise UsageError("--base-link and --tip-link choose a chain of the URDF that --robot names")
-    if paths.count("-") > 1:
-        raise UsageError("standard input can be read once: - is given more than once")
-    if robot is None:
-        files = [read_poses(path, ordered=ordered) for path in paths]
-        return None, files, tuple(_records(paths, files))
-    from robacc.io.robot_file import read_robot
-
-    arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
-    files = [
-        read_poses(
-            path,
-            joint_names=arm.variable_names,
-            joint_types=[joint.type for joint in arm.variables],
-            limits=[joint.limits for joint in arm.variables],
-            target_names=tuple(arm.targets),
-            ordered=ordered,
-        )
-        for path in paths
-    ]
-    return arm, files, (*_records(paths, files), InputFile.at(robot, sha256_of(robot), "robot"))
-
-
-def _records(paths: Sequence[str], files: Sequence[Measurements]) -> list[InputFile]:
-    return [InputFile.at(path, data.sha256 or "", "poses") for path, data in zip(paths, files, strict=True)]
+    deliver_result(Outlets(form, output, gate, junit, report), found, table)

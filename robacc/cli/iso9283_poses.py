@@ -66,12 +66,12 @@ def iso9283_poses(
     """
     import sys
 
-    from robacc.cli.quantities import quantity
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.io.poses_csv import format_poses
     from robacc.io.robot_file import read_robot
     from robacc.iso_9283.proposal import planned_poses, propose
+    from robacc.quantities import size
     from robacc.report.iso9283_poses import proposal_comments
 
     if form is PlainFormat.json and output == "-":
@@ -79,7 +79,7 @@ def iso9283_poses(
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
     found = propose(
         arm,
-        edge=None if edge is None else quantity(edge, "length", "--edge"),
+        edge=None if edge is None else size(edge, "length", "--edge"),
         plane=None if plane is None else plane.value,
         orientation=None if orientation is None else orientation.value,
         target=target,

@@ -16,9 +16,9 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from robacc.version import __version__
 from robacc.errors import RobaccError
 from robacc.report.console import say_error, say_interrupted
+from robacc.version import __version__
 
 COMMANDS = {
     "calibrate": "Fit the named effects to measured poses and report the error before and after, fitted and held out.",
@@ -62,7 +62,7 @@ class Commands(TyperGroup):
             say_error(error)
             raise typer.Exit(error.exit_status) from error
         except KeyboardInterrupt as interrupt:
-            say_interrupted()
+            say_interrupted(*map(str, interrupt.args))
             raise typer.Exit(INTERRUPTED) from interrupt
         except BrokenPipeError as broken:
             # What is still buffered would fail again, loudly, when the interpreter closes the stream.

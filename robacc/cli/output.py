@@ -13,6 +13,7 @@ from robacc.cli.options import OUTPUTS, Format, PlainFormat
 from robacc.results import InputFile, envelope
 
 if TYPE_CHECKING:
+    from robacc.api.result import Result
     from robacc.gates.judging import GateOutcome
     from robacc.io.gate_files import LoadedGate
 
@@ -74,6 +75,32 @@ def deliver(
     document = envelope(command, payload(), options=options, inputs=(*inputs, *gate.records), seed=seed)
     found = judged(gate, document)
     conclude(outlets, command, {**document, "gate": gate_document(found)}, table, found, warnings)
+
+
+def deliver_result(outlets: Outlets, found: Result, table: Callable[[TextIO], None]) -> None:
+    """Say a result's warnings, judge it where a gate is given, and write it in the form that is wanted.
+
+    Args:
+        outlets: What is wanted, and where.
+        found: The result; its document is made only where it is needed.
+        table: Draws the result onto a stream; called only where a table is wanted.
+
+    Raises:
+        InputError: a file cannot be written, or the gate cannot be read.
+        typer.Exit: the gate was not passed: status 4 or 5.
+    """
+    from robacc.report.console import say_warnings
+
+    say_warnings(found.warnings)
+    if outlets.gate is None:
+        document = cache(found.document)
+        _write_result(outlets, found.command, document=document, table=table, found=None, warnings=found.warnings)
+        return
+    from robacc.io.gate_files import read_gate
+
+    judged_document, outcome = found.gated(read_gate(outlets.gate))
+    say_warnings(outcome.warnings)
+    conclude(outlets, found.command, judged_document, table, outcome, found.warnings)
 
 
 def judged(gate: LoadedGate, document: Mapping[str, Any]) -> GateOutcome:

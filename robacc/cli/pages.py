@@ -1,12 +1,9 @@
-"""What `report`, `plot` and `--report` have in common: from a document to a page, with one error for a broken one."""
+"""What `report`, `plot` and `--report` have in common: from a document to a page."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
-
-from robacc.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from robacc.io.read_result import StoredResult
@@ -20,6 +17,7 @@ def page_of_results(results: Sequence[StoredResult]) -> str:
         UsageError: the extra ``report`` is not installed.
     """
     from robacc.html.page import page_of, result_of
+    from robacc.io.read_result import understood
 
     laid_out = []
     for place, one in enumerate(results, 1):
@@ -37,22 +35,6 @@ def page_of_document(document: Mapping[str, Any]) -> str:
     from robacc.io.result_json import json_text
 
     return render([json.loads(json_text(document))], [str(document["command"])])
-
-
-@contextmanager
-def understood(name: str, command: str) -> Iterator[None]:
-    """Turn what a document lacks, or has of another kind than its command writes, into an error of the file.
-
-    Raises:
-        InputError: the document is not what the command writes.
-    """
-    try:
-        yield
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        told = f"has no key {error.args[0]!r}" if isinstance(error, KeyError) else f"is not as expected ({error})"
-        message = f"is a result of robacc {command}, but {told}"
-        fix = "make it again with this version of robacc"
-        raise InputError(Problem(message, name, fix=fix)) from error
 
 
 def _distinct(names: Sequence[str]) -> list[str]:

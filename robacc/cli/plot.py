@@ -31,10 +31,9 @@ def plot(
     It is the picture that the report has. It needs the extra: pip install 'robacc[report]'.
     Example: robacc plot trace.json --kind effect --number 2 --output backlash.pdf
     """
-    from robacc.cli.pages import understood
     from robacc.errors import UsageError
     from robacc.io.files import write_bytes
-    from robacc.io.read_result import read_result
+    from robacc.io.read_result import read_result, understood
     from robacc.pictures.canvas import as_file
     from robacc.pictures.catalogue import picture_of
     from robacc.pictures.extra import need

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, SeedOption, TipLinkOption
-
-if TYPE_CHECKING:
-    from robacc.measurements import Measurements
-    from robacc.robots.description import Robot
-    from robacc.simulation import Plan, Simulation
 
 
 class Sampling(StrEnum):
@@ -73,54 +68,43 @@ def simulate(
     output: OutputOption = "-",
 ) -> None:
     """A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists."""
-    from robacc.cli.quantities import quantity
+    import sys
+
+    from robacc.api.simulate import simulate as simulated
     from robacc.errors import UsageError
-    from robacc.io.robot_file import read_robot
-    from robacc.simulation import Plan, simulate
 
     if form is PlainFormat.json and output == "-":
         raise UsageError("--format json tells of the file that --output names; name one")
-    if (poses is None) == (at is None):
-        raise UsageError("give either --poses, how many to sample, or --at, a CSV of poses to visit")
-    plan = Plan(
-        poses=poses or 0,
+    found = simulated(
+        robot,
+        poses=poses,
+        at=at,
         seed=seed,
         cycles=cycles,
         sampling=sampling.value,
-        noise_position=quantity(noise, "length", "--noise"),
-        noise_orientation=quantity(noise_orientation, "angle", "--noise-orientation"),
+        noise=noise,
+        noise_orientation=noise_orientation,
         sigma=sigma,
         outliers=outliers,
-        outlier_size=quantity(outlier_size, "length", "--outlier-size"),
-        orientation=not position_only,
+        outlier_size=outlier_size,
+        position_only=position_only,
         commanded=commanded,
         motion=motion,
         time_step=time_step,
         temperature=_temperature(temperature),
-        payloads=_payloads(payload),
+        payload=_payloads(payload),
+        base_link=base_link,
+        tip_link=tip_link,
     )
-    if sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
-        raise UsageError("--sigma needs a noise above zero: --noise, and --noise-orientation unless --position-only")
-    arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
-    try:
-        planned = None if at is None else _planned(arm, at)
-        done = simulate(arm, plan, planned)
-    except UsageError as error:
-        tip = "; --time-step, --temperature and --payload give circumstances" if "column" in str(error) else ""
-        raise type(error)(f"{error}{tip}") from error
-    _write(done, plan, arm, robot, planned, form, output)
+    if output == "-":
+        sys.stdout.write(found.csv())
+        sys.stdout.flush()
+        return
+    found.write(output)
+    if form is PlainFormat.json:
+        from robacc.cli.output import emit
 
-
-def _planned(arm: Robot, path: str) -> Measurements:
-    from robacc.io.poses_csv import read_poses
-
-    return read_poses(
-        path,
-        joint_names=arm.variable_names,
-        joint_types=[joint.type for joint in arm.variables],
-        limits=[joint.limits for joint in arm.variables],
-        attained=False,
-    )
+        emit(form, "-", table=lambda stream: None, document=found.document)
 
 
 def _temperature(text: str | None) -> tuple[float, float] | None:
@@ -137,48 +121,5 @@ def _temperature(text: str | None) -> tuple[float, float] | None:
 
 def _payloads(text: str | None) -> tuple[float, ...]:
     from robacc.cli.quantities import numbers
-    from robacc.errors import UsageError
 
-    if text is None:
-        return ()
-    weights = numbers(text, ",", "--payload")
-    if min(weights) < 0:
-        raise UsageError(f"--payload: a payload is not negative, found {text!r}")
-    return weights
-
-
-def _write(
-    done: Simulation, plan: Plan, arm: Robot, robot: str, at: Measurements | None, form: PlainFormat, output: str
-) -> None:
-    """The CSV to ``output``; with JSON its record to standard output."""
-    import dataclasses
-    import sys
-
-    from robacc import results
-    from robacc.cli.output import emit
-    from robacc.io.files import sha256_of, write_text
-    from robacc.io.poses_csv import format_poses
-
-    record = results.InputFile.at(robot, sha256_of(robot), "robot")
-    inputs = (record,) if at is None else (record, results.InputFile.at(at.source or "", at.sha256 or "", "poses"))
-    # Two comments and the header stand above the rows of a file with outliers.
-    wrong = [int(row) + 4 for row in done.outliers]
-    head = [f"Simulated by robacc simulate from {record.name} with seed {plan.seed}; nothing was measured."]
-    head += [f"Outliers on lines {', '.join(map(str, wrong))}"] if wrong else []
-    text = "".join(f"# {line}\n" for line in head) + format_poses(done.data)
-    if output == "-":
-        sys.stdout.write(text)
-        sys.stdout.flush()
-        return
-    write_text(output, text)
-    if form is PlainFormat.json:
-        names = [str(effect.get("effect")) for effect in arm.effects]
-        payload = {"n_poses": done.data.n, "effects": names, "outlier_lines": wrong, "file_sha256": sha256_of(output)}
-        emit(
-            form,
-            "-",
-            table=lambda stream: None,
-            document=lambda: results.envelope(
-                "simulate", payload, options=dataclasses.asdict(plan), inputs=inputs, seed=plan.seed
-            ),
-        )
+    return () if text is None else numbers(text, ",", "--payload")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.fitting import FoldsOption, HoldoutOption, NeededRobotOption, WriteModelOption, load, model_text
+from robacc.cli.fitting import FoldsOption, HoldoutOption, NeededRobotOption, WriteModelOption
 from robacc.cli.options import (
     BaseLinkOption,
     Format,
@@ -52,48 +52,29 @@ def trace(
 
     Example: robacc trace poses.csv --robot arm.yaml --declared base_frame,tool_frame --write-model better.yaml
     """
-    from robacc.cli.output import Outlets, deliver
+    from robacc.api.trace import trace as traced
+    from robacc.cli.output import Outlets, deliver_result
     from robacc.cli.progress import progress_bar
-    from robacc.effects.request import build, parse_requests
-    from robacc.io.files import write_text
-    from robacc.io.fit_json import trace_payload
-    from robacc.model import Model
     from robacc.report.trace import draw_trace
-    from robacc.robots.arm import Arm
-    from robacc.tracing.trace import trace as close_the_loop
 
-    arm, data, apart, inputs = load(poses, robot, holdout, ordered, base_link, tip_link)
-    effects = build(parse_requests(declared), Arm.of(arm), data)
     with progress_bar() as progress:
-        found = close_the_loop(
-            Model.of(arm, effects),
-            data,
-            n_folds=folds,
-            seed=seed,
-            holdout=apart,
+        found = traced(
+            poses,
+            robot=robot,
+            declared=declared,
+            holdout=holdout,
+            folds=folds,
             empirical=empirical,
+            ordered=ordered,
+            base_link=base_link,
+            tip_link=tip_link,
+            seed=seed,
             progress=progress,
         )
     if write_model is not None:
-        write_text(write_model, model_text(found.robot, "trace", poses))
-    options = {
-        "poses": poses,
-        "robot": robot,
-        "declared": declared,
-        "folds": folds,
-        "holdout": holdout,
-        "empirical": empirical,
-        "ordered": ordered,
-        "base_link": base_link,
-        "tip_link": tip_link,
-    }
-    deliver(
+        found.write_model(write_model)
+    deliver_result(
         Outlets(form, output, gate, junit, report),
-        "trace",
-        payload=lambda: trace_payload(found, data, arm, apart, seed),
-        table=lambda stream: draw_trace(found, poses, robot, declared, stream),
-        options=options,
-        inputs=inputs,
-        seed=seed,
-        warnings=found.warnings,
+        found,
+        lambda stream: draw_trace(found, poses, robot, declared, stream),
     )

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.version import __version__
 from robacc.html.blocks import Headline, Listing, Section
 from robacc.html.compare_sections import compare_sections
 from robacc.html.estimate_sections import estimate_sections
@@ -26,6 +25,7 @@ from robacc.pictures.catalogue import pictures_of
 from robacc.pictures.extra import need
 from robacc.pictures.palette import DARK, LIGHT, css_variables
 from robacc.pictures.picture import Document, Picture, Table
+from robacc.version import __version__
 
 _SECTIONS: dict[str, Callable[[Document], Iterator[Section]]] = {
     "trace": fit_sections,

@@ -6,7 +6,8 @@ import json
 import math
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any
@@ -62,6 +63,22 @@ def read_result(path: str) -> StoredResult:
         raise InputError(Problem(f"is larger than {RESULT_LIMIT / 2**20:g} MiB, the most that is read", name))
     document = _parsed(decoded(data, name), name)
     return StoredResult(document, _checked(document, name), sha256(data).hexdigest(), path)
+
+
+@contextmanager
+def understood(name: str, command: str) -> Iterator[None]:
+    """Turn what a document lacks, or has of another kind than its command writes, into an error of the file.
+
+    Raises:
+        InputError: the document is not what the command writes.
+    """
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        told = f"has no key {error.args[0]!r}" if isinstance(error, KeyError) else f"is not as expected ({error})"
+        message = f"is a result of robacc {command}, but {told}"
+        fix = "make it again with this version of robacc"
+        raise InputError(Problem(message, name, fix=fix)) from error
 
 
 def _parsed(text: str, name: str) -> Any:

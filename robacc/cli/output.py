@@ -59,7 +59,7 @@ def deliver(
 
     say_warnings(warnings)
     if outlets.gate is None:
-        _write_result(
+        write_result(
             outlets,
             command,
             document=cache(lambda: envelope(command, payload(), options=options, inputs=inputs, seed=seed)),
@@ -94,7 +94,7 @@ def deliver_result(outlets: Outlets, found: Result, table: Callable[[TextIO], No
     say_warnings(found.warnings)
     if outlets.gate is None:
         document = cache(found.document)
-        _write_result(outlets, found.command, document=document, table=table, found=None, warnings=found.warnings)
+        write_result(outlets, found.command, document=document, table=table, found=None, warnings=found.warnings)
         return
     from robacc.io.gate_files import read_gate
 
@@ -137,27 +137,33 @@ def conclude(
     """
     import typer
 
-    from robacc.report.gate import draw_gate
-
-    def shown(stream: TextIO) -> None:
-        if table is not None:
-            table(stream)
-        if outlets.form is Format.table:
-            stream.write("\n" if table is not None else "")
-            draw_gate(found, stream)
-
     if outlets.junit is not None:
         from robacc.io.files import write_text
         from robacc.report.junit import junit
 
         write_text(outlets.junit, junit(command, found))
     every = (*warnings, *found.warnings)
-    _write_result(outlets, command, document=lambda: document, table=shown, found=found, warnings=every)
+    shown = with_gate(table, found, outlets.form)
+    write_result(outlets, command, document=lambda: document, table=shown, found=found, warnings=every)
     if found.exit_status:
         raise typer.Exit(found.exit_status)
 
 
-def _write_result(
+def with_gate(table: Callable[[TextIO], None] | None, found: GateOutcome, form: Format) -> Callable[[TextIO], None]:
+    """Draws a result's report with its gate below; forms other than the table show the gate in a way of their own."""
+    from robacc.report.gate import draw_gate
+
+    def shown(stream: TextIO) -> None:
+        if table is not None:
+            table(stream)
+        if form is Format.table:
+            stream.write("\n" if table is not None else "")
+            draw_gate(found, stream)
+
+    return shown
+
+
+def write_result(
     outlets: Outlets,
     command: str,
     *,
@@ -166,7 +172,19 @@ def _write_result(
     found: GateOutcome | None,
     warnings: Sequence[str],
 ) -> None:
-    """The page first, so that what fails there leaves nothing on standard output."""
+    """Write a result, judged or not: the page first, so that what fails there leaves nothing on standard output.
+
+    Args:
+        outlets: What is wanted, and where.
+        command: The command's name.
+        document: Makes the result's JSON document, with its gate; called only where it is needed.
+        table: Draws the result onto a stream.
+        found: The gate's outcome.
+        warnings: Of the result and its gate, said already.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
     if outlets.report is not None:
         from robacc.cli.pages import page_of_document
         from robacc.io.files import write_text
@@ -175,11 +193,11 @@ def _write_result(
     if outlets.form is Format.markdown:
         from robacc.report.markdown import markdown
 
-        write(outlets.output, (markdown(command, _page(table), found, tuple(warnings)),))
+        write(outlets.output, (markdown(command, page_text(table), found, tuple(warnings)),))
     elif outlets.form is Format.github:
         from robacc.report.annotations import github_annotations
 
-        write(outlets.output, (github_annotations(command, _page(table), found, tuple(warnings)),))
+        write(outlets.output, (github_annotations(command, page_text(table), found, tuple(warnings)),))
     else:
         emit(PlainFormat(outlets.form.value), outlets.output, table=table, document=document)
 
@@ -202,7 +220,7 @@ def emit(
         table(sys.stdout)
         sys.stdout.flush()
     else:
-        write(output, (_page(table),))
+        write(output, (page_text(table),))
 
 
 def check_call(parameters: Mapping[str, Any]) -> None:
@@ -254,7 +272,8 @@ def _is_file(path: str) -> bool:
         return False
 
 
-def _page(table: Callable[[TextIO], None]) -> str:
+def page_text(table: Callable[[TextIO], None]) -> str:
+    """What a report draws, as plain text."""
     page = io.StringIO()
     table(page)
     return page.getvalue()
@@ -270,6 +289,6 @@ def write(output: str, pieces: Iterable[str]) -> None:
         sys.stdout.writelines(pieces)
         sys.stdout.flush()
         return
-    from robacc.io.files import write_text
+    from robacc.io.files import write_pieces
 
-    write_text(output, "".join(pieces))
+    write_pieces(output, pieces)

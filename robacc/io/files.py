@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from robacc.errors import InputError, Problem
@@ -92,7 +92,16 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     Raises:
         InputError: The folder does not exist, or it or the file may not be written.
     """
-    _write(path, text)
+    _write(path, (text.encode(),))
+
+
+def write_pieces(path: str | os.PathLike[str], pieces: Iterable[str]) -> None:
+    """Write text that comes in pieces as :func:`write_text` does, without holding all of it at once.
+
+    Raises:
+        InputError: The folder does not exist, or it or the file may not be written.
+    """
+    _write(path, (piece.encode() for piece in pieces))
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
@@ -101,10 +110,10 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     Raises:
         InputError: The folder does not exist, or it or the file may not be written.
     """
-    _write(path, data)
+    _write(path, (data,))
 
 
-def _write(path: str | os.PathLike[str], content: str | bytes) -> None:
+def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
     name = os.fspath(path)
     target = Path(os.path.realpath(name))
     if target.is_dir():
@@ -113,14 +122,15 @@ def _write(path: str | os.PathLike[str], content: str | bytes) -> None:
         raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
     try:
         if target.exists() and not target.is_file():
-            target.write_text(content, encoding="utf-8") if isinstance(content, str) else target.write_bytes(content)
+            with target.open("wb") as stream:
+                stream.writelines(pieces)
         else:
-            _replace(target, content)
+            _replace(target, pieces)
     except OSError as error:
         raise InputError(Problem(f"cannot be written: {_reason(error)}", name)) from None
 
 
-def _replace(target: Path, content: str | bytes) -> None:
+def _replace(target: Path, pieces: Iterable[bytes]) -> None:
     mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
     if target.exists() and not os.access(target, os.W_OK):
         # Moving another file over it would succeed; a file that its owner protected is left alone all the same.
@@ -130,12 +140,7 @@ def _replace(target: Path, content: str | bytes) -> None:
     handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "wb") as raw:
-            if isinstance(content, str):
-                stream = io.TextIOWrapper(raw, encoding="utf-8", newline="")
-                stream.write(content)
-                stream.flush()
-            else:
-                raw.write(content)
+            raw.writelines(pieces)
             raw.flush()
             os.fsync(raw.fileno())
         os.chmod(temporary, mode)

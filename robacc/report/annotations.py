@@ -31,19 +31,19 @@ def github_annotations(command: str, table: str, found: GateOutcome | None, warn
 
 def _lines(command: str, table: str, found: GateOutcome | None, warnings: tuple[str, ...]) -> Iterator[str]:
     for warning in warnings:
-        yield _annotation("warning", f"robacc {command}", warning)
+        yield annotation("warning", f"robacc {command}", warning)
     if found is None:
-        yield _annotation("notice", f"robacc {command}", table.strip().partition("\n\n")[0])
+        yield annotation("notice", f"robacc {command}", table.strip().partition("\n\n")[0])
         return
     for one in found.judged:
         head = f"{found.gate.name}: {one.criterion.name}"
         text = f"{WORDS[one.outcome]}: {sentence(one)}. Reason for the limit: {one.criterion.reason}"
-        yield _annotation(_LEVELS[one.outcome], head, text)
-    yield _annotation(_LEVELS[found.outcome], f"robacc {command}", title(found))
+        yield annotation(_LEVELS[one.outcome], head, text)
+    yield annotation(_LEVELS[found.outcome], f"robacc {command}", title(found))
 
 
-def _annotation(level: str, head: str, text: str) -> str:
-    """``::level title=HEAD::TEXT`` with what ends a property or a line escaped, as actions/toolkit does."""
+def annotation(level: str, head: str, text: str) -> str:
+    """``::level title=HEAD::TEXT`` with what ends a property or a line escaped, as actions/toolkit does it."""
     for sign, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
         head, text = head.replace(sign, code), text.replace(sign, code)
     head = head.replace(":", "%3A").replace(",", "%2C")

@@ -7,10 +7,11 @@ for a time and a host: both stand there as constants, so that equal results give
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
 from robacc.gates.judging import GateOutcome, Judged
+from robacc.outcomes import FileOutcome
 from robacc.report.gate_text import WORDS, sentence, title
 
 _NO_TIME = "1970-01-01T00:00:00"
@@ -19,37 +20,61 @@ _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 def junit(command: str, found: GateOutcome) -> str:
     """The document. A failed criterion is a failure; one that could not be decided is an error, so it never passes."""
-    return "".join(f"{line}\n" for line in _lines(command, found))
+    return _document(_suite(command, 0, found.gate.name, found))
 
 
-def _lines(command: str, found: GateOutcome) -> Iterator[str]:
-    failures = found.count("fail")
+def junit_of_files(command: str, outcomes: Sequence[FileOutcome]) -> str:
+    """A suite a file; one that came to no result has an error in the place of its criteria."""
+    lines: list[str] = []
+    for number, one in enumerate(outcomes):
+        lines += _failed(command, number, one) if one.gate is None else _suite(command, number, one.name, one.gate)
+    return _document(lines)
+
+
+def _document(lines: Iterable[str]) -> str:
+    whole = ('<?xml version="1.0" encoding="UTF-8"?>', "<testsuites>", *lines, "</testsuites>")
+    return "".join(f"{line}\n" for line in whole)
+
+
+def _suite(command: str, number: int, name: str, found: GateOutcome) -> Iterator[str]:
     errors = found.count("inconclusive") + found.count("not_evaluated")
+    yield _opening(command, number, name, len(found.judged), found.count("fail"), errors)
+    for one in found.judged:
+        yield from _case(command, name, one)
+    yield from _closing(title(found), "\n".join(found.warnings))
+
+
+def _failed(command: str, number: int, one: FileOutcome) -> Iterator[str]:
+    yield _opening(command, number, one.name, 1, 0, 1)
+    yield f"    <testcase{_attributes(name=command, classname=f'robacc.{command}.{one.name}', time='0')}>"
+    yield f"      <error{_attributes(message=one.problems[0].message, type='no result')}/>"
+    yield "    </testcase>"
+    yield from _closing("", "\n".join(str(problem) for problem in one.problems))
+
+
+def _opening(command: str, number: int, name: str, tests: int, failures: int, errors: int) -> str:
     suite = _attributes(
-        id="0",
+        id=str(number),
         package=f"robacc.{command}",
-        name=found.gate.name,
+        name=name,
         timestamp=_NO_TIME,
         hostname="localhost",
-        tests=str(len(found.judged)),
+        tests=str(tests),
         failures=str(failures),
         errors=str(errors),
         time="0",
     )
-    yield '<?xml version="1.0" encoding="UTF-8"?>'
-    yield "<testsuites>"
-    yield f"  <testsuite{suite}>"
-    yield "    <properties/>"
-    for one in found.judged:
-        yield from _case(command, found, one)
-    yield f"    <system-out>{_text(title(found))}</system-out>"
-    yield f"    <system-err>{_text(chr(10).join(found.warnings))}</system-err>"
+    return f"  <testsuite{suite}>\n    <properties/>"
+
+
+def _closing(out: str, error: str) -> Iterator[str]:
+    yield f"    <system-out>{_text(out)}</system-out>"
+    yield f"    <system-err>{_text(error)}</system-err>"
     yield "  </testsuite>"
-    yield "</testsuites>"
 
 
-def _case(command: str, found: GateOutcome, one: Judged) -> Iterator[str]:
-    case = _attributes(name=one.criterion.name, classname=f"robacc.{command}.{found.gate.name}", time="0")
+def _case(command: str, suite: str, one: Judged) -> Iterator[str]:
+    case = _attributes(name=one.criterion.name, classname=f"robacc.{command}.{suite}", time="0")
     if one.outcome == "pass":
         yield f"    <testcase{case}/>"
         return

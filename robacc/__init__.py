@@ -1,3 +1,99 @@
-"""robacc: how accurate is the arm, why, and what would make it better."""
+"""robacc: how accurate is the arm, why, and what would make it better.
+
+Every command is a call with the same options, and its result has the same figures:
+
+    >>> import robacc
+    >>> found = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+    >>> found.n_poses, found.grade.grade
+    (60, 'F')
+
+A result becomes the document that the command writes by ``document()``, ``to_json()`` and ``save()``. Names are loaded
+when they are first used, so that ``import robacc`` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from robacc.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from robacc.api.calibrate import Calibrated as Calibrated
+    from robacc.api.calibrate import calibrate as calibrate
+    from robacc.api.check import Checked as Checked
+    from robacc.api.check import check as check
+    from robacc.api.compare import Compared as Compared
+    from robacc.api.compare import compare as compare
+    from robacc.api.estimate import Estimate as Estimate
+    from robacc.api.estimate import estimate as estimate
+    from robacc.api.iso9283 import Iso9283 as Iso9283
+    from robacc.api.iso9283 import iso9283 as iso9283
+    from robacc.api.predict import Predicted as Predicted
+    from robacc.api.predict import predict as predict
+    from robacc.api.reading import read_poses as read_poses
+    from robacc.api.reading import read_result as read_result
+    from robacc.api.reading import read_robot as read_robot
+    from robacc.api.reading import write_poses as write_poses
+    from robacc.api.reading import write_robot as write_robot
+    from robacc.api.result import Result as Result
+    from robacc.api.simulate import Simulated as Simulated
+    from robacc.api.simulate import simulate as simulate
+    from robacc.api.trace import Traced as Traced
+    from robacc.api.trace import trace as trace
+    from robacc.errors import InputError as InputError
+    from robacc.errors import Problem as Problem
+    from robacc.errors import RobaccError as RobaccError
+    from robacc.errors import UsageError as UsageError
+    from robacc.measurements import Measurements as Measurements
+    from robacc.robots.description import Robot as Robot
+
+_HOMES = {
+    "Calibrated": "api.calibrate",
+    "Checked": "api.check",
+    "Compared": "api.compare",
+    "Estimate": "api.estimate",
+    "InputError": "errors",
+    "Iso9283": "api.iso9283",
+    "Measurements": "measurements",
+    "Predicted": "api.predict",
+    "Problem": "errors",
+    "Result": "api.result",
+    "RobaccError": "errors",
+    "Robot": "robots.description",
+    "Simulated": "api.simulate",
+    "Traced": "api.trace",
+    "UsageError": "errors",
+    "calibrate": "api.calibrate",
+    "check": "api.check",
+    "compare": "api.compare",
+    "estimate": "api.estimate",
+    "iso9283": "api.iso9283",
+    "predict": "api.predict",
+    "read_poses": "api.reading",
+    "read_result": "api.reading",
+    "read_robot": "api.reading",
+    "simulate": "api.simulate",
+    "trace": "api.trace",
+    "write_poses": "api.reading",
+    "write_robot": "api.reading",
+}
+"""The module of each name; a test holds them to the imports above, which type checkers read."""
+
+__all__ = ["__version__", *_HOMES]
+
+
+if not TYPE_CHECKING:  # a type checker that saw this would take every misspelled name for one that is there
+
+    def __getattr__(name: str) -> object:
+        """Load a name when it is first used."""
+        if name not in _HOMES:
+            raise AttributeError(f"module 'robacc' has no attribute {name!r}")
+        from importlib import import_module
+
+        value = getattr(import_module(f"robacc.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

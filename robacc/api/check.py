@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.inputs import Path
+from robacc.api.inputs import StrPath
 from robacc.api.result import Made, Result, parts
 from robacc.api.stored import stored
 from robacc.gates.judging import GateOutcome, judge
@@ -30,7 +30,7 @@ class Checked(GateOutcome, Result):
         return {"result": {key: self.result.document.get(key) for key in keys}, "gate": gate_document(self)}
 
 
-def check(result: Path | Result | StoredResult, gate: Path) -> Checked:
+def check(result: StrPath | Result | StoredResult, gate: StrPath) -> Checked:
     """Hold a result against a gate.
 
     Args:

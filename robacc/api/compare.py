@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, ClassVar
 
-from robacc.api.inputs import STDIN, Path, path_of, scale_of
+from robacc.api.inputs import STDIN, StrPath, path_of, scale_of
 from robacc.api.result import Made, Result, parts
 from robacc.api.stored import stored
 from robacc.comparison.comparing import Comparison
@@ -19,7 +19,7 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.io.read_result import StoredResult
 from robacc.results import InputFile
 
-Source = Path | Result | StoredResult
+Source = StrPath | Result | StoredResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ def compare(
     baseline: str | None = None,
     by: str | None = None,
     grade: str | None = None,
-    scale: Path | None = None,
+    scale: StrPath | None = None,
     confidence: float = 0.95,
     seed: int = 0,
 ) -> Compared:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from robacc.api.inputs import Path, poses_of, robot_of, scale_of
+from robacc.api.inputs import StrPath, poses_of, robot_of, scale_of
 from robacc.api.result import Made, Result, names, one_of, parts
 from robacc.estimation import EstimateResult
 from robacc.estimation import estimate as estimated
@@ -46,12 +46,12 @@ class Estimate(EstimateResult, Result):
 
 
 def estimate(
-    poses: Path | Measurements,
+    poses: StrPath | Measurements,
     *,
-    robot: Path | Robot | None = None,
+    robot: StrPath | Robot | None = None,
     align: str | Sequence[str] = (),
     frame: ErrorFrame | None = None,
-    scale: Path | None = None,
+    scale: StrPath | None = None,
     confidence: float = 0.95,
     ordered: bool = False,
     base_link: str | None = None,
@@ -88,9 +88,9 @@ def estimate(
         ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", align=("base_frame", "tool_frame")
         ... )
         >>> print(f"{found.position.rms * 1e3:.2f} mm rms at {found.n_poses} poses, grade {found.grade.grade}")
-        0.22 mm rms at 25 poses, grade C
+        0.47 mm rms at 60 poses, grade D
         >>> found.errors.position.shape
-        (3, 25)
+        (3, 60)
     """
     one_of("frame", frame, ("tool", "base", None))
     arm, arm_record = robot_of(robot, base_link, tip_link)

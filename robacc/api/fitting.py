@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from robacc.api.inputs import STDIN, Path, needed_robot_of, path_of, poses_of
+from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of
 from robacc.api.result import Result
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
@@ -43,7 +43,7 @@ class Fitted(Result):
         origin = "arrays" if source is None else PurePath(source).name
         return robot_to_yaml(self.robot, (f"written by robacc {__version__} {self.command} from {origin}",))
 
-    def write_model(self, path: Path) -> None:
+    def write_model(self, path: StrPath) -> None:
         """Write :meth:`model_yaml` to a file, whole or not at all; every call and command takes it as a robot.
 
         Raises:
@@ -55,9 +55,9 @@ class Fitted(Result):
 
 
 def given(
-    poses: Path | Measurements,
-    robot: Path | Robot,
-    holdout: Path | Measurements | None,
+    poses: StrPath | Measurements,
+    robot: StrPath | Robot,
+    holdout: StrPath | Measurements | None,
     ordered: bool,
     base_link: str | None,
     tip_link: str | None,
@@ -70,7 +70,7 @@ def given(
     """
     arm, arm_record = needed_robot_of(robot, base_link, tip_link)
 
-    def read(source: Path | Measurements, kind: str) -> tuple[Measurements, InputFile]:
+    def read(source: StrPath | Measurements, kind: str) -> tuple[Measurements, InputFile]:
         data, record = poses_of(source, arm, ordered=ordered, kind=kind)
         if data.q is None:
             name = path_of(source) or data.source or "the poses"
@@ -85,7 +85,7 @@ def given(
     return Given(arm, data, apart[0], names, (record, arm_record, apart[1]))
 
 
-def _name(source: Path | Measurements | Robot | None) -> str | None:
+def _name(source: StrPath | Measurements | Robot | None) -> str | None:
     if isinstance(source, Measurements):
         return STDIN if source.source == "<stdin>" else source.source
     return path_of(source)

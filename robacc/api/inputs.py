@@ -18,7 +18,7 @@ from robacc.robots.description import Robot
 if TYPE_CHECKING:
     from robacc.grade_scale import Scale
 
-Path = str | os.PathLike[str]
+StrPath = str | os.PathLike[str]
 STDIN = "-"
 _FIRST_AXES: dict[str, tuple[int, ...]] = {
     "position": (3,),
@@ -41,7 +41,7 @@ def path_of(source: object) -> str | None:
 
 
 def robot_of(
-    source: Path | Robot | None, base_link: str | None = None, tip_link: str | None = None
+    source: StrPath | Robot | None, base_link: str | None = None, tip_link: str | None = None
 ) -> tuple[Robot | None, tuple[InputFile, ...]]:
     """As :func:`needed_robot_of`, where there is a robot.
 
@@ -58,7 +58,7 @@ def robot_of(
 
 
 def needed_robot_of(
-    source: Path | Robot, base_link: str | None = None, tip_link: str | None = None
+    source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None
 ) -> tuple[Robot, InputFile]:
     """The robot of a file, or as given, and its record; of one that is no file, of the robot file it would make.
 
@@ -95,7 +95,7 @@ def in_si(robot: Robot) -> Robot:
 
 
 def poses_of(
-    source: Path | Measurements,
+    source: StrPath | Measurements,
     robot: Robot | None,
     *,
     ordered: bool = False,
@@ -104,7 +104,7 @@ def poses_of(
     """The poses of a file, read for ``robot`` where there is one, or as given; and their record.
 
     Args:
-        source: Path, ``-`` for standard input, or poses that were read or made before.
+        source: StrPath, ``-`` for standard input, or poses that were read or made before.
         robot: Whose joints, limits and targets hold for them.
         ordered: Rows of the file are in the order measured; poses as given say so themselves.
         kind: What the record calls them.
@@ -139,7 +139,7 @@ def record_of(data: Measurements, kind: str) -> InputFile:
     return InputFile("arrays", sha256(format_poses(data).encode()).hexdigest(), kind)
 
 
-def scale_of(path: Path | None) -> tuple[Scale | None, tuple[InputFile, ...]]:
+def scale_of(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]:
     """The grade scale of a file and its record; nothing for the package's own.
 
     Raises:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.inputs import STDIN, Path, path_of, poses_of, robot_of
+from robacc.api.inputs import STDIN, StrPath, path_of, poses_of, robot_of
 from robacc.api.result import Made, Result, names, parts
 from robacc.errors import UsageError
 from robacc.iso_9283.evaluation import iso9283 as evaluated
@@ -30,8 +30,8 @@ class Iso9283(Iso9283Result, Result):
 
 
 def iso9283(
-    *poses: Path | Measurements,
-    robot: Path | Robot | None = None,
+    *poses: StrPath | Measurements,
+    robot: StrPath | Robot | None = None,
     align: str | Sequence[str] = (),
     rated_load: float | None = None,
     drift_windows: int | None = None,
@@ -69,7 +69,7 @@ def iso9283(
         >>> import robacc
         >>> found = robacc.iso9283("sample_data/iso9283/poses.csv", robot="sample_data/iso9283/robot.yaml")
         >>> print(f"RP {found.characteristic('RP').position.value * 1e6:.0f} um")
-        RP 56 um
+        RP 74 um
     """
     if [path_of(one) for one in poses].count(STDIN) > 1:
         raise UsageError("standard input can be read once: - is given more than once")

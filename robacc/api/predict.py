@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from robacc.api.inputs import STDIN, Path, needed_robot_of, path_of, poses_of, scale_of
+from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of, scale_of
 from robacc.api.result import Made, Result, names, parts
 from robacc.errors import UsageError
 from robacc.geometry import Array
@@ -68,15 +68,15 @@ class Predicted(Prediction, Result):
 
 
 def predict(
-    robot: Path | Robot,
+    robot: StrPath | Robot,
     *,
-    poses: Path | Measurements | Array | None = None,
+    poses: StrPath | Measurements | Array | None = None,
     samples: int | None = None,
     target: str | None = None,
-    tolerances: Path | None = None,
-    scale: Path | None = None,
+    tolerances: StrPath | None = None,
+    scale: StrPath | None = None,
     allocate: str | None = None,
-    against: Path | Measurements | None = None,
+    against: StrPath | Measurements | None = None,
     align: str | Sequence[str] = (),
     noise: str | Noise | None = None,
     confidence: float = 0.95,
@@ -117,7 +117,7 @@ def predict(
         >>> import robacc
         >>> found = robacc.predict("configs/robots/puma560.yaml", samples=200)
         >>> print(f"{found.position.rms * 1e3:.2f} mm rms; most of it by {found.budget[0].name}")
-        0.38 mm rms; most of it by j2.theta
+        0.37 mm rms; most of it by j1.d
     """
     _check(poses, samples, against, align, noise, target)
     sigma = _noise(noise)
@@ -163,9 +163,9 @@ def predict(
 
 
 def _check(
-    poses: Path | Measurements | Array | None,
+    poses: StrPath | Measurements | Array | None,
     samples: int | None,
-    against: Path | Measurements | None,
+    against: StrPath | Measurements | None,
     align: str | Sequence[str],
     noise: str | Noise | None,
     target: str | None,
@@ -202,7 +202,7 @@ def _noise(noise: str | Noise | None) -> Noise:
     )
 
 
-def _tolerances(path: Path | None, arm: Robot) -> tuple[Tolerances | None, tuple[InputFile, ...]]:
+def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tuple[InputFile, ...]]:
     if path is None:
         return None, ()
     from robacc.io.files import read_text, sha256_of
@@ -213,7 +213,7 @@ def _tolerances(path: Path | None, arm: Robot) -> tuple[Tolerances | None, tuple
 
 
 def _poses(
-    source: Path | Measurements | Array | None, arm: Robot, ordered: bool, kind: str
+    source: StrPath | Measurements | Array | None, arm: Robot, ordered: bool, kind: str
 ) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     if source is None:
         return None, ()

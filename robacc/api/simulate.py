@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, ClassVar, Literal
 
-from robacc.api.inputs import Path, checked, needed_robot_of, record_of
+from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of
 from robacc.api.result import Made, Result, one_of, parts, within
 from robacc.errors import UsageError
 from robacc.io.poses_csv import format_poses, read_poses
@@ -50,7 +50,7 @@ class Simulated(Simulation, Result):
         head += [f"Outliers on lines {', '.join(map(str, wrong))}"] if wrong else []
         return "".join(f"# {line}\n" for line in head) + format_poses(self.data)
 
-    def write(self, path: Path) -> None:
+    def write(self, path: StrPath) -> None:
         """Write :meth:`csv` to a file, whole or not at all.
 
         Raises:
@@ -71,10 +71,10 @@ class Simulated(Simulation, Result):
 
 
 def simulate(
-    robot: Path | Robot,
+    robot: StrPath | Robot,
     *,
     poses: int | None = None,
-    at: Path | Measurements | None = None,
+    at: StrPath | Measurements | None = None,
     seed: int = 0,
     cycles: int = 1,
     sampling: Literal["even", "random"] = "even",
@@ -180,7 +180,7 @@ def _ends(temperature: float | tuple[float, float] | None) -> tuple[float, float
     return float(temperature), float(temperature)
 
 
-def _planned(at: Path | Measurements | None, arm: Robot) -> tuple[Measurements | None, tuple[InputFile, ...]]:
+def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     if at is None:
         return None, ()
     if isinstance(at, Measurements):

@@ -6,12 +6,12 @@ import json
 import os
 from hashlib import sha256
 
-from robacc.api.inputs import Path
+from robacc.api.inputs import StrPath
 from robacc.api.result import Result
 from robacc.io.read_result import StoredResult, read_result
 
 
-def stored(source: Path | Result | StoredResult) -> StoredResult:
+def stored(source: StrPath | Result | StoredResult) -> StoredResult:
     """The result in a file, or as given; one just computed as its file would be, named by its command.
 
     Raises:

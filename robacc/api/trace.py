@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robacc.api.fitting import Fitted, Given, given, listed
-from robacc.api.inputs import Path
+from robacc.api.inputs import StrPath
 from robacc.api.result import Made, parts, within
 from robacc.effects.request import build, parse_requests
 from robacc.measurements import Measurements
@@ -34,11 +34,11 @@ class Traced(Trace, Fitted):
 
 
 def trace(
-    poses: Path | Measurements,
+    poses: StrPath | Measurements,
     *,
-    robot: Path | Robot,
+    robot: StrPath | Robot,
     declared: str | Sequence[str] = (),
-    holdout: Path | Measurements | None = None,
+    holdout: StrPath | Measurements | None = None,
     folds: int = 5,
     empirical: bool = True,
     ordered: bool = False,
@@ -78,7 +78,7 @@ def trace(
         ...     declared="base_frame,tool_frame,joint_offset,link_geometry",
         ... )
         >>> found.verdict, [(one.effect, one.joints) for one in found.findings]
-        ('explained', [('joint_compliance', ('j2', 'j3')), ('transmission_error', ('j1',))])
+        ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
     """
     within("folds", folds, 2, 50)
     within("seed", seed, 0)

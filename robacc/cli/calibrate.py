@@ -66,7 +66,7 @@ def calibrate(
     there. Example: robacc calibrate poses.csv --robot arm.yaml --fit base_frame,tool_frame,joint_offset,link_geometry
     """
     from robacc.api.calibrate import calibrate as calibrated
-    from robacc.cli.output import Outlets, deliver_result
+    from robacc.cli.output import Outlets, deliver
     from robacc.report.calibrate import draw_calibration
 
     found = calibrated(
@@ -85,7 +85,7 @@ def calibrate(
     )
     if write_model is not None:
         found.write_model(write_model)
-    deliver_result(
+    deliver(
         Outlets(form, output, gate, junit, report),
         found,
         lambda stream: draw_calibration(found, found.given.data, poses, robot, fit, stream),

@@ -49,7 +49,7 @@ def compare(
     Differences are tested in pairs where the poses are the same. Example: robacc compare arm1.json arm2.json --grade B
     """
     from robacc.api.compare import compare as compared
-    from robacc.cli.output import Outlets, deliver_result
+    from robacc.cli.output import Outlets, deliver
 
     found = compared(*results, baseline=baseline, by=by, grade=grade, scale=scale, confidence=confidence, seed=seed)
 
@@ -58,4 +58,4 @@ def compare(
 
         draw_comparison(found, stream)
 
-    deliver_result(Outlets(form, output, gate, junit, report), found, table)
+    deliver(Outlets(form, output, gate, junit, report), found, table)

@@ -20,7 +20,6 @@ from robacc.cli.options import (
     RobotOption,
     SeedOption,
     TipLinkOption,
-    split_list,
 )
 
 
@@ -71,12 +70,13 @@ def estimate(
     The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns.
     """
     from robacc.api.estimate import estimate as estimated
+    from robacc.api.result import names
     from robacc.cli.many_work import Asked
-    from robacc.cli.output import Outlets, deliver_result
+    from robacc.cli.output import Outlets, deliver
 
     asked = Asked(
         robot,
-        split_list(align),
+        names(align),
         None if frame is None else frame.value,
         scale,
         confidence,
@@ -102,4 +102,4 @@ def estimate(
         from robacc.io.files import write_text
 
         write_text(per_pose, found.per_pose_csv())
-    deliver_result(outlets, found, table)
+    deliver(outlets, found, table)

@@ -62,7 +62,7 @@ def iso9283(
     with neither there is repeatability, and no accuracy. Several files are several robots.
     """
     from robacc.api.iso9283 import iso9283 as evaluated
-    from robacc.cli.output import Outlets, deliver_result
+    from robacc.cli.output import Outlets, deliver
 
     found = evaluated(
         *poses,
@@ -82,4 +82,4 @@ def iso9283(
 
         draw_iso9283(found, robot, stream)
 
-    deliver_result(Outlets(form, output, gate, junit, report), found, table)
+    deliver(Outlets(form, output, gate, junit, report), found, table)

@@ -64,9 +64,3 @@ ConfidenceOption = Annotated[
 ]
 OUTPUTS = frozenset({"output", "per_pose", "write_model", "junit", "report", "urdf"})
 """Parameters of commands that name a file to write."""
-
-
-def split_list(text: str | None) -> tuple[str, ...]:
-    """The names in a comma-separated option, in their order, each once."""
-    names = (part.strip() for part in (text or "").split(","))
-    return tuple(dict.fromkeys(name for name in names if name))

@@ -10,12 +10,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from robacc.cli.options import OUTPUTS, Format, PlainFormat
-from robacc.results import InputFile, envelope
 
 if TYPE_CHECKING:
     from robacc.api.result import Result
     from robacc.gates.judging import GateOutcome
-    from robacc.io.gate_files import LoadedGate
 
 
 class Outlets(NamedTuple):
@@ -28,56 +26,7 @@ class Outlets(NamedTuple):
     report: str | None = None
 
 
-def deliver(
-    outlets: Outlets,
-    command: str,
-    *,
-    payload: Callable[[], Mapping[str, Any]],
-    table: Callable[[TextIO], None],
-    options: Mapping[str, Any],
-    inputs: Sequence[InputFile],
-    seed: int | None,
-    warnings: Sequence[str] = (),
-) -> None:
-    """Say the warnings, judge the result where a gate is given, and write it in the form that is wanted.
-
-    Args:
-        outlets: What is wanted, and where.
-        command: The command's name, which is its schema's too.
-        payload: Makes the result's own keys; called only where the document is needed.
-        table: Draws the result onto a stream; called only where a table is wanted.
-        options: Those that the figures depend on, by their names on the command line.
-        inputs: The record of every file that was read.
-        seed: Of what was drawn at random.
-        warnings: Lines for standard error.
-
-    Raises:
-        InputError: a file cannot be written, or the gate cannot be read.
-        typer.Exit: the gate was not passed: status 4 or 5.
-    """
-    from robacc.report.console import say_warnings
-
-    say_warnings(warnings)
-    if outlets.gate is None:
-        write_result(
-            outlets,
-            command,
-            document=cache(lambda: envelope(command, payload(), options=options, inputs=inputs, seed=seed)),
-            table=table,
-            found=None,
-            warnings=warnings,
-        )
-        return
-    from robacc.io.gate_files import read_gate
-    from robacc.io.gate_json import gate_document
-
-    gate = read_gate(outlets.gate)
-    document = envelope(command, payload(), options=options, inputs=(*inputs, *gate.records), seed=seed)
-    found = judged(gate, document)
-    conclude(outlets, command, {**document, "gate": gate_document(found)}, table, found, warnings)
-
-
-def deliver_result(outlets: Outlets, found: Result, table: Callable[[TextIO], None]) -> None:
+def deliver(outlets: Outlets, found: Result, table: Callable[[TextIO], None]) -> None:
     """Say a result's warnings, judge it where a gate is given, and write it in the form that is wanted.
 
     Args:
@@ -101,16 +50,6 @@ def deliver_result(outlets: Outlets, found: Result, table: Callable[[TextIO], No
     judged_document, outcome = found.gated(read_gate(outlets.gate))
     say_warnings(outcome.warnings)
     conclude(outlets, found.command, judged_document, table, outcome, found.warnings)
-
-
-def judged(gate: LoadedGate, document: Mapping[str, Any]) -> GateOutcome:
-    """What a gate says of a result; its warnings are said."""
-    from robacc.gates.judging import judge
-    from robacc.report.console import say_warnings
-
-    found = judge(gate.gate, document, gate.baselines)
-    say_warnings(found.warnings)
-    return found
 
 
 def conclude(

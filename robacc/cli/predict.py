@@ -76,7 +76,7 @@ def predict(
     At the poses of --poses, else at those of --against, else at configurations spread over the joint ranges.
     """
     from robacc.api.predict import predict as predicted
-    from robacc.cli.output import Outlets, deliver_result
+    from robacc.cli.output import Outlets, deliver
 
     found = predicted(
         robot,
@@ -105,4 +105,4 @@ def predict(
         from robacc.io.files import write_text
 
         write_text(per_pose, found.per_pose_csv())
-    deliver_result(Outlets(form, output, gate, junit, report), found, table)
+    deliver(Outlets(form, output, gate, junit, report), found, table)

@@ -53,7 +53,7 @@ def trace(
     Example: robacc trace poses.csv --robot arm.yaml --declared base_frame,tool_frame --write-model better.yaml
     """
     from robacc.api.trace import trace as traced
-    from robacc.cli.output import Outlets, deliver_result
+    from robacc.cli.output import Outlets, deliver
     from robacc.cli.progress import progress_bar
     from robacc.report.trace import draw_trace
 
@@ -73,7 +73,7 @@ def trace(
         )
     if write_model is not None:
         found.write_model(write_model)
-    deliver_result(
+    deliver(
         Outlets(form, output, gate, junit, report),
         found,
         lambda stream: draw_trace(found, poses, robot, declared, stream),

@@ -21,6 +21,8 @@ _CLOUDS = 12
 _VISITS = 200
 _PLANES = ((0, 1), (0, 2))
 
+_PANELS = {"AP": "AP, pose accuracy", "RP": "RP, pose repeatability: not accuracy"}
+
 Criteria = Sequence[tuple[str, str, Mapping[str, Any]]]
 """Role of the colour, symbol, and the criterion's part of the document."""
 
@@ -77,23 +79,24 @@ def _ends(place: Mapping[str, Any], unit: Unit) -> list[str]:
 
 
 def _draw_overview(figure: Figure, criteria: Criteria, unit: Unit) -> None:
-    axes = figure.add_subplot()
+    # A panel each: side by side in one, repeatability would be read as accuracy.
+    panels = figure.subplots(len(criteria), 1, sharex=True, squeeze=False)[:, 0]
     names = list(dict.fromkeys(_label(place) for _, _, part in criteria for place in part["poses"]))
-    for shift, (role, key, part) in zip((-0.12, 0.12), criteria, strict=False):
+    for axes, (role, key, part) in zip(panels, criteria, strict=True):
         places = [place for place in part["poses"] if place["position_m"] is not None]
-        x = np.array([names.index(_label(place)) + shift for place in places])
+        x = np.array([names.index(_label(place)) for place in places])
         y = np.array([place["position_m"] for place in places]) * unit.factor
         ends = [(place["intervals"]["position_m"], place["position_m"]) for place in places]
         low = [0.0 if one["lower"] is None else max(value - one["lower"], 0.0) for one, value in ends]
         high = [0.0 if one["upper"] is None else max(one["upper"] - value, 0.0) for one, value in ends]
-        mark = "o" if key == "AP" else "s"
         bars = np.array([low, high]) * unit.factor
-        axes.errorbar(x, y, bars, fmt=mark, color=LIGHT[role], ms=5, capsize=3, linewidth=1.3, label=key)
-    axes.set_xticks(range(len(names)), [short(name, 10) for name in names], rotation=0 if len(names) < 7 else 60)
-    axes.set(ylabel=unit.name, xlabel="commanded pose", xlim=(-0.6, len(names) - 0.4))
-    axes.set_ylim(bottom=0)
-    axes.grid(visible=False, axis="x")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        axes.errorbar(x, y, bars, fmt="o" if key == "AP" else "s", color=LIGHT[role], ms=5, capsize=3, linewidth=1.3)
+        axes.set(ylabel=f"{key}, {unit.name}", xlim=(-0.6, len(names) - 0.4))
+        axes.set_title(_PANELS[key], loc="left", fontsize="medium")
+        axes.set_ylim(bottom=0)
+        axes.grid(visible=False, axis="x")
+    panels[-1].set_xlabel("commanded pose")
+    panels[-1].set_xticks(range(len(names)), [short(name, 10) for name in names], rotation=0 if len(names) < 7 else 60)
 
 
 def _cloud(document: Document, visits: Mapping[str, Any]) -> Picture:

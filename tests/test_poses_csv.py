@@ -276,7 +276,7 @@ def test_standard_input(monkeypatch: pytest.MonkeyPatch, read: Reader) -> None:
 
 
 TOKENS = ["1e-3", "1E+2", ".5", "5.", "+5", "-0", " 7 ", "\t8", "0x10", "1_0", "1d5", "nan", "-inf", "infinity"]
-TOKENS += ["", " ", "1 2", "1.5abc", "\u0663", "--1", "1e400", "1e-400", "1e", "12345678901234567890", "4.9e-324"]
+TOKENS += ["", " ", "1 2", "1.5abc", "\u0663", "--1", "1e400", "1e-400", "1e", "0.12345678901234567890", "4.9e-324"]
 
 
 @pytest.mark.parametrize("careful", [False, True])
@@ -557,7 +557,7 @@ def test_motion_is_that_of_each_step() -> None:
 
 # Writing
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-1e8, 1e8)  # what a file of poses may hold
 ids = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8)
 
 
@@ -580,7 +580,7 @@ def measurements(draw: st.DrawFn) -> Measurements:
     def text() -> Any:
         return np.array(draw(st.lists(ids, min_size=n, max_size=n)), dtype=str)
 
-    positive = st.floats(1e-300, 1e300)
+    positive = st.floats(1e-12, 1e6)
     return Measurements(
         position=array(finite, 3, n),
         rotation=maybe(rotation),

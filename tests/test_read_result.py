@@ -135,7 +135,7 @@ def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(module, "RESULT_LIMIT", 64)
     assert "is larger than" in problems(tmp_path, json_text(good()))
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b" " * 65)))
-    with pytest.raises(InputError, match=r"^<stdin>: is larger than 6\.10352e-05 MiB, the most that is read$"):
+    with pytest.raises(InputError, match=r"^<stdin>: is larger than 6\.10352e-05 MiB, the most that is read as text$"):
         read_result("-")
 
 

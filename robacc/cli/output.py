@@ -166,8 +166,8 @@ def check_call(parameters: Mapping[str, Any]) -> None:
     """Refuse a call that would end badly before it computes anything: by its parameters' names and values.
 
     Raises:
-        UsageError: an output would overwrite an input or another output, ``--junit`` stands without ``--gate``, or
-            ``--report`` without the libraries it takes.
+        UsageError: an output would overwrite an input or another output, standard input is named twice, ``--junit``
+            stands without ``--gate``, or ``--report`` without the libraries it takes.
         InputError: the gate cannot be read.
     """
     from robacc.errors import UsageError
@@ -178,10 +178,12 @@ def check_call(parameters: Mapping[str, Any]) -> None:
         from robacc.pictures.extra import need
 
         need("matplotlib", "plotly", "jinja2")
-    inputs = [
-        one for name, value in parameters.items() if name not in OUTPUTS for one in _texts(value) if _is_file(one)
-    ]
-    if (gate := parameters.get("gate")) is not None:
+    named = [one for name, value in parameters.items() if name not in OUTPUTS for one in _texts(value)]
+    if named.count("-") > 1:
+        raise UsageError("standard input can be read once, and - names it twice; name files")
+    inputs = [one for one in named if _is_file(one)]
+    # A gate that comes through a pipe can be read once: later, when there is a result to judge.
+    if (gate := parameters.get("gate")) is not None and not _is_stream(gate):
         from robacc.io.gate_files import baseline_path, read_gate
 
         inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
@@ -190,6 +192,9 @@ def check_call(parameters: Mapping[str, Any]) -> None:
         option = f"--{name.replace('_', '-')}"
         for path in _texts(parameters[name]):
             if path == "-":
+                other = written.setdefault(path, option)
+                if other != option:
+                    raise UsageError(f"{other} and {option} both name standard output; name a file for one of them")
                 continue
             if _is_file(path) and any(os.path.samefile(path, one) for one in inputs):
                 raise UsageError(f"{option} {path} is an input too, and would be overwritten; name another file")
@@ -202,6 +207,10 @@ def _texts(value: Any) -> tuple[str, ...]:
     if isinstance(value, str):
         return (value,)
     return tuple(one for one in value if isinstance(one, str)) if isinstance(value, list | tuple) else ()
+
+
+def _is_stream(path: str) -> bool:
+    return path == "-" or (os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path))
 
 
 def _is_file(path: str) -> bool:

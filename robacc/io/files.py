@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,19 +13,24 @@ from robacc.errors import InputError, Problem
 TEXT_LIMIT = 64 * 2**20
 """Largest text file read whole, bytes: far above any robot file, far below what would exhaust the memory."""
 
+STANDARD_STREAM = "-"
+"""Names standard input where a file is read, and standard output where one is written."""
+_READ: dict[str, str] = {}
+"""Digest of the bytes that each file had when it was last read, until it is asked for."""
+
 
 def read_text(path: str | os.PathLike[str], limit: int = TEXT_LIMIT) -> str:
     """The text of a UTF-8 file (with or without byte order mark), or of a UTF-16 one that has its mark.
 
     Args:
-        path: File to read.
+        path: File to read; ``-`` is standard input.
         limit: Largest size in bytes that is accepted.
 
     Raises:
         InputError: The file is missing, a folder, unreadable, too large, binary, or in another encoding.
     """
     name = os.fspath(path)
-    return decoded(read_bytes(name, limit), name)
+    return decoded(read_bytes(name, limit), "<stdin>" if name == STANDARD_STREAM else name)
 
 
 def decoded(data: bytes, name: str) -> str:
@@ -50,32 +56,41 @@ def decoded(data: bytes, name: str) -> str:
 
 
 def read_bytes(name: str, limit: int) -> bytes:
-    """All of a file, read once, so that a pipe will do.
+    """All of a file, or of standard input for ``-``, read once, so that a pipe will do.
 
     Raises:
         InputError: The file is missing, a folder, unreadable or larger than ``limit`` bytes.
     """
     path = Path(name)
     try:
-        if path.is_dir():
+        if name == STANDARD_STREAM:
+            data = sys.stdin.buffer.read(limit + 1)
+        elif path.is_dir():
             raise InputError(Problem("is a folder, not a file", name))
-        with path.open("rb") as stream:
-            data = stream.read(limit + 1)
+        else:
+            with path.open("rb") as stream:
+                data = stream.read(limit + 1)
     except FileNotFoundError:
         raise InputError(Problem("there is no such file", name)) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(Problem(f"cannot be read: {_reason(error)}", name)) from None
     if len(data) > limit:
-        raise InputError(Problem(f"is larger than {limit / 2**20:g} MiB, the most that is read as text", name))
+        shown = "<stdin>" if name == STANDARD_STREAM else name
+        raise InputError(Problem(f"is larger than {limit / 2**20:g} MiB, the most that is read as text", shown))
+    _READ[name] = hashlib.sha256(data).hexdigest()
     return data
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal.
+    """SHA-256 of a file's bytes, in hexadecimal: of those that were read, where it was read as text just before.
+
+    A pipe cannot be read twice, and a file may change meanwhile; a result's record is of what it was computed from.
 
     Raises:
         InputError: The file cannot be read.
     """
+    if (digest := _READ.pop(os.fspath(path), None)) is not None:
+        return digest
     try:
         with Path(path).open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -87,7 +102,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write ``text`` as UTF-8, whole or not at all: to a file beside ``path``, then moved into its place.
 
     A link is followed, an existing file keeps its permissions, and what is no plain file (a pipe, a terminal) is
-    written to directly.
+    written to directly; ``-`` is standard output.
 
     Raises:
         InputError: The folder does not exist, or it or the file may not be written.
@@ -115,6 +130,12 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
     name = os.fspath(path)
+    if name == STANDARD_STREAM:
+        for piece in pieces:
+            sys.stdout.write(piece.decode())
+        sys.stdout.flush()
+        return
+    _READ.pop(name, None)
     target = Path(os.path.realpath(name))
     if target.is_dir():
         raise InputError(Problem("is a folder; a file's name is needed to write to", name))

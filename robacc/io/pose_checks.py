@@ -29,7 +29,7 @@ ABSOLUTE_ZERO = -273.15
 SMALLEST_SIGMA = 1e-12
 """m or rad; below it a weight 1/sigma^2 leaves nothing of the other rows."""
 _LARGEST: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "number": 1e12}
-"""m (geocentric coordinates are 6.4e6), rad, either, and what circumstances are counted in: squares still have digits."""
+"""m (geocentric coordinates are 6.4e6), rad, either of a joint, and the units of circumstances."""
 COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
 COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
 

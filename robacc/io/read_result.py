@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from hashlib import sha256
 from typing import Any
 
 from robacc.errors import InputError, Problem
-from robacc.io.files import decoded, read_bytes
+from robacc.io.files import read_text, sha256_of
 from robacc.results import SCHEMA_VERSION, InputFile
 
 RESULT_LIMIT = 256 * 2**20
@@ -58,11 +56,8 @@ def read_result(path: str) -> StoredResult:
             key twice or a number that is none, is no result of robacc, or one of another version of its schema.
     """
     name = "<stdin>" if path == "-" else path
-    data = sys.stdin.buffer.read(RESULT_LIMIT + 1) if path == "-" else read_bytes(path, RESULT_LIMIT)
-    if len(data) > RESULT_LIMIT:
-        raise InputError(Problem(f"is larger than {RESULT_LIMIT / 2**20:g} MiB, the most that is read", name))
-    document = _parsed(decoded(data, name), name)
-    return StoredResult(document, _checked(document, name), sha256(data).hexdigest(), path)
+    document = _parsed(read_text(path, RESULT_LIMIT), name)
+    return StoredResult(document, _checked(document, name), sha256_of(path), path)
 
 
 @contextmanager

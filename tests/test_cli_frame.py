@@ -46,7 +46,8 @@ def test_version_and_help() -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
-    function = getattr(import_module(f"robacc.cli.{name}"), name)
+    own = name.replace("-", "_")
+    function = getattr(import_module(f"robacc.cli.{own}"), own)
     assert (inspect.getdoc(function) or "").splitlines()[0] == COMMANDS[name]
     assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
 

@@ -44,7 +44,7 @@ def compare(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Results side by side: every shared figure, which differences are real, and which results have a grade.
+    """Stored results side by side: which differences are real, and which results demonstrate a grade.
 
     Differences are tested in pairs where the poses are the same. Example: robacc compare arm1.json arm2.json --grade B
     """

@@ -56,7 +56,7 @@ def iso9283(
     junit: JunitOption = None,
     report: ReportOption = None,
 ) -> None:
-    """The pose criteria of ISO 9283 that cycles of commanded poses can support, and which of its conditions they meet.
+    """The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.
 
     The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns;
     with neither there is repeatability, and no accuracy. Several files are several robots.

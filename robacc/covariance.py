@@ -99,7 +99,7 @@ def error_statistics(
         centred_covariance=centred_covariance,
         rms=float(np.sqrt(np.trace(covariance))),
         mean_error=float(np.mean(lengths)),
-        p95=interpolated(lengths, [0.95 * (n - 1)])[0],
+        p95=_p95(lengths),
         max=float(np.max(lengths)),
         share_below_max=share_below_maximum(sampling.n_groups, confidence),
         intervals=Intervals(
@@ -269,7 +269,7 @@ def _p95_interval(
     curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, _tail(radius, lengths), by_model)
     if by_model:
         method = f"95 % radius of the fitted Gaussian, which it relies on; {radius.interval.method}"
-        return dataclasses.replace(radius.interval, method=method, curve=curve)
+        return dataclasses.replace(_holding(radius.interval, _p95(lengths)), method=method, curve=curve)
     # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
     limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
     lower, upper, bound = (None if level is None else next(limits) for level in levels)
@@ -278,6 +278,18 @@ def _p95_interval(
     if sampling.groups is not None:
         method += ", all repetitions of a pose counted as one, so the confidence is at least the one stated"
     return Interval(lower, upper, bound, confidence, method, why, curve)
+
+
+def _p95(lengths: Array) -> float:
+    """The 95th percentile found, linear between order statistics (Hyndman and Fan's type 7)."""
+    return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
+
+
+def _holding(interval: Interval, value: float) -> Interval:
+    """A two-sided interval widened to hold the value found: one without it, though no less true, few would believe."""
+    if interval.lower is None or interval.upper is None:
+        return interval
+    return dataclasses.replace(interval, lower=min(interval.lower, value), upper=max(interval.upper, value))
 
 
 def _tail(radius: Radius, lengths: Array) -> Tail | None:

@@ -62,7 +62,7 @@ def decide(criterion: Criterion, value: float, curve: Curve | None, n: int | Non
             return Decision("not_evaluated", f"the result has no interval of it, and rule: {criterion.rule} takes one")
         return Decision("pass" if sign * (limit - value) >= 0.0 else "fail", margin=sign * (limit - value))
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
-    # A percentile's bounds may rest on a fitted Gaussian and leave out the percentile found: nothing passes with a value
+    # Bounds of a percentile may rest on a fitted Gaussian and leave out the one found: nothing passes with a value
     # beyond the limit, and nothing fails with one within it.
     low, high = None if low is None else min(low, value), None if high is None else max(high, value)
     adverse, kind = (low, high) if criterion.at_least else (high, low)

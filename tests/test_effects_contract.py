@@ -12,6 +12,7 @@ from arms import arm, circumstances
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.catalogue import catalogue
+from robacc.effects.elastic import Elastic
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
@@ -23,10 +24,13 @@ EFFECTS = tuple(REGISTRY)
 ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")
 N = 5
 OTHER_FORMS = {
-    "backlash": {"by": "gravity"},
-    "joint_compliance": {"masses": "unknown"},
-    "transmission_error": {"orders": [3.5], "shrunk": True},
-    "thermal_expansion": {"time_constant_s": 600.0},
+    "backlash": ({"by": "gravity"},),
+    "joint_compliance": ({"masses": "unknown"}, {"masses": "uncertain", "deflection": "rigid"}),
+    "lateral_compliance": ({"deflection": "rigid"},),
+    "payload_compliance": ({"deflection": "rigid"},),
+    "base_compliance": ({"deflection": "rigid"},),
+    "transmission_error": ({"orders": [3.5], "shrunk": True},),
+    "thermal_expansion": ({"time_constant_s": 600.0},),
 }
 """Settings that neither the default, nor the example, nor a trace of data with every column has."""
 
@@ -43,9 +47,8 @@ def forms(name: str, one: Arm, data: Measurements) -> list[Effect]:
     found = [REGISTRY[name].default(one, data)]
     if one.robot == arm("puma560").robot:
         found.append(known_effects(dataclasses.replace(one.robot, effects=(example(name),)))[0].effect)
-    if name in OTHER_FORMS:
-        cls = REGISTRY[name]
-        found.append(cls.from_settings(cls.possible_joints(one)[1:2], OTHER_FORMS[name]))
+    cls = REGISTRY[name]
+    found += [cls.from_settings(cls.possible_joints(one)[1:2], settings) for settings in OTHER_FORMS.get(name, ())]
     competing = list(REGISTRY[name].candidates(one, data))
     return found + competing[:1] + competing[-1:]
 
@@ -165,6 +168,19 @@ def test_jacobian_of_an_arm_that_sags_and_is_measured_to_scale(name: str, arm_na
         Known(scale, {"instrument_scale": 1e-3}),
     )
     assert_jacobian(Model(one, known=known, free=(REGISTRY[name].default(one, data),)), data)
+
+
+@pytest.mark.parametrize("name", [name for name in EFFECTS if issubclass(REGISTRY[name], Elastic)])
+@pytest.mark.parametrize("arm_name", ["puma560", "urdf:puma560"])
+def test_jacobian_of_an_arm_with_deflections_of_both_forms(name: str, arm_name: str) -> None:
+    # Deflections at the undeflected pose answer to what moves the arm, those in equilibrium to all others too.
+    one = arm(arm_name)
+    data = circumstances(one.robot, N)
+    free = [REGISTRY[other].default(one, data) for other in ("joint_offset", "joint_compliance", "lateral_compliance")]
+    own = REGISTRY[name].default(one, data)
+    rigid = type(own).from_settings(own.joints, own.settings() | {"deflection": "rigid"})
+    known = Known(rigid, {term.name: 2 * term.typical for term in rigid.terms(one, data)})
+    assert_jacobian(Model(one, known=(known,), free=(*free, rigid, own)), data)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -295,6 +311,8 @@ WRONG = {
     "{effect: transmission_error, joints: [j2], shrunk: 3}": "shrunk must be true or false",
     "{effect: axis_wobble, joints: [j2], tilts: [z]}": "tilts must be a list of alpha, beta",
     "{effect: joint_compliance, joints: [j2], masses: heavy}": "masses: known, uncertain or unknown",
+    "{effect: joint_compliance, joints: [j2], deflection: soft}": "deflection must be equilibrium or rigid",
+    "{effect: base_compliance, tooth: 3}": "base_compliance has no setting 'tooth'",
     "{effect: thermal_expansion, tooth: 3}": "thermal_expansion has no setting 'tooth'",
     "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be above 0",
     "{effect: frame_drift, tooth: 3}": "frame_drift has no setting 'tooth'",

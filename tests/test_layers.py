@@ -18,7 +18,7 @@ LAYERS = (
     ("robacc.chain", "robacc.measurements", "robacc.statistics"),
     ("robacc.robots", "robacc.figures"),
     ("robacc.elasticity", "robacc.loads", "robacc.effects"),
-    ("robacc.bound", "robacc.inverse_kinematics", "robacc.model", "robacc.observation"),
+    ("robacc.bound", "robacc.deflections", "robacc.inverse_kinematics", "robacc.model", "robacc.observation"),
     (
         "robacc.closed_form",
         "robacc.crossfit",

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from arms import CONFIGURED, arm, circumstances
-from scipy.optimize import least_squares
+from scipy.optimize import brentq, least_squares
 
 from robacc.effects import REGISTRY
 from robacc.errors import UsageError
@@ -46,6 +46,33 @@ def test_a_pendulum_sags_to_the_equilibrium_of_statics() -> None:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if middle < q - compliance * weight * np.cos(middle) else (low, middle)
         np.testing.assert_allclose(found[:, i], [np.cos(low), 0.0, np.sin(low)], rtol=0, atol=1e-13)
+
+
+def test_a_pendulum_of_the_rigid_form_sags_by_the_moment_where_it_was_commanded() -> None:
+    # theta = q + e + c tau(q + e): the zero error e moves the arm and so the moment, what the joint gives way to does not.
+    compliance, weight, zero = 2e-3, 10.0 * 9.81, 0.1
+    rigid = {"joints": ["j1"], "deflection": "rigid"}
+    entries = (
+        {"effect": "joint_offset", "joints": ["j1"], "values": {"j1": zero}},
+        {"effect": "joint_compliance", **rigid, "values": {"j1": compliance}},
+    )
+    robot = dataclasses.replace(pendulum(), effects=entries)
+    commanded = np.array([0.0, 0.4, 1.2, -0.7])
+    found = predict(robot, at(*commanded)).translation
+    turned = commanded + zero - compliance * weight * np.cos(commanded + zero)
+    np.testing.assert_allclose(found, [np.cos(turned), 0 * turned, np.sin(turned)], rtol=0, atol=1e-15)
+
+
+def test_an_equilibrium_sees_the_deflections_of_the_rigid_form_and_not_the_other_way_round() -> None:
+    compliance, weight, q = 2e-3, 10.0 * 9.81, 0.4
+    first = {"effect": "joint_compliance", "joints": ["j1"], "deflection": "rigid", "values": {"j1": compliance}}
+    second = {"effect": "payload_compliance", "joints": ["j1"], "values": {"j1": compliance}}
+    robot = dataclasses.replace(pendulum(), effects=(second, first), payload_com=(0.0, 0.0, 0.0))
+    data = dataclasses.replace(at(q), payload=np.array([10.0]))
+    found = predict(robot, data).translation[:, 0]
+    sag = compliance * weight * np.cos(q)
+    angle = brentq(lambda t: t - (q - sag - compliance * weight * np.cos(t)), -1.0, 1.0, xtol=1e-15)
+    np.testing.assert_allclose(found, [np.cos(angle), 0.0, np.sin(angle)], rtol=0, atol=1e-13)
 
 
 def test_a_payload_where_the_file_puts_it_sags_the_joint_and_none_does_not() -> None:

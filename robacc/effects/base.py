@@ -40,6 +40,8 @@ class Part:
     factor: float | Array = 1.0
     """``(N,)`` regressor, or a constant."""
     loads: tuple[Load, ...] | None = None
+    deflected: bool = True
+    """Whether the force is that at the pose with every deflection, in equilibrium, or at the one without any."""
 
 
 @dataclass(frozen=True, slots=True)

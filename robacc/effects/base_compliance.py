@@ -5,21 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Effect, Part, Term, register, weight_needed
+from robacc.effects.base import About, Term, register, weight_needed
+from robacc.effects.elastic import FORMS, Elastic
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 
 @register
 @dataclass(frozen=True)
-class BaseCompliance(Effect):
+class BaseCompliance(Elastic):
     """The base tilted by c times the arm's moment about it, the same in both directions."""
 
     name = "base_compliance"
     per_joint = False
     about = About(
         summary="the pedestal or floor gives way: the base tilts under the arm's moment about it",
-        equation="turns of the base about x and y + c (m_x, m_y), the moment of the arm's weight about them",
+        equation="turns of the base about x and y + c (m_x, m_y), the moment of the arm's weight about them at the "
+        f"deflected pose; {FORMS}",
         unit="rad/(N m)",
         usual_size="1e-9 to 1e-6 rad/(N m)",
         needs="mass and com of the links",
@@ -36,5 +38,5 @@ class BaseCompliance(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term."""
         loads = weight_needed(arm, self.name)
-        parts = tuple(Part(arm.chain.index(BASE, label), 1.0, loads) for label in ("turn_x", "turn_y"))
+        parts = tuple(self.part(arm.chain.index(BASE, label), loads) for label in ("turn_x", "turn_y"))
         return (Term(self.name, "rad/(N m)", 1e-6, parts),)

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from robacc.effects.base import About, Effect, Part, Term, register, weight_needed
+from robacc.effects.base import About, Effect, Term, register, weight_needed
+from robacc.effects.elastic import FORMS, Elastic, deflection_setting
 from robacc.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -15,7 +16,7 @@ from robacc.robots.arm import Arm
 
 @register
 @dataclass(frozen=True)
-class JointCompliance(Effect):
+class JointCompliance(Elastic):
     """Each joint turned by c times the moment of gravity about its axis, in equilibrium.
 
     With masses ``unknown`` the torque's base regressors are fitted, and what is identified is compliance x mass and
@@ -28,7 +29,7 @@ class JointCompliance(Effect):
     name = "joint_compliance"
     about = About(
         summary="the joint's gear gives way to the torque of the arm's own weight",
-        equation="theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose",
+        equation=f"theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose; {FORMS}",
         unit="rad/(N m) (m/N for a prismatic joint); masses unknown: the same times kg or kg m",
         usual_size="1e-7 to 1e-5 rad/(N m), large arms the stiffer",
         needs="mass and com of the links; without them the torque's base regressors are fitted",
@@ -58,7 +59,7 @@ class JointCompliance(Effect):
             motion = arm.axis_motion(joint)
             unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"
             if self.masses != "unknown":
-                terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (Part(motion, 1.0, weight),)))
+                terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (self.part(motion, weight),)))
             if self.masses == "known":
                 continue
             sizes = _sizes(arm) if self.masses == "uncertain" else {}
@@ -66,22 +67,24 @@ class JointCompliance(Effect):
                 name = f"{self.name}.{joint}.{label}"
                 by = "kg" if label.startswith("m") else "kg m"
                 size = sizes.get(label, 5.0 if by == "kg" else 1.0)
-                part = Part(motion, 1.0, loads)
+                part = self.part(motion, loads)
                 terms.append(Term(name, f"{unit} {by}", 1e-5, (part,), f"{self.name}.{joint}", size))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
-        """Whether base regressors stand for the masses."""
-        return {} if self.masses == "known" else {"masses": self.masses}
+        """Whether base regressors stand for the masses, and the form."""
+        return super().settings() | ({} if self.masses == "known" else {"masses": self.masses})
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``masses: known``, ``uncertain`` or ``unknown``."""
-        rest = dict(settings)
+        """``masses: known``, ``uncertain`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
+        form, rest = deflection_setting(cls.name, settings)
         masses = rest.pop("masses", "known")
         if rest or masses not in ("known", "uncertain", "unknown"):
-            raise ValueError(f"{cls.name} knows masses: known, uncertain or unknown, found {dict(settings)!r}")
-        return cls(joints, masses)
+            raise ValueError(
+                f"{cls.name} knows masses: known, uncertain or unknown, and deflection, found {dict(settings)!r}"
+            )
+        return cls(joints, masses, deflection=form)
 
 
 def _sizes(arm: Arm) -> dict[str, float]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Effect, Part, Term, register, weight_needed
+from robacc.effects.base import About, Term, register, weight_needed
+from robacc.effects.elastic import FORMS, Elastic
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.assembly import FLEXURES
@@ -12,13 +13,14 @@ from robacc.robots.assembly import FLEXURES
 
 @register
 @dataclass(frozen=True)
-class LateralCompliance(Effect):
+class LateralCompliance(Elastic):
     """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions."""
 
     name = "lateral_compliance"
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the moment across it",
-        equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the arm's moment of gravity about them",
+        equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the arm's moment of gravity about them "
+        f"at the deflected pose; {FORMS}",
         unit="rad/(N m)",
         usual_size="1e-8 to 1e-5 rad/(N m)",
         needs="mass and com of the links",
@@ -40,7 +42,7 @@ class LateralCompliance(Effect):
                 f"{self.name}.{joint}",
                 "rad/(N m)",
                 1e-5,
-                tuple(Part(arm.motion(joint, label), 1.0, weight) for label in FLEXURES),
+                tuple(self.part(arm.motion(joint, label), weight) for label in FLEXURES),
             )
             for joint in self.joints
         )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Effect, Part, Term, needed, register
+from robacc.effects.base import About, Term, needed, register
+from robacc.effects.elastic import FORMS, Elastic
 from robacc.loads import payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -12,13 +13,14 @@ from robacc.robots.arm import Arm
 
 @register
 @dataclass(frozen=True)
-class PayloadCompliance(Effect):
+class PayloadCompliance(Elastic):
     """Each joint turned by c times the moment of the payload about its axis, in equilibrium."""
 
     name = "payload_compliance"
     about = About(
         summary="the joint gives way to the payload, which was not the same at every pose",
-        equation="theta_j + c_j tau_j, tau_j the payload's moment of gravity about the axis at the deflected pose",
+        equation="theta_j + c_j tau_j, tau_j the payload's moment of gravity about the axis at the deflected pose; "
+        f"{FORMS}",
         unit="rad/(N m) (m/N for a prismatic joint)",
         usual_size="1e-7 to 1e-5 rad/(N m)",
         needs="payload_kg that varies; payload: com in the robot file (default: at the tool)",
@@ -42,7 +44,7 @@ class PayloadCompliance(Effect):
                 f"{self.name}.{joint}",
                 "rad/(N m)" if arm.is_revolute(joint) else "m/N",
                 1e-5,
-                (Part(arm.axis_motion(joint), 1.0, loads),),
+                (self.part(arm.axis_motion(joint), loads),),
             )
             for joint in self.joints
         )

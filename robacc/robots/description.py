@@ -18,6 +18,8 @@ DH_PARAMETERS = ("theta", "d", "a", "alpha", "beta")
 ORIGIN_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw", "offset")
 """A URDF joint: its origin, and the offset added to its variable."""
 LENGTH_PARAMETERS = frozenset({"d", "a", "x", "y", "z"})
+MAX_JOINTS = 100
+"""Of one chain: three times what a snake arm has; the work of a search for effects grows with their square."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.robots.description import ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
+from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
 from robacc.robots.urdfsizes import complain_of_sizes
 from robacc.robots.urdfwrite import robot_to_urdf
 from robacc.robots.urdfxml import Document, read_document
@@ -90,6 +90,9 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
     path = tree.path(base, tip)
     if not path:
         raise UsageError(f"{file}: link {tip!r} is not behind link {base!r}")
+    if len(path) > MAX_JOINTS:
+        message = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
+        raise InputError(Problem(message, file, fix="choose a shorter chain with --base-link and --tip-link"))
     joints = [_read_joint(tree, joint) for joint in path]
     complain_of_sizes(document, tree.elements, joints)
     document.finish()

@@ -24,7 +24,7 @@ _NOT_FINITE = re.compile(r"[-+]?\.?(inf(inity)?|nan)", re.IGNORECASE)
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader without aliases (a few lines of them expand to gigabytes), of bounded depth and size."""
+    """PyYAML's safe loader without aliases, of which a few lines expand to gigabytes, and tags; of bounded depth and size."""
 
     depth = 0
     count = 0
@@ -35,6 +35,8 @@ class _Loader(yaml.SafeLoader):
         problem = None
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             problem = "anchors (&) and aliases (*) are not taken"
+        elif getattr(event, "tag", None) is not None:
+            problem = f"tags (!) are not taken, found {event.tag[:40]}"
         elif self.depth >= MAX_DEPTH:
             problem = f"nested deeper than {MAX_DEPTH}"
         elif self.count > MAX_NODES:

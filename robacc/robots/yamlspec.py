@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import yaml
 
-from robacc.robots.description import STANDARD_GRAVITY, Convention, Frame, Joint, Robot, Vector
+from robacc.robots.description import MAX_JOINTS, STANDARD_GRAVITY, Convention, Frame, Joint, Robot, Vector
 from robacc.robots.yamljoint import read_joint, resolve_mimics
 from robacc.robots.yamlnode import Section, Source, compose, found
 from robacc.robots.yamlunits import Units, complain_of_likely_units
@@ -168,6 +168,9 @@ def _read_joints(top: Section, convention: Convention, units: Units) -> tuple[Jo
     items = source.items(node, "joints", "joints")
     if isinstance(node, yaml.SequenceNode) and not items:
         source.complain(node, "joints", "a robot needs at least one joint")
+    if len(items) > MAX_JOINTS:
+        source.complain(node, "joints", f"found {len(items)} joints, expected at most {MAX_JOINTS}")
+        return ()
     joints: list[Joint] = []
     lines: dict[str, int] = {}
     complete = True

@@ -24,7 +24,7 @@ _NOT_FINITE = re.compile(r"[-+]?\.?(inf(inity)?|nan)", re.IGNORECASE)
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader without aliases, of which a few lines expand to gigabytes, and tags; of bounded depth and size."""
+    """PyYAML's safe loader without tags and aliases (a few lines expand to gigabytes), of bounded depth and size."""
 
     depth = 0
     count = 0

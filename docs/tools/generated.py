@@ -1,0 +1,146 @@
+"""Parts of the reference that are made from the program: between ``<!-- made: NAME -->`` and ``<!-- end -->``."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+_PART = re.compile(r"(<!-- made: ([\w-]+)(?: ([\w-]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def with_made_parts(page: str) -> str:
+    """The page with every made part as the program is now."""
+    return _PART.sub(lambda found: found[1] + "\n" + _MAKERS[found[2]](found[3]).strip() + "\n\n" + found[4], page)
+
+
+def _effects(_: str | None) -> str:
+    """The catalogue: a table to choose from, then each effect."""
+    from robacc.effects import REGISTRY
+
+    rows = "\n".join(f"| [`{name}`](#{name}) | {_prose(cls.about.summary)} |" for name, cls in REGISTRY.items())
+    parts = [f"| effect | what it is |\n| --- | --- |\n{rows}"]
+    for name, cls in REGISTRY.items():
+        about = cls.about
+        told = [
+            ("equation", about.equation),
+            ("unit", about.unit),
+            ("usual size", about.usual_size),
+            ("needs", about.needs),
+            ("confused with", about.confused_with),
+            ("competes", "joint by joint" if cls.per_joint else "as a whole"),
+            ("written as", "the robot's own numbers" if cls.is_constant else "an entry under `effects:`"),
+            ("source", about.source),
+        ]
+        table = "\n".join(f"| {key} | {_prose(value) if key != 'written as' else value} |" for key, value in told)
+        entry = f"```yaml\neffects:\n  - {about.example}\n```"
+        parts.append(f"## {name}\n\n{_sentence(_prose(about.summary))}\n\n| | |\n| --- | --- |\n{table}\n\n{entry}")
+    return "\n\n".join(parts)
+
+
+def _command(name: str | None) -> str:
+    """Synopsis and options of a command, as its --help has them."""
+    from typer.main import get_command
+
+    from robacc.cli.main import _load, app
+
+    command = _load(str(name))
+    context = command.make_context(f"robacc {name}", [], resilient_parsing=True)
+    group = get_command(app)
+    assert name in getattr(group, "commands", {})
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    options = [p for p in command.params if p.param_type_name == "option"]
+    needed = "".join(f" {p.opts[0]} {_value(p, context)}" for p in options if p.required)
+    line = " ".join(_argument(p, context) for p in arguments)
+    parts = [_paragraphs(command.help or ""), f"```text\nrobacc {name} {line}{needed} [OPTIONS]\n```"]
+    rows = [f"| `{_argument(p, context)}` | {_prose(p.help or '')} |" for p in arguments]
+    rows += [f"| {_names(p, context)} | {_prose(_help(p, context))} |" for p in options]
+    parts.append("| argument or option | meaning |\n| --- | --- |\n" + "\n".join(rows))
+    return "\n\n".join(parts)
+
+
+def _argument(parameter: Any, context: Any) -> str:
+    name = str(parameter.make_metavar(context))
+    name = name[1:-1] if name[0] + name[-1] in ("{}", "[]") else name
+    return name if parameter.required else f"[{name}]"
+
+
+def _value(parameter: Any, context: Any) -> str:
+    return "" if parameter.is_flag else str(parameter.make_metavar(context)).strip("<>[]{}")
+
+
+def _names(parameter: Any, context: Any) -> str:
+    names = ", ".join(f"`{name}`" for name in parameter.opts)
+    if parameter.secondary_opts:
+        names += " / " + ", ".join(f"`{name}`" for name in parameter.secondary_opts)
+    value = _value(parameter, context)
+    return f"{names} `{value}`".replace("|", "\\|") if value else names
+
+
+def _help(parameter: Any, context: Any) -> str:
+    default = parameter.get_default(context)
+    text = str(parameter.help or "")
+    if parameter.required:
+        return f"{text} Required."
+    if parameter.is_flag and parameter.secondary_opts:
+        return f"{text} Default: {(parameter.opts if default else parameter.secondary_opts)[0]}."
+    if default is None or parameter.is_flag or default == "":
+        return text
+    return f"{text} Default: {getattr(default, 'value', default)}."
+
+
+def _paragraphs(text: str) -> str:
+    """Help text with each command that it gives as an example set as code."""
+    pieces = re.split(r"(robacc [a-z9-]+ [^;]*?\S)(?=; |\. |\.$|$)", " ".join(text.split()))
+    return "".join(f"`{piece}`" if number % 2 else _prose(piece) for number, piece in enumerate(pieces))
+
+
+def _gate_keys(_: str | None) -> str:
+    """Keys that a criterion may name, those that differ in one word put together."""
+    from robacc.gates.keys import KEYS, LARGER_IS_BETTER
+
+    rows = [
+        f"| `{key}` | {kind}{', larger is better' if key in LARGER_IS_BETTER else ''} |"
+        for key, kind in _folded(dict(KEYS))
+    ]
+    return "| key | kind of value |\n| --- | --- |\n" + "\n".join(rows)
+
+
+def _folded(keys: dict[str, str]) -> Iterator[tuple[str, str]]:
+    """Keys with the four statistics folded into one row."""
+    done = set()
+    for key, kind in keys.items():
+        stem, _, last = key.rpartition(".")
+        if last in ("rms", "mean_error", "p95", "max") and all(
+            f"{stem}.{one}" in keys for one in ("rms", "mean_error", "p95", "max")
+        ):
+            if stem not in done:
+                done.add(stem)
+                yield f"{stem}.{{rms, mean_error, p95, max}}", kind
+        else:
+            yield key, kind
+
+
+def _rules(_: str | None) -> str:
+    from robacc.gates.criteria import RULES
+
+    return "| rule | decides |\n| --- | --- |\n" + "\n".join(f"| `{k}` | {_prose(v)} |" for k, v in RULES.items())
+
+
+def _prose(text: str) -> str:
+    """Text of the program as Markdown: nothing in it is markup."""
+    plain = re.sub(r"\s+", " ", text)
+    return re.sub(r"([\\`*_\[\]|])", r"\\\1", html.escape(plain, quote=False))
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
+
+
+_MAKERS: dict[str, Callable[[str | None], str]] = {
+    "effects": _effects,
+    "command": _command,
+    "gate-keys": _gate_keys,
+    "gate-rules": _rules,
+}

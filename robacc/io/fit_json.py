@@ -51,7 +51,7 @@ def calibration_payload(
         "leverage": [{"line": data.line(i), "share": share} for i, share in found.leverage],
         "warnings": list(found.warnings),
         "curves": [
-            {"effect": effect.name, "joints": list(effect.joints), **curve_document(curve)}
+            {"name": effect.name, "joints": list(effect.joints), **curve_document(curve)}
             for effect, curve in found.curves
         ],
         **_pictured(found, found.fit, data, robot, apart),

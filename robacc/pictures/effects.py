@@ -52,7 +52,7 @@ def _curves(document: Document) -> Iterator[tuple[str, str, Curve]]:
         for curve in one.get("curves", ()):
             yield one["effect"], ", ".join(one["joints"]), curve
     for curve in document.get("curves", ()):
-        yield curve["effect"], ", ".join(curve["joints"]), curve
+        yield curve["name"], ", ".join(curve["joints"]), curve
 
 
 def _residual_picture(document: Document, effect: str, joints: str, curve: Curve) -> Picture:

@@ -92,6 +92,17 @@ def trace_payload(
             for one in found.next_poses
         ],
         "not_offered": [{"effect": name, "why": why} for name, why in found.missing.items()],
+        "detection_limits": [
+            {
+                "effect": one.effect,
+                "joints": list(one.joints),
+                "settings": one.settings,
+                "limit": one.limit,
+                "unit": one.unit,
+                "rms_m": one.rms,
+            }
+            for one in found.detection
+        ],
         "outliers": [{"line": data.line(int(i))} for i in found.final.outliers],
         "warnings": list(found.warnings),
         **_pictured(found, found.final, data, robot, apart),

@@ -8,6 +8,7 @@ from typing import TextIO
 
 from robacc.parameters import Parameter
 from robacc.report.console import width_of, write_lines
+from robacc.report.detection import draw_detection
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
 from robacc.report.stages import gain_line, stages
@@ -59,6 +60,10 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
     yield BLANK
     yield heading("5. What is left")
     yield from items(_left(result), width)
+    if not result.findings:
+        yield BLANK
+        yield heading("6. What these poses could have shown")
+        yield from draw_detection(result.detection, width)
     if result.next_poses:
         yield BLANK
         yield heading("6. What to measure next")

@@ -62,6 +62,8 @@ class Competition:
     """``(M, J, N)`` whitened columns of each joint's variable."""
     expand: Expand
     """Whitened ``(M, Q, N)`` columns of a candidate that has none in the system yet."""
+    rows: NDArray[np.int64]
+    """Numbers of the poses that it is judged on."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only where the caller asks for them."""
     _batches: list[tuple[list[int], NDArray[np.int64], Array]] = field(default_factory=list)
@@ -208,7 +210,8 @@ class Competition:
         ]
         if min(lengths) <= 0:
             return 0.0
-        return float(both[0] @ cross @ both[1] / math.sqrt(lengths[0] * lengths[1]))
+        cosine = float(both[0] @ cross @ both[1] / math.sqrt(lengths[0] * lengths[1]))
+        return min(max(cosine, -1.0), 1.0)
 
 
 def _least_squares(conditioned: Conditioned, columns: NDArray[np.int64]) -> Array:

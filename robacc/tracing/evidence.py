@@ -243,7 +243,7 @@ def judge(
 
 
 def _decomposed(blocks: Array, moments: Array) -> tuple[Array, Array]:
-    """Eigenvalues ``(B, Q)`` of symmetric matrices, and the moments along the eigenvectors; of pairs by one rotation."""
+    """Eigenvalues ``(B, Q)`` of symmetric matrices, and the moments along the eigenvectors; pairs by one rotation."""
     size = blocks.shape[1]
     if size == 1:
         return blocks[:, 0], moments

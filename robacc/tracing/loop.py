@@ -92,6 +92,7 @@ class Scene:
             waves(arm, data, self.only),
             self.joint_columns[:, :, at],
             expand,
+            at,
         )
         choice = Selection(field)
         for effect in start:

@@ -20,6 +20,7 @@ from robacc.observation import residuals
 from robacc.parsimony import without_idle_rotations
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
+from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, told
 from robacc.tracing.held_out import Held, Progress, frames_first, hold_out
 from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse, refit
@@ -63,6 +64,8 @@ class Trace:
     unexplained: Unexplained
     steps: tuple[Step, ...]
     missing: dict[str, str]
+    detection: tuple[DetectionLimit, ...]
+    """What these poses could have shown beside the findings."""
     n_folds: int
     next_poses: tuple[Advice, ...]
     """What to measure to decide between a finding and its nearest rival."""
@@ -129,6 +132,7 @@ def trace(
         unexplained=unexplained,
         steps=loop.steps,
         missing=loop.scene.missing,
+        detection=_detection(loop, held),
         n_folds=0 if held is None else held.folds,
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=_warnings(final, data, held, holdout),
@@ -178,6 +182,13 @@ def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: 
             if one is not None:
                 advice.append(one)
     return tuple(advice)
+
+
+def _detection(loop: Loop, held: Held | None) -> tuple[DetectionLimit, ...]:
+    rows = loop.selection.field.rows
+    share = rows.size / np.count_nonzero(loop.final.kept)
+    folds = 0 if held is None else held.folds
+    return tuple(detection_limits(loop.selection, loop.final.weight[:, rows], folds, share))
 
 
 def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:

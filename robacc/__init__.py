@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from robacc.api.reading import write_poses as write_poses
     from robacc.api.reading import write_robot as write_robot
     from robacc.api.result import Result as Result
+    from robacc.api.schema import schema as schema
     from robacc.api.simulate import Simulated as Simulated
     from robacc.api.simulate import simulate as simulate
     from robacc.api.trace import Traced as Traced
@@ -72,6 +73,7 @@ _HOMES = {
     "read_poses": "api.reading",
     "read_result": "api.reading",
     "read_robot": "api.reading",
+    "schema": "api.schema",
     "simulate": "api.simulate",
     "trace": "api.trace",
     "write_poses": "api.reading",

@@ -36,6 +36,7 @@ COMMANDS = {
     "simulate": "A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.",
     "report": "Stored results as one HTML page: story, pictures, tables, to be looked at, printed and signed.",
     "plot": "One picture of a stored result as SVG, PNG or PDF.",
+    "schema": "The JSON Schema of a command's result: every key, its unit, and which keys are always there.",
     "export": "A model as URDF, as far as a URDF can carry it; the rest is said.",
 }
 """Name of each command, with _ for - its module's and its function's too, and its line in ``robacc --help``."""

@@ -11,6 +11,7 @@ import numpy as np
 from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
+from robacc.elastic_form import FormChoice, better_form, in_form
 from robacc.errors import InputError
 from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options, fit
@@ -59,6 +60,8 @@ class Calibration:
     """Standard errors are of the data alone, drawn or not."""
     drawn: tuple[Kind, ...]
     """Constants drawn to the robot file's values."""
+    deflection: FormChoice | None
+    """At which pose the moments of elastic effects are taken; None where none is fitted."""
     correlations: tuple[Correlation, ...]
     identifiability: Identifiability
     leverage: tuple[tuple[int, float], ...]
@@ -100,7 +103,7 @@ def calibrate(
     options = options or Options()
     plan = _Plan(robot, data, requests, options, priors or {}, shrink)
     effects = plan.effects(data)
-    found, kinds = _fitted(plan, effects, data, options)
+    found, kinds, deflection = _fitted(plan, effects, data, options)
     effects = found.model.free
     frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
@@ -129,6 +132,7 @@ def calibrate(
         None if held is None else paired_gain(held[0][:, kept], held[1][:, kept], groups[kept]),
         parameters(found),
         kinds,
+        deflection,
         correlations(found),
         found.identifiability,
         _leverage(found, data),
@@ -191,14 +195,17 @@ class _Plan:
 
 def _fitted(
     plan: _Plan, effects: tuple[Effect, ...], data: Measurements, options: Options
-) -> tuple[Fit, tuple[Kind, ...]]:
-    """The fit of all effects; with priors as they stand, else without what is idle in the arm's constants."""
+) -> tuple[Fit, tuple[Kind, ...], FormChoice | None]:
+    """The fit of all effects, elastic ones in the form that the data show.
+
+    With priors as they stand, else without what is idle in the arm's constants.
+    """
     model, options = Model.of(plan.robot, effects), plan.with_priors(options, effects, data)
-    found = fit(model, data, options)
+    found, model, form = better_form(fit(model, data, options), model, data, options)
     if plan.priors:
-        return found, ()
+        return found, (), form
     found = without_idle_rotations(found, model, data, options)
-    return drawn(found, data, options, plan.whole) if plan.shrink else (found, ())
+    return (*drawn(found, data, options, plan.whole), form) if plan.shrink else (found, (), form)
 
 
 def _searched(request: Request) -> bool:
@@ -219,7 +226,7 @@ def _hold_out(
     search = Options(robust=plan.options.robust, tolerance=1e-6)
     if holdout is not None:
         alone = fit(Model.of(plan.robot, frames), data, search)
-        whole, _ = _fitted(plan, effects, data, search)
+        whole = _fitted(plan, effects, data, search)[0]
         return held_out(alone, holdout), held_out(whole, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:
@@ -230,7 +237,7 @@ def _hold_out(
     try:
         for learn, rest in parts(assigned):
             train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
-            chosen = plan.effects(train) if again else effects
+            chosen = plan.effects(train) if again else in_form(effects, "equilibrium")
             before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)
             after[:, rest] = held_out(_fitted(plan, chosen, train, search)[0], test)
     except InputError:

@@ -22,6 +22,7 @@ LAYERS = (
     (
         "robacc.closed_form",
         "robacc.crossfit",
+        "robacc.elastic_form",
         "robacc.fitting",
         "robacc.folding",
         "robacc.gauss_newton",

@@ -49,7 +49,7 @@ def test_a_pendulum_sags_to_the_equilibrium_of_statics() -> None:
 
 
 def test_a_pendulum_of_the_rigid_form_sags_by_the_moment_where_it_was_commanded() -> None:
-    # theta = q + e + c tau(q + e): the zero error e moves the arm and so the moment, what the joint gives way to does not.
+    # theta = q + e + c tau(q + e): the zero error e moves the moment, what the joint gives way to does not.
     compliance, weight, zero = 2e-3, 10.0 * 9.81, 0.1
     rigid = {"joints": ["j1"], "deflection": "rigid"}
     entries = (

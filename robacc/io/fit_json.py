@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.calibration import Calibration
+from robacc.elastic_form import BETTER, FormChoice
 from robacc.figures import Gain, Residuals
 from robacc.fitting import Fit
 from robacc.geometry import Array
@@ -43,6 +44,7 @@ def calibration_payload(
         "effects": [{"effect": e.name, "joints": list(e.joints), **e.settings()} for e in found.effects],
         "parameters": _parameters(found.parameters),
         "shrinkage": [_kind(kind) for kind in found.drawn],
+        "deflection": _deflection(found.deflection),
         "correlations": [{"first": c.first, "second": c.second, "correlation": c.value} for c in found.correlations],
         "chi_square": fit.chi_square,
         "degrees_of_freedom": fit.degrees_of_freedom,
@@ -225,6 +227,18 @@ def _kind(kind: Kind) -> dict[str, Any]:
             {"name": name, "probability": probability}
             for name, probability in zip(kind.names, kind.probability, strict=True)
         ],
+    }
+
+
+def _deflection(found: FormChoice | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "form": found.form,
+        "difference_rms_m": found.difference,
+        "difference_whitened": found.separation,
+        "rigid_better_by": found.gain,
+        "needed": BETTER,
     }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import TextIO
 
 from robacc.calibration import Calibration
+from robacc.elastic_form import BETTER, FormChoice
 from robacc.measurements import Measurements
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
@@ -66,6 +67,8 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
         yield _drawn(kind)
     if result.drawn:
         yield "standard errors are of the poses alone, drawn or not; --no-shrink draws nothing"
+    if result.deflection is not None:
+        yield _deflection(result.deflection)
     for one in result.identifiability.dropped:
         yield f"no number: {one.why}"
     for pair in result.correlations[:8]:
@@ -74,6 +77,16 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
         yield f"and {len(result.correlations) - 8} pairs more correlated above 0.9"
     for i, share in result.leverage[:5]:
         yield f"line {data.line(i)} decides {100 * share:.0f} % of its own prediction"
+
+
+def _deflection(found: FormChoice) -> str:
+    differing = f"the prediction by {three_digits(found.difference * _IN_MM)} mm rms"
+    if found.gain is None:
+        return f"deflections in equilibrium: moments at the undeflected pose change {differing}, too little to tell"
+    better = f"moments at the undeflected pose change {differing} and twice the log-likelihood by {found.gain:+.3g}"
+    if found.form == "equilibrium":
+        return f"deflections in equilibrium: {better}, where more than +{BETTER:g} is asked for"
+    return f"deflection: rigid, as the poses show it: {better}, more than the +{BETTER:g} asked for"
 
 
 def _drawn(kind: Kind) -> str:

@@ -14,15 +14,23 @@ ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_worked_example_is_real_output(monkeypatch: pytest.MonkeyPatch) -> None:
+BLOCKS = re.findall(r"```text\n\$ robacc (.*)\n([\s\S]*?)```", README)
+
+
+@pytest.mark.parametrize(("command", "output"), BLOCKS, ids=[command.split()[0] for command, _ in BLOCKS])
+def test_examples_are_real_output(command: str, output: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    blocks = re.findall(r"```text\n\$ robacc ((?:trace|estimate) .*)\n([\s\S]*?)```", README)
-    assert len(blocks) == 2
-    for command, output in blocks:
-        result = CliRunner().invoke(app, command.split(), catch_exceptions=False)
-        assert result.exit_code == 0
-        assert result.stdout.startswith(output)
-        assert len(output.splitlines()) > 20
+    result = CliRunner().invoke(app, command.split(), catch_exceptions=False)
+    assert result.exit_code in (0, 4, 5)
+    shown, cut, rest = output.partition("…\n")
+    assert rest == ""
+    assert result.stdout.startswith(shown)
+    assert cut or result.stdout == shown
+
+
+def test_the_worked_examples_are_there() -> None:
+    assert {"trace", "estimate"} <= {command.split()[0] for command, _ in BLOCKS}
+    assert all(len(output.splitlines()) > 20 for command, output in BLOCKS[:2])
 
 
 @pytest.mark.parametrize("name", COMMANDS)

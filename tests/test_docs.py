@@ -48,9 +48,9 @@ def test_every_command_and_effect_is_in_the_reference() -> None:
     from robacc.effects import REGISTRY
 
     reference = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"<!-- made: command ([\w-]+) -->", reference)) == set(COMMANDS)
+    assert re.findall(r"^## ([\w-]+)$", reference, re.MULTILINE) == list(COMMANDS)
     catalogue = (DOCS / "reference" / "effects.md").read_text(encoding="utf-8")
-    assert re.findall(r"^## (\w+)$", catalogue, re.MULTILINE)[: len(REGISTRY)] == list(REGISTRY)
+    assert re.findall(r"^## (\w+)$", catalogue, re.MULTILINE) == list(REGISTRY)
 
 
 def test_every_page_is_in_the_navigation() -> None:

@@ -7,15 +7,15 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-_PART = re.compile(r"(<!-- made: ([\w-]+)(?: ([\w-]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
+_PART = re.compile(r"(<!-- made: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def with_made_parts(page: str) -> str:
     """The page with every made part as the program is now."""
-    return _PART.sub(lambda found: found[1] + "\n" + _MAKERS[found[2]](found[3]).strip() + "\n\n" + found[4], page)
+    return _PART.sub(lambda found: found[1] + "\n" + _MAKERS[found[2]]().strip() + "\n\n" + found[3], page)
 
 
-def _effects(_: str | None) -> str:
+def _effects() -> str:
     """The catalogue: a table to choose from, then each effect."""
     from robacc.effects import REGISTRY
 
@@ -39,25 +39,31 @@ def _effects(_: str | None) -> str:
     return "\n\n".join(parts)
 
 
-def _command(name: str | None) -> str:
-    """Synopsis and options of a command, as its --help has them."""
-    from typer.main import get_command
+def _commands() -> str:
+    """Every command: what it does, synopsis and options, as its --help has them."""
+    from robacc.cli.main import COMMANDS
 
-    from robacc.cli.main import _load, app
+    return "\n\n".join(f"## {name}\n\n{_command(name)}" for name in COMMANDS)
 
-    command = _load(str(name))
+
+def _command(name: str) -> str:
+    from robacc.cli.main import _load
+
+    command = _load(name)
     context = command.make_context(f"robacc {name}", [], resilient_parsing=True)
-    group = get_command(app)
-    assert name in getattr(group, "commands", {})
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     options = [p for p in command.params if p.param_type_name == "option"]
-    needed = "".join(f" {p.opts[0]} {_value(p, context)}" for p in options if p.required)
-    line = " ".join(_argument(p, context) for p in arguments)
-    parts = [_paragraphs(command.help or ""), f"```text\nrobacc {name} {line}{needed} [OPTIONS]\n```"]
+    words = [_argument(p, context) for p in arguments]
+    words += [f"{p.opts[0]} {_value(p, context)}" for p in options if p.required]
     rows = [f"| `{_argument(p, context)}` | {_prose(p.help or '')} |" for p in arguments]
     rows += [f"| {_names(p, context)} | {_prose(_help(p, context))} |" for p in options]
-    parts.append("| argument or option | meaning |\n| --- | --- |\n" + "\n".join(rows))
-    return "\n\n".join(parts)
+    return "\n\n".join(
+        (
+            _paragraphs(command.help or ""),
+            f"```text\n{' '.join(('robacc', name, *words))} [OPTIONS]\n```",
+            "| argument or option | meaning |\n| --- | --- |\n" + "\n".join(rows),
+        )
+    )
 
 
 def _argument(parameter: Any, context: Any) -> str:
@@ -96,7 +102,7 @@ def _paragraphs(text: str) -> str:
     return "".join(f"`{piece}`" if number % 2 else _prose(piece) for number, piece in enumerate(pieces))
 
 
-def _gate_keys(_: str | None) -> str:
+def _gate_keys() -> str:
     """Keys that a criterion may name, those that differ in one word put together."""
     from robacc.gates.keys import KEYS, LARGER_IS_BETTER
 
@@ -122,7 +128,7 @@ def _folded(keys: dict[str, str]) -> Iterator[tuple[str, str]]:
             yield key, kind
 
 
-def _rules(_: str | None) -> str:
+def _rules() -> str:
     from robacc.gates.criteria import RULES
 
     return "| rule | decides |\n| --- | --- |\n" + "\n".join(f"| `{k}` | {_prose(v)} |" for k, v in RULES.items())
@@ -138,9 +144,9 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + "."
 
 
-_MAKERS: dict[str, Callable[[str | None], str]] = {
+_MAKERS: dict[str, Callable[[], str]] = {
     "effects": _effects,
-    "command": _command,
+    "commands": _commands,
     "gate-keys": _gate_keys,
     "gate-rules": _rules,
 }

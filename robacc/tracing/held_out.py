@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -130,10 +131,16 @@ def _folds(work: _Work) -> Iterator[_Fold]:
     global _shared
     _shared = work
     try:
-        with multiprocessing.get_context("fork").Pool(2) as pool:
+        with multiprocessing.get_context("fork").Pool(2, initializer=_as_helper) as pool:
             yield from pool.imap(_shared_fold, numbers)
     finally:
         _shared = None
+
+
+def _as_helper() -> None:
+    """Leave signals to the process that started this one, which ends it; what it inherited would answer them twice."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _shared_fold(number: int) -> _Fold:

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from robacc.errors import RobaccError
+from robacc.errors import InputError, Problem, RobaccError
 from robacc.report.console import say_error, say_interrupted
 from robacc.version import __version__
 
@@ -66,8 +66,7 @@ class Commands(TyperGroup):
             say_interrupted(*map(str, interrupt.args))
             raise typer.Exit(INTERRUPTED) from interrupt
         except BrokenPipeError as broken:
-            # What is still buffered would fail again, loudly, when the interpreter closes the stream.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _discard_output()
             raise typer.Exit(BROKEN_PIPE) from broken
 
 
@@ -123,6 +122,7 @@ def main() -> None:
     # Before NumPy is loaded: on the small matrices of this work, threads of the linear algebra wait for one another for
     # longer than they compute (100 poses took eight times as long). One thread rounds alike on every machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A terminal that cannot show "±" shows "?" instead of ending the program.
@@ -132,3 +132,26 @@ def main() -> None:
     except KeyboardInterrupt:
         say_interrupted()
         sys.exit(INTERRUPTED)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        # Files name themselves, and say_error() told of them already: this is standard output, full or closed.
+        say_error(InputError(Problem(f"cannot be written: {str(error.strerror or error).lower()}", "standard output")))
+        _discard_output()
+        sys.exit(InputError.exit_status)
+
+
+def _open_closed_streams() -> None:
+    """A stream that the shell closed (``>&-``) is None, and its number would be the next file's."""
+    if sys.stdin is None:
+        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: SIM115 (until the process ends)
+    if sys.stdout is None:
+        # For reading, so that a result that goes nowhere is an error, and one that goes to a file is none.
+        sys.stdout = open(os.devnull, encoding="utf-8")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+
+
+def _discard_output() -> None:
+    """What is still buffered would fail again, loudly, when the interpreter closes the stream."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

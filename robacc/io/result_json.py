@@ -70,7 +70,13 @@ def _scalar(value: Any) -> str:
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
         return "null"
-    return json.dumps(value, ensure_ascii=False)
+    return _text(value)
+
+
+def _text(value: Any) -> str:
+    """JSON of strings and numbers; controls and turned writing, which JSON allows and terminals obey, are escaped."""
+    text = json.dumps(value, ensure_ascii=False)
+    return text if text.isprintable() else json.dumps(value)
 
 
 def _array(array: NDArray[Any], indent: str) -> Iterator[str]:
@@ -94,4 +100,4 @@ def _dumps(array: NDArray[Any]) -> str:
         finite = np.isfinite(array)
         array = array.astype(object)
         array[~finite] = None
-    return json.dumps(array.tolist(), ensure_ascii=False)
+    return _text(array.tolist())

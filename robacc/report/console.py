@@ -82,11 +82,16 @@ def console_for(stream: TextIO, width: int | None = None) -> Console:
     """A rich console on ``stream``: the terminal's width and colours, or plain text of :data:`PLAIN_WIDTH` columns."""
     from rich.console import Console
 
+    class Piped(Console):
+        def on_broken_pipe(self) -> None:
+            # rich would end the program here, with the status of a crash.
+            raise BrokenPipeError
+
     if uses_colour(stream):
-        return Console(file=stream, highlight=False, width=width)
+        return Piped(file=stream, highlight=False, width=width)
     if not stream.isatty():
         width = width or PLAIN_WIDTH
-    return Console(file=stream, highlight=False, width=width, color_system=None, force_terminal=False)
+    return Piped(file=stream, highlight=False, width=width, color_system=None, force_terminal=False)
 
 
 def width_of(stream: TextIO) -> int:

@@ -14,6 +14,7 @@ from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint
 from robacc.robots.urdfsizes import complain_of_sizes
 from robacc.robots.urdfwrite import robot_to_urdf
 from robacc.robots.urdfxml import Document, read_document
+from robacc.robots.yamlunits import limits_meant
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -226,6 +227,11 @@ def _read_limits(document: Document, element: Element, joint: Any) -> tuple[floa
         document.complain(element, joint.name, f"one limit is infinite, the other is not ({lower:g}, {upper:g})")
     elif lower > upper:
         document.complain(element, joint.name, f"the lower limit {lower:g} is above the upper one {upper:g}")
+    elif joint.type in ("revolute", "prismatic"):
+        meant, problem = limits_meant(joint.type, (lower, upper))
+        if problem is not None:
+            document.complain(element, joint.name, problem, "make them infinite where there are none")
+        return meant
     return lower, upper
 
 

@@ -20,7 +20,7 @@ from robacc.robots.description import (
     Vector,
 )
 from robacc.robots.yamlnode import Section, Source, found
-from robacc.robots.yamlunits import Units
+from robacc.robots.yamlunits import Units, limits_meant
 
 _LINK_KEYS = ("mass", "com", "tolerance")
 _DRIVE_KEYS = ("limits", "sign", "gear_ratio")
@@ -136,9 +136,16 @@ def _read_limits(section: Section, joint_type: JointType, units: Units) -> tuple
     if values[0] > values[1]:
         section.source.complain(node, path, f"the lower limit {values[0]:g} is above the upper one {values[1]:g}")
         return None
+    if joint_type == "fixed":  # which has none, and was complained of
+        return None
     if node and joint_type == "prismatic":
-        return units.travel(section.source, node, path, (values[0], values[1]))
-    return values[0] * units.angle, values[1] * units.angle
+        limits = units.travel(section.source, node, path, (values[0], values[1]))
+    else:
+        limits = (values[0] * units.angle, values[1] * units.angle)
+    meant, problem = limits_meant(joint_type, limits)
+    if problem is not None:
+        section.source.complain(node, path, problem, "leave limits out where there are none")
+    return meant
 
 
 def _read_sign(section: Section) -> Literal[1, -1]:

@@ -25,6 +25,8 @@ _LIMITS_IN_DEGREES = (4 * math.pi, 1000.0)
 """rad: limits beyond two turns are rare, and of every joint of an arm unheard of; much larger ones mean "no limit"."""
 TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
 """m: a slide's travel between these was written in mm; a longer one means "no limit"."""
+_NO_LIMIT = {"revolute": _LIMITS_IN_DEGREES[1], "prismatic": TRAVEL_IN_MM[1]}
+"""rad or m: what a limit is beyond where none is meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,16 @@ def complain_of_likely_units(robot: Robot, units: Units, top: Section) -> None:
     if units.length != 1.0 and 0 < longest < MIN_LENGTH:
         message = f"the longest length of the arm is {longest / units.length:g} mm"
         source.complain(node, "units.length", message, "the lengths look like metres: write length: m")
+
+
+def limits_meant(kind: str, limits: tuple[float, float]) -> tuple[tuple[float, float] | None, str | None]:
+    """A joint's limits, rad or m, None where numbers beyond any joint stand for none; and what is wrong with them."""
+    beyond = [abs(value) > _NO_LIMIT[kind] for value in limits]
+    if not any(beyond):
+        return limits, None
+    if all(beyond) and limits[0] < 0 < limits[1]:
+        return None, None
+    return None, f"the limits {limits[0]:g} and {limits[1]:g} are beyond any joint's"
 
 
 def limits_likely_degrees(joints: Sequence[Joint]) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robacc.chain import BLOCK
 from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
@@ -252,9 +253,12 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
     if kept.size == 0:
         return ()
     inverse = posterior(found.gram, found.precision)
-    _, jacobian = found.model.bind(data).linearise(found.theta, kept)
-    columns = jacobian[: found.residual.shape[0]] * found.weight[:, None, :]
-    share = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / found.residual.shape[0]
+    share = np.empty(data.n)
+    for start in range(0, data.n, BLOCK):
+        block = slice(start, start + BLOCK)
+        _, jacobian = found.model.bind(data.subset(block)).linearise(found.theta, kept)
+        columns = jacobian[: found.residual.shape[0]] * found.weight[:, None, block]
+        share[block] = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / found.residual.shape[0]
     high = np.flatnonzero((share > _LEVERAGE) & found.kept)
     return tuple((int(i), float(share[i])) for i in high[np.argsort(-share[high])])
 

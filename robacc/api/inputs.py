@@ -100,6 +100,7 @@ def poses_of(
     *,
     ordered: bool = False,
     kind: str = "poses",
+    attained: bool = True,
 ) -> tuple[Measurements, InputFile]:
     """The poses of a file, read for ``robot`` where there is one, or as given; and their record.
 
@@ -108,6 +109,7 @@ def poses_of(
         robot: Whose joints, limits and targets hold for them.
         ordered: Rows of the file are in the order measured; poses as given say so themselves.
         kind: What the record calls them.
+        attained: Whether the poses were measured; planned ones may lack x, y, z.
 
     Raises:
         InputError: Everything that is wrong with the file, or with the arrays.
@@ -126,7 +128,7 @@ def poses_of(
 
         data = read_poses(path, ordered=ordered)
     else:
-        data = read_robot_poses(path, robot, ordered=ordered)
+        data = read_robot_poses(path, robot, ordered=ordered, attained=attained)
     return data, InputFile.at(path, data.sha256 or "", kind)
 
 

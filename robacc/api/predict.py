@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of, scale_of
-from robacc.api.result import Made, Result, names, parts
+from robacc.api.result import Made, Result, names, parts, within
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.grade_scale import default_scale
@@ -119,6 +119,7 @@ def predict(
         >>> print(f"{found.position.rms * 1e3:.2f} mm rms; most of it by {found.budget[0].name}")
         0.37 mm rms; most of it by j1.d
     """
+    within("seed", seed, 0)
     _check(poses, samples, against, align, noise, target)
     sigma = _noise(noise)
     arm, arm_record = needed_robot_of(robot, base_link, tip_link)
@@ -219,7 +220,8 @@ def _poses(
         return None, ()
     if isinstance(source, np.ndarray):
         source = Measurements(position=np.zeros((3, source.shape[-1])), q=source.copy())
-    data, record = poses_of(source, arm, ordered=ordered, kind=kind)
+    # Where to predict needs joints alone; what it is held against was measured.
+    data, record = poses_of(source, arm, ordered=ordered, kind=kind, attained=kind == "against")
     return data, (record,)
 
 

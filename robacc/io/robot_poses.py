@@ -16,13 +16,16 @@ _CHECKED = 2000
 """Poses that the spread is judged by; more would not move it."""
 
 
-def read_robot_poses(path: str | os.PathLike[str], robot: Robot, *, ordered: bool = False) -> Measurements:
+def read_robot_poses(
+    path: str | os.PathLike[str], robot: Robot, *, ordered: bool = False, attained: bool = True
+) -> Measurements:
     """The poses of a CSV file that ``robot`` was commanded to, validated.
 
     Args:
         path: File to read; ``-`` is standard input.
         robot: Whose joints' names, types and limits, and whose targets, hold for the columns.
         ordered: As in :func:`robacc.io.poses_csv.read_poses`.
+        attained: The same.
 
     Raises:
         InputError: Everything that is wrong with the file; or its positions are in another unit than the robot's
@@ -35,8 +38,9 @@ def read_robot_poses(path: str | os.PathLike[str], robot: Robot, *, ordered: boo
         limits=[joint.limits for joint in robot.variables],
         target_names=tuple(robot.targets),
         ordered=ordered,
+        attained=attained,
     )
-    if data.q is not None and data.n > 1:
+    if attained and data.q is not None and data.n > 1:
         # Rows at an uneven step: poses that are visited in turn are not all one pose.
         some = data.subset(np.linspace(0, data.n - 1, min(data.n, _CHECKED)).astype(int))
         nominal, _ = commanded_poses(some, robot).block(slice(0, some.n))

@@ -221,7 +221,7 @@ def _label(statistic: str) -> str:
 
 
 def _amount(value: float, unit: str) -> str:
-    return three_digits(value * _FACTORS[unit])
+    return "0" if abs(value) < _NIL else three_digits(value * _FACTORS[unit])
 
 
 def _difference(one: Difference, unit: str) -> str:

@@ -63,9 +63,17 @@ def _geometry_table(robot: Robot) -> Table:
     table = _table("Geometry", ["joint", *headings, *(["axis"] if is_urdf else [])])
     for joint in robot.joints:
         cells = [_parameter(joint, name) for name in shown]
-        axis = "fixed" if joint.type == "fixed" else _numbers(joint.axis, 1.0)
+        axis = "fixed" if joint.type == "fixed" else _axis(joint.axis)
         table.add_row(joint.name, *cells, *([axis] if is_urdf else []))
     return table
+
+
+def _axis(axis: Sequence[float]) -> str:
+    """``z`` or ``-y`` where it is one of the frame's own, which it nearly always is."""
+    for name, place in zip("xyz", range(3), strict=True):
+        if abs(axis[place]) == 1.0:
+            return name if axis[place] > 0 else f"-{name}"
+    return _numbers(axis, 1.0)
 
 
 def _drive_table(robot: Robot) -> Table:

@@ -267,7 +267,7 @@ def _warnings(found: Fit, data: Measurements, after: Stage) -> tuple[str, ...]:
     warnings = list(data.warnings)
     if found.outliers.size:
         lines = ", ".join(str(data.line(int(i))) for i in found.outliers[:10])
-        warnings.append(f"left out as no part of the rest: {found.outliers.size} row(s), on line(s) {lines}")
+        warnings.append(f"left out as no part of the rest: {found.outliers.size} row(s), on {data.counted}(s) {lines}")
     count = int(found.identifiability.kept.size)
     spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
     if spare < count:

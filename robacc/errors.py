@@ -24,13 +24,19 @@ class Problem:
     """Name of the CSV column, or dotted key of the YAML document (``joints[2].alpha``)."""
     fix: str | None = None
     """What to do about it."""
+    row: int | None = None
+    """1-based row of a table that has no lines, in place of ``line``."""
+
+    @property
+    def place(self) -> str:
+        """``file:line, column`` or ``file, row 7, column``, as far as it is known."""
+        whole = ":".join(str(part) for part in (self.file, self.line) if part is not None)
+        row = None if self.row is None else f"row {self.row}"
+        return ", ".join(part for part in (whole, row, self.column) if part)
 
     def __str__(self) -> str:
-        """``file:line, column: message; fix``."""
-        place = ":".join(str(part) for part in (self.file, self.line) if part is not None)
-        if self.column is not None:
-            place = f"{place}, {self.column}" if place else self.column
-        text = f"{place}: {self.message}" if place else self.message
+        """``place: message; fix``."""
+        text = f"{self.place}: {self.message}" if self.place else self.message
         return f"{text}; {self.fix}" if self.fix else text
 
 

@@ -50,6 +50,8 @@ class WorstPose:
 
     line: int
     """1-based line of the file."""
+    place: str
+    """The same in words, or its row where the file has no lines."""
     pose: str | None
     """Its id, where the file has one."""
     target: str | None
@@ -188,6 +190,7 @@ def _worst(data: Measurements, errors: PoseErrors, by: Array) -> tuple[WorstPose
     return tuple(
         WorstPose(
             data.line(int(i)),
+            data.place(int(i)),
             None if data.pose is None else str(data.pose[i]),
             None if data.target is None else str(data.target[i]),
             float(position[rank]),

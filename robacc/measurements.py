@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array, Poses
+
+Counted = Literal["line", "row"]
+"""What places in a file are counted in."""
 
 _BLOCK = 16384
 """Poses hashed at a time: the working arrays of a block stay in the cache."""
@@ -47,7 +50,8 @@ class Measurements:
     speed: Array | None = None
     """``(J, N)`` signed fraction of full speed"""
     rows: NDArray[np.int64] | None = None
-    """``(N,)`` 1-based line of the file that each pose stands on."""
+    """``(N,)`` 1-based line of the file that each pose stands on, or its row where the file has no lines."""
+    counted: Counted = "line"
     source: str | None = None
     """File name as given."""
     sha256: str | None = None
@@ -84,6 +88,10 @@ class Measurements:
     def line(self, i: int) -> int:
         """The file's line of pose i; its number counted from 1 where there is no file."""
         return int(self.rows[i]) if self.rows is not None else i + 1
+
+    def place(self, i: int) -> str:
+        """Where pose i stands, in words."""
+        return f"{self.counted} {self.line(i)}"
 
     def groups(self) -> NDArray[np.int64]:
         """``(N,)`` number of the commanded pose that each row belongs to; rows of one pose share it.

@@ -137,7 +137,7 @@ def _fits(kind: str, quantity: str) -> bool:
     return kind == quantity or kind == "joint"
 
 
-def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int) -> Column | None:
+def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int | None) -> Column | None:
     """The column of that name, None where it is unknown; a unit that cannot be is logged."""
     key, unit = names.key(name), None
     if key is None:

@@ -82,7 +82,7 @@ class _Completeness:
     unknown: Sequence[str]
     names: Names
     log: ProblemLog
-    line: int
+    line: int | None
     attained: bool
 
     def layout(self) -> Layout:
@@ -154,15 +154,15 @@ class _Completeness:
     def _warnings(self) -> list[str]:
         named = [name for name in dict.fromkeys(self.unknown) if name]
         texts = [
-            f"{self.log.file}:{self.line}: unknown column {clip(name)} is ignored; "
+            f"{self.log.at(self.line)}: unknown column {clip(name)} is ignored; "
             f"the nearest known one is {self.names.nearest(name)!r}"
             for name in named[:_MAX_WARNINGS]
         ]
         if len(named) > _MAX_WARNINGS:
-            texts.append(f"{self.log.file}:{self.line}: … and {len(named) - _MAX_WARNINGS} more unknown columns")
+            texts.append(f"{self.log.at(self.line)}: … and {len(named) - _MAX_WARNINGS} more unknown columns")
         unnamed = sum(not name for name in self.unknown)
         if unnamed:
-            texts.append(f"{self.log.file}:{self.line}: columns without a name are ignored: {unnamed}")
+            texts.append(f"{self.log.at(self.line)}: columns without a name are ignored: {unnamed}")
         return texts
 
 

@@ -152,7 +152,7 @@ class RowChecks:
 class UnitChecks:
     """Judges columns without a unit in their names; refusals go to the log, questions to :attr:`warnings`."""
 
-    def __init__(self, values: Values, log: ProblemLog, line: int) -> None:
+    def __init__(self, values: Values, log: ProblemLog, line: int | None) -> None:
         """Judge ``values``, of which every number was read; ``line`` is the header's."""
         self.values = values
         self.log = log
@@ -256,4 +256,4 @@ class UnitChecks:
             self._refuse(keys, f"{message}, which no instrument has", unit, other)
         elif question:
             names = listing([f"{key}_{other}" for key in keys])
-            self.warnings.append(f"{self.log.file}:{self.line}: {message}; if it is in {other}, name it {names}")
+            self.warnings.append(f"{self.log.at(self.line)}: {message}; if it is in {other}, name it {names}")

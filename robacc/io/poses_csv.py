@@ -24,9 +24,9 @@ from robacc.io.columns import (
     TEXTS,
 )
 from robacc.io.layout import Layout, listing, read_layout
+from robacc.io.open_table import Table, open_table
 from robacc.io.pose_checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values
-from robacc.io.table import TableReader, open_table
-from robacc.measurements import Measurements, motion_between_rows
+from robacc.measurements import Counted, Measurements, motion_between_rows
 
 _CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
     QUATERNION[0]: rotation_from_quaternion,
@@ -76,12 +76,12 @@ def read_poses(
         doubtful = units.run(limits) if units_check else frozenset()
         RowChecks(values, log).run(limits, target_names, doubtful)
         log.raise_if_any()
-        data = _measurements(values, ordered)
+        data = _measurements(values, ordered, log.counted)
         found = (*layout.warnings, *units.warnings, *(f"{reader.file}: {text}" for text in data.warnings))
         return dataclasses.replace(data, source=reader.file, sha256=reader.sha256, warnings=found)
 
 
-def _read_values(reader: TableReader, layout: Layout) -> Values:
+def _read_values(reader: Table, layout: Layout) -> Values:
     columns = layout.columns
     keys = [key for key in _numeric_order(layout) if key in columns]
     texts = [key for key in TEXTS if key in columns]
@@ -103,18 +103,18 @@ def _numeric_order(layout: Layout) -> Iterator[str]:
     yield from layout.joints("speed_")
 
 
-def _check_target_column(layout: Layout, target_names: Sequence[str], reader: TableReader, line: int) -> None:
+def _check_target_column(layout: Layout, target_names: Sequence[str], reader: Table, line: int | None) -> None:
     if len(target_names) > 1 and "target" not in layout.columns and layout.group(layout.joints()) is not None:
         message = f"column target is missing: the robot file has {len(target_names)} targets ({listing(target_names)})"
         reader.log.add(message, line, fix="say in each row which one was measured")
 
 
-def _measurements(values: Values, ordered: bool) -> Measurements:
+def _measurements(values: Values, ordered: bool, counted: Counted) -> Measurements:
     layout = values.layout
     position = values.several(AXES)
     if position is None:  # of planned poses; else read_layout logged its absence, and the log was raised
         position = np.zeros((3, values.lines.size))
-    motion, warnings = _motion(values, ordered)
+    motion, warnings = _motion(values, ordered, counted)
     return Measurements(
         position=position,
         rotation=_rotation(values, layout.orientation),
@@ -132,6 +132,7 @@ def _measurements(values: Values, ordered: bool) -> Measurements:
         direction=motion[0],
         speed=motion[1],
         rows=values.lines,
+        counted=counted,
         ordered=ordered,
         warnings=tuple(warnings),
     )
@@ -148,7 +149,7 @@ def _rotation(values: Values, keys: tuple[str, ...] | None) -> Array | None:
     return result
 
 
-def _motion(values: Values, ordered: bool) -> tuple[tuple[Array | None, Array | None], list[str]]:
+def _motion(values: Values, ordered: bool, counted: Counted) -> tuple[tuple[Array | None, Array | None], list[str]]:
     """Direction and speed ``(J, N)``: as given, as derived from the order of rows, or 0 with a warning."""
     layout = values.layout
     q = values.several(layout.joints())
@@ -160,7 +161,7 @@ def _motion(values: Values, ordered: bool) -> tuple[tuple[Array | None, Array | 
         warnings.append("without joint columns the order of rows does not say how the joints moved")
     if ordered and (time := values.one("time_s")) is not None and np.any(np.diff(time) < 0):
         line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
-        warnings.append(f"rows are said to be in the order measured, but time_s goes back at line {line}")
+        warnings.append(f"rows are said to be in the order measured, but time_s goes back at {counted} {line}")
     result: list[Array | None] = []
     for number, prefix in enumerate(("dir_", "speed_")):
         keys = layout.joints(prefix)

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import csv
 import math
-import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -23,7 +21,6 @@ from robacc.geometry import Array
 from robacc.io.lines import Block, LineReader
 from robacc.io.problem_log import ProblemLog, clip
 
-STDIN = "-"
 MAX_COLUMNS = 2000
 MAX_TEXT = 256
 """Characters that an id may have; text columns are as wide as their longest entry."""
@@ -34,8 +31,8 @@ class Header:
     """The names that a file gives its columns."""
 
     names: tuple[str, ...]
-    line: int
-    """1-based line that they stand on."""
+    line: int | None
+    """1-based line that they stand on; None where the file has no lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +44,7 @@ class Body:
     texts: tuple[NDArray[np.str_], ...]
     """Wanted columns of text, ``(N,)`` each."""
     lines: NDArray[np.int64]
-    """``(N,)`` 1-based line of each row."""
+    """``(N,)`` 1-based line of each row, or where the file has no lines its number."""
 
 
 class TableReader:
@@ -231,20 +228,6 @@ class _GrowingColumns:
     def columns(self) -> Array:
         """The numbers; each column is contiguous."""
         return self._numbers[:, : self._size]
-
-
-@contextmanager
-def open_table(path: str) -> Iterator[TableReader]:
-    """A reader of the file, or of standard input for ``-``; InputError where it cannot be opened."""
-    if path == STDIN:
-        yield TableReader(sys.stdin.buffer, "<stdin>")
-        return
-    try:
-        stream = open(path, "rb")  # noqa: SIM115 (closed below; only opening may fail as the user's mistake)
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read ({error.strerror})", path)) from error
-    with stream:
-        yield TableReader(stream, path)
 
 
 def split_fields(line: str) -> list[str]:

@@ -55,7 +55,7 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
         fix = "add q1, q2, …"
         raise InputError(Problem("has no joint columns: the prediction needs the configurations", data.source, fix=fix))
     bound = _nominal(robot).bind(data)
-    labels = tuple(f"line {data.line(i)}" for i in range(data.n))
+    labels = tuple(data.place(i) for i in range(data.n))
     return Configurations(
         data.q, bound.nominal, labels, f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}"
     )

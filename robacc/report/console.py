@@ -58,9 +58,8 @@ def say_error(error: RobaccError) -> None:
         say(f"error: {error}", _RED)
         return
     for problem in error.problems:
-        place = ":".join(str(part) for part in (problem.file, problem.line) if part is not None)
-        place = ", ".join(part for part in (place, problem.column) if part)
-        say(f"error: {place}: {problem.message}" if place else f"error: {problem.message}", _RED)
+        where = f"{problem.place}: " if problem.place else ""
+        say(f"error: {where}{problem.message}", _RED)
     if error.total > len(error.problems):
         say(f"error: … and {error.total - len(error.problems)} more problems", _RED)
     for fix in dict.fromkeys(problem.fix for problem in error.problems if problem.fix):

@@ -216,7 +216,7 @@ def _worst(name: str, worst: Sequence[WorstPose]) -> list[Line]:
         cells.append(three_digits(pose.position * _IN_MM))
         if pose.orientation is not None:
             cells.append(three_digits(pose.orientation * _IN_DEGREES))
-        rows.append([f"line {pose.line}", *cells])
+        rows.append([pose.place, *cells])
     return columns([f"largest {name.lower()} errors", *headings, *(["orientation, °"] if angles else [])], rows)
 
 

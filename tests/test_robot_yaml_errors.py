@@ -258,7 +258,9 @@ def test_many_turns_of_one_joint_are_no_mistake() -> None:
 def test_enormous_limits_mean_that_there_are_none_and_are_taken(kind: str) -> None:
     head = MINIMAL[: MINIMAL.index("  - name: one")]
     joint = f"  - {{type: {kind}, theta: 0, d: 0, a: 0, alpha: 0, limits: [-1e6, 1e6]}}\n"
-    assert parse_robot(head + joint, "x").joints[0].limits == (-1e6, 1e6)
+    assert parse_robot(head + joint, "x").joints[0].limits is None
+    with pytest.raises(InputError, match=r"the limits 0 and 1e\+06 are beyond any joint's; leave limits out where"):
+        parse_robot(head + joint.replace("-1e6", "0"), "x")
 
 
 def test_every_problem_comes_at_once_in_the_order_of_the_file() -> None:

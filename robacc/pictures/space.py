@@ -23,6 +23,8 @@ _TURNED = 900
 _ROWS = 60
 _VECTOR = 0.12
 """A large error vector is drawn as long as this share of the poses' extent."""
+_LEAST = 1e-3
+"""m across, of the view of an arm that stands still."""
 
 
 def space_pictures(document: Document) -> Iterator[Picture]:
@@ -95,12 +97,13 @@ def _draw(
     for stage, errors in stages:
         ends = np.stack((at, at + scale * errors), axis=1)
         axes.add_collection3d(Line3DCollection(ends, colors=LIGHT[stage.role], linewidths=0.9, label=stage.label))
-    low, high = at.min(axis=0), at.max(axis=0)
+    shown = at if outline is None else np.vstack((at, outline))
+    centre, size = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), np.ptp(shown, axis=0)
+    # An arm that moves on a line or in a plane, or not at all, has room around it too.
+    size = np.maximum(size, 0.05 * float(size.max()) or _LEAST)
+    low, high = centre - 0.5 * size, centre + 0.5 * size
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    if outline is not None:
-        low, high = np.minimum(low, outline.min(axis=0)), np.maximum(high, outline.max(axis=0))
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(np.maximum(high - low, 0.05 * float((high - low).max())), zoom=0.95)
+    axes.set_box_aspect(size, zoom=0.95)
     axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
     axes.tick_params(labelsize=7.5, pad=-2)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):

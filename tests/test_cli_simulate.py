@@ -110,7 +110,7 @@ def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
         (("--temperature", "warm"), "--temperature: expected numbers separated by ':', found 'warm'"),
         (("--temperature", "1:2:3"), "--temperature: expected one number or two as 22:28, found '1:2:3'"),
         (("--payload", "1,x"), "--payload: expected numbers separated by ',', found '1,x'"),
-        (("--payload", "1,-2"), "--payload: a payload is not negative, found -2"),
+        (("--payload", "1,-2"), "--payload: a payload is a number that is not negative, found -2"),
         (("--sigma",), "--sigma needs a noise above zero"),
         (("--outliers", "9"), "9 outliers are more than the 5 rows"),
         (("--format", "json"), "--format json tells of the file that --output names; name one"),

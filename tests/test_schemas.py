@@ -236,9 +236,17 @@ def test_every_schema_is_held_against_a_result() -> None:
     assert {what.split(",")[0] for what in MADE} == set(NAMES)
 
 
+def _shortened(value: Any) -> Any:
+    """The first of long lists: what is wrong with one of their entries is with all."""
+    if isinstance(value, dict):
+        return {key: _shortened(one) for key, one in value.items()}
+    return [_shortened(one) for one in value[:3]] if isinstance(value, list) else value
+
+
 @pytest.mark.parametrize(("name", "key"), RELIED_ON, ids=[f"{name} {key}" for name, key in RELIED_ON])
 def test_a_result_without_a_key_that_is_relied_on_is_refused(name: str, key: str) -> None:
-    document: Any = results.document(name)
+    document: Any = _shortened(results.document(name))
+    assert wrong(name, document) == []
     *owners, last = key.split(".")
     place = document
     for owner in owners:

@@ -9,7 +9,7 @@ from pathlib import PurePath
 from typing import Any, ClassVar
 
 from robacc.api.inputs import STDIN, StrPath, path_of, scale_of
-from robacc.api.result import Made, Result, parts
+from robacc.api.result import Made, Result, parts, within
 from robacc.api.stored import stored
 from robacc.comparison.comparing import Comparison
 from robacc.comparison.comparing import compare as compared
@@ -73,6 +73,7 @@ def compare(
         >>> robacc.compare(plain, aligned).ranking.names
         ('estimate (2)', 'estimate')
     """
+    within("seed", seed, 0)
     if scale is not None and grade is None:
         raise UsageError("--scale is of the grade that --grade names")
     subjects, inputs = _load(results)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from robacc.api.inputs import StrPath, poses_of, robot_of, scale_of
-from robacc.api.result import Made, Result, names, one_of, parts
+from robacc.api.result import Made, Result, names, one_of, parts, within
 from robacc.estimation import EstimateResult
 from robacc.estimation import estimate as estimated
 from robacc.measurements import Measurements
@@ -92,6 +92,7 @@ def estimate(
         >>> found.errors.position.shape
         (3, 60)
     """
+    within("seed", seed, 0)
     one_of("frame", frame, ("tool", "base", None))
     arm, arm_record = robot_of(robot, base_link, tip_link)
     data, record = poses_of(poses, arm, ordered=ordered)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robacc.api.inputs import STDIN, StrPath, path_of, poses_of, robot_of
-from robacc.api.result import Made, Result, names, parts
+from robacc.api.result import Made, Result, names, parts, within
 from robacc.errors import UsageError
 from robacc.iso_9283.evaluation import iso9283 as evaluated
 from robacc.iso_9283.records import Iso9283Result
@@ -71,6 +71,7 @@ def iso9283(
         >>> print(f"RP {found.characteristic('RP').position.value * 1e6:.0f} um")
         RP 74 um
     """
+    within("seed", seed, 0)
     if [path_of(one) for one in poses].count(STDIN) > 1:
         raise UsageError("standard input can be read once: - is given more than once")
     arm, arm_record = robot_of(robot, base_link, tip_link)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -147,7 +148,7 @@ def simulate(
         motion=motion,
         time_step=time_step,
         temperature=_ends(temperature),
-        payloads=tuple(payload),
+        payloads=tuple(map(float, payload)),
     )
     _check(plan, poses)
     arm, arm_record = needed_robot_of(robot, base_link, tip_link)
@@ -168,16 +169,20 @@ def _check(plan: Plan, poses: int | None) -> None:
     within("outliers", plan.outliers, 0)
     one_of("sampling", plan.sampling, ("even", "random"))
     within("time_step", plan.time_step or 0.0, 0.0)
-    if min(plan.payloads, default=0.0) < 0:
-        raise UsageError(f"--payload: a payload is not negative, found {min(plan.payloads):g}")
+    for weight in plan.payloads:
+        if not 0 <= weight < math.inf:
+            raise UsageError(f"--payload: a payload is a number that is not negative, found {weight:g}")
+    if not all(map(math.isfinite, plan.temperature or ())):
+        raise UsageError("--temperature: expected finite numbers")
     if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
         raise UsageError("--sigma needs a noise above zero: --noise, and --noise-orientation unless --position-only")
 
 
 def _ends(temperature: float | tuple[float, float] | None) -> tuple[float, float] | None:
-    if temperature is None or isinstance(temperature, tuple):
-        return temperature
-    return float(temperature), float(temperature)
+    if temperature is None:
+        return None
+    start, end = temperature if isinstance(temperature, tuple) else (temperature, temperature)
+    return float(start), float(end)
 
 
 def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurements | None, tuple[InputFile, ...]]:

@@ -76,6 +76,7 @@ def trace(
         ...     "sample_data/trace/poses.csv",
         ...     robot="sample_data/trace/robot.yaml",
         ...     declared="base_frame,tool_frame,joint_offset,link_geometry",
+        ...     folds=2,
         ... )
         >>> found.verdict, [(one.effect, one.joints) for one in found.findings]
         ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])

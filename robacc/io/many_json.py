@@ -66,7 +66,13 @@ def _summary(found: Headline) -> dict[str, Any]:
 
 def _problem(problem: Problem) -> dict[str, Any]:
     """Without the file, whose place on this machine is nobody's business."""
-    return {"message": problem.message, "line": problem.line, "column": problem.column, "fix": problem.fix}
+    return {
+        "message": problem.message,
+        "line": problem.line,
+        "row": problem.row,
+        "column": problem.column,
+        "fix": problem.fix,
+    }
 
 
 def _indented(text: str, indent: str) -> str:

@@ -80,7 +80,8 @@ def _cells(one: FileOutcome, turned: bool, judged: bool) -> list[str]:
 def reason(one: FileOutcome) -> str:
     """Why a file has no result, in one line."""
     first = one.problems[0]
-    place = ", ".join(part for part in ("" if first.line is None else f"line {first.line}", first.column) if part)
+    counted = next((f"{name} {number}" for name, number in (("line", first.line), ("row", first.row)) if number), "")
+    place = ", ".join(part for part in (counted, first.column) if part)
     more = f" (and {one.n_problems - 1} more)" if one.n_problems > 1 else ""
     return f"failed: {f'{place}: ' if place else ''}{first.message}{more}"
 

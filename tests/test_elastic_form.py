@@ -17,16 +17,18 @@ import robacc.calibration
 import robacc.elastic_form
 from robacc.calibration import Calibration, calibrate
 from robacc.effects.base import REGISTRY
-from robacc.effects.request import parse_requests
+from robacc.effects.request import build, parse_requests
 from robacc.elastic_form import BETTER, FormChoice, better_form, in_form
 from robacc.fitting import Fit, Options, fit
-from robacc.io.fit_json import calibration_payload
+from robacc.io.fit_json import calibration_payload, trace_payload
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
 from robacc.report.calibrate import draw_calibration
+from robacc.report.trace import draw_trace
 from robacc.robots.description import Robot
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 from robacc.simulation import Plan, simulate
+from robacc.tracing.trace import trace
 
 ASKED = "base_frame,tool_frame,joint_offset,lateral_compliance[j4]"
 NOISE = 8e-6
@@ -41,9 +43,11 @@ def bent(form: str, compliance: float = SOFT) -> Robot:
 
 
 @cache
-def measured(form: str, compliance: float = SOFT, seed: int = 0, known: bool = False) -> Measurements:
-    data = simulate(bent(form, compliance), Plan(120, seed=seed, noise_position=NOISE)).data
-    sigma = np.full((3, data.n), NOISE) if known else None
+def measured(
+    form: str, compliance: float = SOFT, seed: int = 0, known: bool = False, n: int = 120, noise: float = NOISE
+) -> Measurements:
+    data = simulate(bent(form, compliance), Plan(n, seed=seed, noise_position=noise)).data
+    sigma = np.full((3, data.n), noise) if known else None
     return dataclasses.replace(data, rotation=None, sigma_position=sigma, sigma_rotation=None)
 
 
@@ -189,3 +193,50 @@ def test_table_and_document_say_which_form_and_why(form: str, compliance: float,
         "rigid_better_by": found.deflection.gain,
         "needed": BETTER,
     }
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("form", ["equilibrium", "rigid"])
+def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
+    # As much noise as leaves the search nothing to explain but the finding, and as many poses as show its form.
+    robot, data = arm("puma560").robot, measured(form, n=300, noise=2e-5)
+    declared = build(parse_requests("base_frame,tool_frame,joint_offset,link_geometry"), arm("puma560"), data)
+    holdout = measured(form, seed=1, n=300, noise=2e-5) if apart else None
+    found = trace(Model.of(robot, declared), data, n_folds=4, holdout=holdout)
+    settings = {} if form == "equilibrium" else {"deflection": "rigid"}
+    assert [(one.effect, one.joints, one.settings) for one in found.findings] == [
+        ("lateral_compliance", ("j4",), settings)
+    ]
+    assert found.deflection is not None
+    assert found.deflection.form == form
+    finding = found.findings[0]
+    assert finding.held_out_before is not None
+    assert finding.held_out_after is not None
+    assert finding.held_out_after < 2 * np.sqrt(3) * 2e-5 < finding.held_out_before
+    again = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
+    np.testing.assert_allclose(again.translation, found.final.poses.translation, rtol=0, atol=1e-12)
+    payload = trace_payload(found, data, robot, holdout)
+    assert payload["deflection"]["form"] == form
+    assert payload["findings"][0]["settings"] == settings
+    stream = StringIO()
+    draw_trace(found, "poses.csv", "robot.yaml", "base_frame,tool_frame", stream)
+    assert "moments at the undeflected pose change" in " ".join(stream.getvalue().split())
+
+
+def test_a_declared_effect_has_the_same_form_before_and_after_a_finding() -> None:
+    robot = bent("rigid")
+    offset = {"effect": "gear_ratio", "joints": ["j3"], "values": {"j3": 2e-4}}
+    built = dataclasses.replace(robot, effects=(*robot.effects, offset))
+    data = dataclasses.replace(
+        simulate(built, Plan(120, seed=2, noise_position=NOISE)).data, rotation=None, sigma_rotation=None
+    )
+    declared = (REGISTRY["base_frame"](), REGISTRY["tool_frame"](), REGISTRY["lateral_compliance"](("j4",)))
+    found = trace(Model.of(arm("puma560").robot, declared), data, n_folds=2, empirical=False)
+    assert [one.effect for one in found.findings] == ["gear_ratio"]
+    assert found.deflection is not None
+    assert found.deflection.form == "rigid"
+    assert {"deflection": "rigid"} in [effect.settings() for effect in found.final.model.free]
+    clean = trace(Model.of(arm("puma560").robot, declared), measured("rigid"), n_folds=2, empirical=False)
+    assert not clean.findings
+    assert clean.declared is clean.final
+    assert {"deflection": "rigid"} in [effect.settings() for effect in clean.final.model.free]

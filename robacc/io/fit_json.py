@@ -77,6 +77,7 @@ def trace_payload(
         "gain_m": _gain(found.gain),
         "n_folds": found.n_folds,
         "findings": [_finding(one) for one in found.findings],
+        "deflection": _deflection(found.deflection),
         "unexplained": {
             "rms_m": found.unexplained.rms,
             "noise_rms_m": found.unexplained.noise_rms,

@@ -6,12 +6,11 @@ from collections.abc import Iterable, Iterator
 from typing import TextIO
 
 from robacc.calibration import Calibration
-from robacc.elastic_form import BETTER, FormChoice
 from robacc.measurements import Measurements
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
-from robacc.report.stages import gain_line, stages
+from robacc.report.stages import deflection, gain_line, stages
 from robacc.sparse_prior import Kind
 
 _IN_MM = 1e3
@@ -67,8 +66,7 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
         yield _drawn(kind)
     if result.drawn:
         yield "standard errors are of the poses alone, drawn or not; --no-shrink draws nothing"
-    if result.deflection is not None:
-        yield _deflection(result.deflection)
+    yield from deflection(result.deflection)
     for one in result.identifiability.dropped:
         yield f"no number: {one.why}"
     for pair in result.correlations[:8]:
@@ -76,17 +74,7 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     if len(result.correlations) > 8:
         yield f"and {len(result.correlations) - 8} pairs more correlated above 0.9"
     for i, share in result.leverage[:5]:
-        yield f"line {data.line(i)} decides {100 * share:.0f} % of its own prediction"
-
-
-def _deflection(found: FormChoice) -> str:
-    differing = f"the prediction by {three_digits(found.difference * _IN_MM)} mm rms"
-    if found.gain is None:
-        return f"deflections in equilibrium: moments at the undeflected pose change {differing}, too little to tell"
-    better = f"moments at the undeflected pose change {differing} and twice the log-likelihood by {found.gain:+.3g}"
-    if found.form == "equilibrium":
-        return f"deflections in equilibrium: {better}, where more than +{BETTER:g} is asked for"
-    return f"deflection: rigid, as the poses show it: {better}, more than the +{BETTER:g} asked for"
+        yield f"{data.place(i)} decides {100 * share:.0f} % of its own prediction"
 
 
 def _drawn(kind: Kind) -> str:

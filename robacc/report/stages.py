@@ -1,9 +1,10 @@
-"""Before and after side by side, which calibrate and trace both show."""
+"""What calibrate and trace both show: before and after side by side, and the form of the deflections."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from robacc.elastic_form import BETTER, FormChoice
 from robacc.figures import Gain, PoseFigures, Stage
 from robacc.report.layout import Line, columns
 from robacc.report.numbers import three_digits
@@ -38,3 +39,18 @@ def _table(title: str, quantity: str, factor: float, figures: Sequence[tuple[str
         one = getattr(stage, quantity)
         rows.append([name, *(three_digits(value * factor) for value in (one.rms, one.mean, one.p95, one.max))])
     return columns([title, "rms", "mean", "95 %", "max"], rows)
+
+
+def deflection(found: FormChoice | None) -> Iterator[str]:
+    """At which pose the moments of elastic effects are taken, and why, where there are such effects."""
+    if found is None:
+        return
+    differing = f"the prediction by {three_digits(found.difference * _IN_MM)} mm rms"
+    if found.gain is None:
+        yield f"deflections in equilibrium: moments at the undeflected pose change {differing}, too little to tell"
+        return
+    better = f"moments at the undeflected pose change {differing} and twice the log-likelihood by {found.gain:+.3g}"
+    if found.form == "equilibrium":
+        yield f"deflections in equilibrium: {better}, where more than +{BETTER:g} is asked for"
+    else:
+        yield f"deflection: rigid, as the poses show it: {better}, more than the +{BETTER:g} asked for"

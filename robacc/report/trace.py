@@ -11,7 +11,7 @@ from robacc.report.console import width_of, write_lines
 from robacc.report.detection import draw_detection
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
-from robacc.report.stages import gain_line, stages
+from robacc.report.stages import deflection, gain_line, stages
 from robacc.tracing.findings import Finding
 from robacc.tracing.rivals import Alternative
 from robacc.tracing.trace import Trace
@@ -50,6 +50,7 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
         yield Line("nothing, at a false-alarm rate below 1 % over everything that competed")
     for number, finding in enumerate(result.findings, 1):
         yield from _finding(number, finding, width)
+    yield from items(deflection(result.deflection), width)
     yield BLANK
     yield heading("4. Before and after")
     named = [("as delivered", result.nominal), ("declared fitted", result.before)]

@@ -9,6 +9,7 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
+from robacc.elastic_form import in_form
 from robacc.errors import RobaccError
 from robacc.figures import pose_figures
 from robacc.fitting import Fit
@@ -52,7 +53,10 @@ class Finding:
 
 
 def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measurements) -> Finding:
-    """The finding that ``effect`` is: against its rivals, held out, and with its parameters in the final fit."""
+    """The finding that ``effect`` is: against its rivals, held out, and with its parameters in the final fit.
+
+    It competes in equilibrium; the final fit may have it in the other form.
+    """
     one = next((c for c in loop.selection.chosen if coarse(c.candidate.effect) == coarse(effect)), None)
     if one is not None:
         own, alternatives = rivals(loop.selection, one)
@@ -64,14 +68,15 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
         rows = final.kept if held.folds else slice(None)
         before = pose_figures(held.without[effect.key()][:, rows]).position.rms
         after = pose_figures(held.after[:, rows]).position.rms
-    number = final.model.free.index(effect)
+    number = in_form(final.model.free, "equilibrium").index(effect)
+    fitted = final.model.free[number]
     own_parameters = tuple(p for p, owner in zip(parameters(final), final.owners, strict=True) if owner == number)
     folds_chosen = (held.chosen.get(effect.key(), 0), held.folds) if held is not None else (0, 0)
     lines = _lines(loop, effect, one, own_parameters)
     return Finding(
         effect.name,
         effect.joints,
-        effect.settings(),
+        fitted.settings(),
         alternatives,
         p_value,
         evidence,
@@ -80,9 +85,9 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
         folds_chosen,
         own_parameters,
         lines,
-        _seen(effect, final, data),
-        _finding_warnings(effect, final, data, folds_chosen),
-        curves(effect, final, data),
+        _seen(fitted, final, data),
+        _finding_warnings(fitted, final, data, folds_chosen),
+        curves(fitted, final, data),
     )
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
+from robacc.elastic_form import better_form, in_form
 from robacc.errors import InputError
 from robacc.fitting import Fit, Options
 from robacc.geometry import Array
@@ -85,7 +86,7 @@ def hold_out(
 ) -> Held | None:
     """Held-out residuals by cross-fitting, or of poses of their own; None where there are too few poses."""
     if holdout is not None:
-        return _on(loop, holdout)
+        return _on(loop, data, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:
         return None
@@ -156,12 +157,14 @@ def _fold(work: _Work, number: int) -> _Fold:
     chosen = [(one, selection.refined(one)) for one in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
     declared = refit(loop.declared, loop.declared.model.free, train, _options(loop.declared))
-    declared = without_idle_rotations(declared, loop.declared.model, train, _options(loop.declared))
+    declared, model, _ = better_form(declared, loop.declared.model, train, _options(loop.declared))
+    declared = without_idle_rotations(declared, model, train, _options(loop.declared))
     complete = declared
     if effects:
         model = loop.declared.model.with_free(*effects)
         complete = refit(loop.final, model.free, train, _options(loop.final))
         if not complete.widths:
+            complete, model, _ = better_form(complete, model, train, _options(loop.final))
             complete = without_idle_rotations(complete, model, train, _options(loop.final))
     after = held_out(complete, test)
     again = _again(loop.effects, selection, chosen)
@@ -201,13 +204,15 @@ def _options(found: Fit) -> Options:
     return dataclasses.replace(SEARCH, robust=False, misfit=found.misfit)
 
 
-def _on(loop: Loop, holdout: Measurements) -> Held:
+def _on(loop: Loop, data: Measurements, holdout: Measurements) -> Held:
     """Poses of their own: the models of all the other poses, as they stand."""
-    without = {effect.key(): _lacking(loop.final, [effect], holdout) for effect in loop.effects}
-    return Held(held_out(loop.declared, holdout), held_out(loop.final, holdout), without, {}, 0)
+    declared = better_form(loop.declared, loop.declared.model, data, SEARCH)[0]
+    final = loop.final if loop.final.widths else better_form(loop.final, loop.final.model, data, SEARCH)[0]
+    without = {effect.key(): _lacking(final, [effect], holdout) for effect in loop.effects}
+    return Held(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)
 
 
 def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array:
     """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them."""
-    numbers = {i for i, effect in enumerate(complete.model.free) if effect in absent}
+    numbers = {i for i, effect in enumerate(in_form(complete.model.free, "equilibrium")) if effect in absent}
     return residuals(test, complete.model.bind(test).poses(complete.without(numbers)))

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from robacc.elastic_form import FormChoice, better_form
 from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting import Fit, Options
 from robacc.folding import fold
@@ -61,6 +62,8 @@ class Trace:
     after: Stage
     gain: Gain | None
     findings: tuple[Finding, ...]
+    deflection: FormChoice | None
+    """At which pose the moments of elastic effects are taken; None where none is fitted, or it was not asked."""
     unexplained: Unexplained
     steps: tuple[Step, ...]
     missing: dict[str, str]
@@ -100,8 +103,9 @@ def trace(
     loop = close_loop(model, data, SEARCH, empirical=empirical)
     held = hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
     loop = _reproduced(loop, held, data)
-    declared = without_idle_rotations(loop.declared, loop.declared.model, data, Options())
-    final = _polished(loop, data) if loop.effects else declared
+    declared, own, form = better_form(loop.declared, loop.declared.model, data, Options())
+    declared = without_idle_rotations(declared, own, data, Options())
+    final, form = _polished(loop, data) if loop.effects else (declared, form)
     nominal_residual = residuals(data, predict(model.arm.robot, data))
     noise = lack_of_fit(final, data)
     findings = tuple(told(loop, effect, final, held, data) for effect in loop.effects)
@@ -129,6 +133,7 @@ def trace(
         if held is None or not findings
         else paired_gain(held.before[:, kept], held.after[:, kept], shown.groups()[kept]),
         findings=findings,
+        deflection=form,
         unexplained=unexplained,
         steps=loop.steps,
         missing=loop.scene.missing,
@@ -163,13 +168,17 @@ def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
     return dataclasses.replace(loop, effects=effects, final=final)
 
 
-def _polished(loop: Loop, data: Measurements) -> Fit:
-    """The final fit to full convergence; shrunk blocks are left as the search found them."""
+def _polished(loop: Loop, data: Measurements) -> tuple[Fit, FormChoice | None]:
+    """The final fit to full convergence, elastic effects in the form that the data show.
+
+    Shrunk blocks, and with them the form, are left as the search found them.
+    """
     if loop.final.widths:
-        return loop.final
+        return loop.final, None
     model = loop.declared.model.with_free(*frames_first(loop.effects))
     found = refit(loop.final, model.free, data, Options())
-    return without_idle_rotations(found, model, data, Options())
+    found, model, form = better_form(found, model, data, Options())
+    return without_idle_rotations(found, model, data, Options()), form
 
 
 def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: float, seed: int) -> tuple[Advice, ...]:

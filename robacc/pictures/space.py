@@ -97,8 +97,8 @@ def _draw(
     for stage, errors in stages:
         ends = np.stack((at, at + scale * errors), axis=1)
         axes.add_collection3d(Line3DCollection(ends, colors=LIGHT[stage.role], linewidths=0.9, label=stage.label))
-    shown = at if outline is None else np.vstack((at, outline))
-    centre, size = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), np.ptp(shown, axis=0)
+    points = at if outline is None else np.vstack((at, outline))
+    centre, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.ptp(points, axis=0)
     # An arm that moves on a line or in a plane, or not at all, has room around it too.
     size = np.maximum(size, 0.05 * float(size.max()) or _LEAST)
     low, high = centre - 0.5 * size, centre + 0.5 * size

@@ -37,7 +37,7 @@ LAYERS = (
         "robacc.sparse_prior",
     ),
     ("robacc.tracing",),
-    ("robacc.calibration", "robacc.simulation"),
+    ("robacc.calibration", "robacc.simulation", "robacc.templates"),
     ("robacc.covariance", "robacc.grade_scale", "robacc.grading", "robacc.pose_errors"),
     ("robacc.error_frames", "robacc.estimation", "robacc.iso_9283", "robacc.prediction"),
     ("robacc.comparison", "robacc.gates", "robacc.outcomes", "robacc.results"),

@@ -26,6 +26,7 @@ COMMANDS = {
     "compare": "Stored results side by side: which differences are real, and which results demonstrate a grade.",
     "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
+    "init": "A robot file and a CSV of measured poses to begin with, commented, from a URDF or a number of joints.",
     "iso9283": "The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.",
     "iso9283-poses": "The cube of ISO 9283 in an arm's workspace and its five poses, with joint angles, as a CSV.",
     "trace": (

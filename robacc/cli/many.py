@@ -98,11 +98,10 @@ def _real(paths: Sequence[str]) -> set[str]:
 
 def _folder(path: str) -> str | None:
     """The folder that an option names, which a / at its end makes where there is none; None where it is no folder."""
+    from robacc.io.files import make_folder
+
     if path.endswith(("/", os.sep)):
-        try:
-            os.makedirs(path, exist_ok=True)
-        except OSError as error:
-            raise InputError(Problem(f"cannot be made ({error.strerror})", path)) from error
+        make_folder(path)
         return path
     return path if os.path.isdir(path) else None
 

@@ -98,6 +98,18 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
         raise InputError(Problem(f"cannot be read: {_reason(error)}", os.fspath(path))) from None
 
 
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder with those around it; one that is there stays as it is.
+
+    Raises:
+        InputError: It cannot be made.
+    """
+    try:
+        os.makedirs(path, exist_ok=True)
+    except OSError as error:
+        raise InputError(Problem(f"cannot be made: {_reason(error)}", os.fspath(path))) from None
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write ``text`` as UTF-8, whole or not at all: to a file beside ``path``, then moved into its place.
 

@@ -7,6 +7,8 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from schema_tables import results
+
 _PART = re.compile(r"(<!-- made: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -149,4 +151,5 @@ _MAKERS: dict[str, Callable[[], str]] = {
     "commands": _commands,
     "gate-keys": _gate_keys,
     "gate-rules": _rules,
+    "results": results,
 }

@@ -1,0 +1,107 @@
+"""The schemas of results as tables: every key with what it is, parts that several results share by themselves."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from robacc.api.schema import schema_names, schema_text
+
+Schema = dict[str, Any]
+_SHAPES = {"vector3": "[3]", "matrix3": "[3][3]", "rows3": "[n][3]"}
+"""Shared parts that are said by their shape alone."""
+_ORDER = ("estimate", "estimate-many", "predict", "calibrate", "trace", "iso9283", "compare", "check")
+
+
+def results() -> str:
+    """What every result has, a section a result, and the parts that they share."""
+    names = (*_ORDER, *(name for name in schema_names() if name not in _ORDER))
+    schemas = {name: _described(json.loads(schema_text(name))) for name in names}
+    first = schemas["estimate"]["properties"]
+    every = ("schema", "robacc", "command", "options", "inputs", "seed", "gate")
+    parts = ["## Every result", _table({key: first[key] for key in every}, every[:-1])]
+    shared: dict[str, Schema] = {}
+    for name, schema in schemas.items():
+        # A check's gate is its own result, not one that may stand beside it.
+        shown = every[:-1] if name == "check" else every
+        own = {key: value for key, value in schema["properties"].items() if key not in shown}
+        what = schema["description"].split(" Lengths in m")[0]
+        parts += [f"## robacc.{name}/1", _prose(what), _table(own, schema["required"])]
+        shared |= schema["$defs"]
+    parts += ["## Shared parts", "Parts that stand in several places or results."]
+    for name in sorted(set(shared) - set(_SHAPES)):
+        part = shared[name]
+        parts.append(f"### {_title(name)}")
+        if "enum" in part:
+            parts.append("One of " + ", ".join(f"`{value}`" for value in part["enum"]) + ".")
+            continue
+        parts += [_prose(part["description"]), _table(part["properties"], part["required"])]
+    return "\n\n".join(parts)
+
+
+def _described(schema: Schema) -> Schema:
+    """The schema with what it says of a shared part at each place that says nothing more."""
+
+    def told(value: Any) -> Any:
+        if isinstance(value, list):
+            return [told(one) for one in value]
+        if not isinstance(value, dict):
+            return value
+        part = schema["$defs"].get(value.get("$ref", "").rpartition("/")[2], {})
+        known = {"description": part["description"]} if "description" in part else {}
+        return known | {key: told(one) for key, one in value.items()}
+
+    described: Schema = told(schema)
+    return described
+
+
+def _table(properties: Schema, required: Any) -> str:
+    rows = [f"| {key} | {kind} | {told} |" for key, kind, told in _rows(properties, required, "")]
+    return "\n".join(["| key | value | meaning |", "| --- | --- | --- |", *rows])
+
+
+def _rows(properties: Schema, required: Any, owner: str) -> Iterator[tuple[str, str, str]]:
+    for key, part in properties.items():
+        name, told = f"{owner}{key}", _prose(part.get("description", ""))
+        if key not in required:
+            told = f"{told} Not always there."
+        yield f"`{name}`", _kind(part), told.strip()
+        inner, mark = part, "."
+        while "items" in inner and "properties" not in inner:
+            inner, mark = inner["items"], f"[]{mark}"
+        if "properties" in inner:
+            yield from _rows(inner["properties"], inner.get("required", ()), name + mark)
+
+
+def _kind(part: Schema) -> str:
+    """What a value is, in a word or by its shape; shared parts as a link."""
+    if "anyOf" in part:
+        return " or ".join(_kind(one) for one in part["anyOf"])
+    if "$ref" in part:
+        name = part["$ref"].rpartition("/")[2]
+        return _SHAPES.get(name) or f"[{_title(name)}](#{_title(name).lower().replace(' ', '-')})"
+    if "const" in part:
+        return f"`{json.dumps(part['const'])}`"
+    if "enum" in part:
+        return ", ".join(f"`{json.dumps(value)}`" for value in part["enum"])
+    kinds = part.get("type", "anything")
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    return " or ".join(_list(part) if kind == "array" else kind for kind in kinds)
+
+
+def _list(part: Schema) -> str:
+    items = part.get("items", {})
+    if "properties" in items or items.get("type") == "array":
+        return "list"
+    return f"list of {_kind(items)}"
+
+
+def _title(name: str) -> str:
+    return name.replace("_", " ").capitalize()
+
+
+def _prose(text: str) -> str:
+    return re.sub(r"([\\`*_\[\]|])", r"\\\1", html.escape(re.sub(r"\s+", " ", text), quote=False))

@@ -22,7 +22,7 @@ from robacc.robots.summary import low_discrepancy
 
 _DECIMALS = 6
 """Of commanded joint variables: a microradian or micrometre, about what a controller's display resolves."""
-_STREAMS = {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4}
+_STREAMS = {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4, "order": 5}
 _MOST_ROWS = 2_000_000
 """Some GB of arrays and text; what more is meant to be is a slip of the keyboard."""
 _WARM_UP = 3.0
@@ -130,6 +130,10 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
     else:
         # Turned by a random amount (Cranley and Patterson 1976), so that a seed has poses of its own, still even.
         unit = (low_discrepancy(len(low), plan.poses) + rng.uniform(size=(len(low), 1))) % 1.0
+        if plan.time_step is not None:
+            # The sequence runs evenly through each joint's range, so in its own order a drift over time would look like
+            # a periodic error of a joint.
+            unit = unit[:, _stream(plan, "order").permutation(plan.poses)]
     result: Array = np.clip(np.round(low + (high - low) * unit, _DECIMALS), low, high)
     return result
 

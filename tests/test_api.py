@@ -139,6 +139,7 @@ def test_call_gives_what_the_command_gives_byte_for_byte(what: str) -> None:
     assert found.to_json() == text
     assert list(found.document()) == list(json.loads(text))
     assert isinstance(found.warnings, tuple)
+    assert repr(found) == f"<robacc.{type(found).__name__} of {', '.join(one.name for one in found.made.inputs)}>"
     if what == "trace":
         assert [(done, of) for _, done, of in TOLD] == [(done, 6) for done in range(6)]
 

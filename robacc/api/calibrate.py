@@ -18,8 +18,8 @@ from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 
 
-@dataclass(frozen=True, kw_only=True)
-class Calibrated(Calibration, Fitted):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Calibrated(Fitted, Calibration):
     """A calibrated robot and how well it predicts, with what it was computed from."""
 
     command: ClassVar[str] = "calibrate"

@@ -14,8 +14,8 @@ from robacc.io.gate_files import read_gate
 from robacc.io.read_result import StoredResult, understood
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checked(GateOutcome, Result):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Checked(Result, GateOutcome):
     """What a gate says of a result, with what it was computed from."""
 
     command: ClassVar[str] = "check"

@@ -22,8 +22,8 @@ from robacc.results import InputFile
 Source = StrPath | Result | StoredResult
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Compared(Comparison, Result):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Compared(Result, Comparison):
     """Results side by side, with what they were read from."""
 
     command: ClassVar[str] = "compare"

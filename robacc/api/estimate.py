@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from robacc.robots.description import Robot
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate(EstimateResult, Result):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Estimate(Result, EstimateResult):
     """How far the arm was from where it was to be, with what it was computed from."""
 
     command: ClassVar[str] = "estimate"

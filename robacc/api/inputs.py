@@ -176,8 +176,9 @@ def checked(data: Measurements, robot: Robot | None = None) -> Measurements:
             problems += _numbers(data, name, array)
     if problems:
         raise InputError(problems)
-    changes: dict[str, Any] = {name: array.astype(float) for name, array in arrays.items() if name not in _TEXTS}
-    changes |= {name: arrays[name].astype(str) for name in _TEXTS if name in arrays}
+    changes: dict[str, Any] = {
+        name: array.astype(str if name in _TEXTS else float, copy=False) for name, array in arrays.items()
+    }
     return dataclasses.replace(data, **changes)
 
 

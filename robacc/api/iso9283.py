@@ -15,8 +15,8 @@ from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Iso9283(Iso9283Result, Result):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Iso9283(Result, Iso9283Result):
     """The pose criteria of ISO 9283, with what they were computed from."""
 
     command: ClassVar[str] = "iso9283"

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from robacc.prediction.parameters import Tolerances
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Predicted(Prediction, Result):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Predicted(Result, Prediction):
     """The accuracy to be expected, with what it was computed from."""
 
     command: ClassVar[str] = "predict"

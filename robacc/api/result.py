@@ -43,6 +43,11 @@ class Result(ABC):
         def warnings(self) -> tuple[str, ...]:
             """What looks wrong; the command says it on standard error."""
 
+    def __repr__(self) -> str:
+        """What it is and of what; the figures are too many to be shown."""
+        of = ", ".join(file.name for file in self.made.inputs)
+        return f"<robacc.{type(self).__name__} of {of}>"
+
     @abstractmethod
     def payload(self) -> dict[str, Any]:
         """The result's own keys; arrays stay arrays."""

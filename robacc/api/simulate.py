@@ -24,8 +24,8 @@ _FIRST_ROW = 4
 """Two comments and the header stand above the rows of a file with outliers."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Simulated(Simulation, Result):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Simulated(Result, Simulation):
     """Measured poses that were made up, with what they were made from."""
 
     command: ClassVar[str] = "simulate"

@@ -18,8 +18,8 @@ from robacc.tracing.trace import Trace
 from robacc.tracing.trace import trace as close_the_loop
 
 
-@dataclass(frozen=True, kw_only=True)
-class Traced(Trace, Fitted):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Traced(Fitted, Trace):
     """What the loop found, with what it was computed from."""
 
     command: ClassVar[str] = "trace"

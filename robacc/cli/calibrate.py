@@ -63,7 +63,9 @@ def calibrate(
     """Fit the named effects to measured poses and report the error before and after, fitted and held out.
 
     An effect of joints named without brackets is fitted on the joints where the data show it; with brackets, exactly
-    there. Example: robacc calibrate poses.csv --robot arm.yaml --fit base_frame,tool_frame,joint_offset,link_geometry
+    there.
+
+    Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
     """
     from robacc.api.calibrate import calibrate as calibrated
     from robacc.cli.output import Outlets, deliver

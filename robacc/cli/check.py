@@ -21,7 +21,7 @@ def check(
 ) -> None:
     """Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.
 
-    Example: robacc estimate poses.csv --format json -o result.json; robacc check result.json --gate assembly.yaml
+    Example: robacc check result.json --gate gate.yaml
     """
     from robacc.api.check import check as checked
     from robacc.cli.output import Outlets, conclude

@@ -46,7 +46,9 @@ def compare(
 ) -> None:
     """Stored results side by side: which differences are real, and which results demonstrate a grade.
 
-    Differences are tested in pairs where the poses are the same. Example: robacc compare arm1.json arm2.json --grade B
+    Differences are tested in pairs where the poses are the same.
+
+    Example: robacc compare arm1.json arm2.json --grade D
     """
     from robacc.api.compare import compare as compared
     from robacc.cli.output import Outlets, deliver

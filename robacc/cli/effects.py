@@ -33,7 +33,10 @@ def effects(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """The catalogue of effects: equation, unit, usual size, needs, and what each is confused with."""
+    """The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.
+
+    Example: robacc effects backlash --robot robot.yaml
+    """
     from robacc import effects as registry
     from robacc import results
     from robacc.cli.output import emit

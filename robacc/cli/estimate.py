@@ -68,6 +68,10 @@ def estimate(
     """Cartesian error at each measured pose, its covariances, and an accuracy grade.
 
     The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns.
+    Several files, as in DIR/*.csv, are estimated each by itself and make one table; one that fails does not end the
+    rest. With --output DIR/ each result becomes a file there.
+
+    Example: robacc estimate poses.csv --robot robot.yaml --align base_frame,tool_frame
     """
     from robacc.api.estimate import estimate as estimated
     from robacc.api.result import names

@@ -19,7 +19,10 @@ def export(
     tip_link: TipLinkOption = None,
     form: PlainFormatOption = PlainFormat.table,
 ) -> None:
-    """A model as URDF, as far as a URDF can carry it; the rest is said."""
+    """A model as URDF, as far as a URDF can carry it; the rest is said.
+
+    Example: robacc export robot.yaml --urdf arm.urdf
+    """
     import sys
 
     from robacc import results

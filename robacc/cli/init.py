@@ -30,6 +30,8 @@ def init(
     """A robot file and a CSV of measured poses to begin with, commented, from a URDF or a number of joints.
 
     Both are valid as they are; the CSV's rows are made up, for yours to take their place.
+
+    Example: robacc init --joints 6 --folder my-arm
     """
     from robacc.errors import UsageError
     from robacc.io.files import make_folder, write_text

@@ -60,6 +60,8 @@ def iso9283(
 
     The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns;
     with neither there is repeatability, and no accuracy. Several files are several robots.
+
+    Example: robacc iso9283 cycles.csv --robot robot.yaml
     """
     from robacc.api.iso9283 import iso9283 as evaluated
     from robacc.cli.output import Outlets, deliver

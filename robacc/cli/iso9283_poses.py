@@ -63,6 +63,8 @@ def iso9283_poses(
 
     The CSV has pose, cycle, the joints and the commanded pose; with the measured x, y, z and orientation added to it,
     robacc iso9283 takes it. With --output the CSV goes there, and what was chosen is told on standard output.
+
+    Example: robacc iso9283-poses robot.yaml --payload 6 --output plan.csv
     """
     import sys
 

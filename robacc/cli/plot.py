@@ -29,6 +29,7 @@ def plot(
     """One picture of a stored result as SVG, PNG or PDF.
 
     It is the picture that the report has. It needs the extra: pip install 'robacc[report]'.
+
     Example: robacc plot trace.json --kind effect --number 2 --output backlash.pdf
     """
     from robacc.errors import UsageError

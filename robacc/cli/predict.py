@@ -74,6 +74,8 @@ def predict(
     """Covariances, error budget and grade to be expected from parameter tolerances.
 
     At the poses of --poses, else at those of --against, else at configurations spread over the joint ranges.
+
+    Example: robacc predict robot.yaml --tolerances tolerances.yaml --allocate C
     """
     from robacc.api.predict import predict as predicted
     from robacc.cli.output import Outlets, deliver

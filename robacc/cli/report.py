@@ -19,7 +19,8 @@ def report(
     """Stored results as one HTML page: story, pictures, tables, to be looked at, printed and signed.
 
     The page is one file that opens without a network and prints on A4. It needs an extra: pip install 'robacc[report]'.
-    Example: robacc trace poses.csv --robot arm.yaml --format json -o t.json; robacc report t.json -o t.html
+
+    Example: robacc report result.json --output report.html
     """
     from robacc.cli.output import write
     from robacc.cli.pages import page_of_results

@@ -16,7 +16,10 @@ def show(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """The chain, joints, limits, reach and masses of a robot file or URDF."""
+    """The chain, joints, limits, reach and masses of a robot file or URDF.
+
+    Example: robacc show robot.yaml
+    """
     from robacc import results
     from robacc.cli.output import emit
     from robacc.io.files import sha256_of

@@ -67,7 +67,10 @@ def simulate(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists."""
+    """A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.
+
+    Example: robacc simulate robot.yaml --poses 60 --seed 1 --noise 0.03mm --output simulated.csv
+    """
     import sys
 
     from robacc.api.simulate import simulate as simulated

@@ -50,7 +50,7 @@ def trace(
 ) -> None:
     """Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it.
 
-    Example: robacc trace poses.csv --robot arm.yaml --declared base_frame,tool_frame --write-model better.yaml
+    Example: robacc trace poses.csv --robot robot.yaml --declared base_frame,tool_frame --write-model better.yaml
     """
     from robacc.api.trace import trace as traced
     from robacc.cli.output import Outlets, deliver

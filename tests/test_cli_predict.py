@@ -157,7 +157,7 @@ def _written(folder: Path, text: str) -> str:
         (("--align", "base_frame"), 2, "--align is about measured poses, so it needs --against"),
         (("--noise", "1mm"), 2, "--noise is about measured poses, so it needs --against"),
         (("--poses", "a.csv", "--target", "t"), 2, "--target is of sampled configurations"),
-        (("--poses", "-", "--against", "-"), 2, "standard input can be read once: --poses or --against, not both"),
+        (("--poses", "-", "--against", "-"), 2, "standard input can be read once"),
         (("--allocate", "Z"), 2, "no grade 'Z' on the scale CAD/CAM 0.1 mm, 0.1 degree; it has A, B, C, D, E"),
         (("--against", "sample_data/poses.csv", "--noise", "1,2,3"), 2, "--noise: expected a length and perhaps an"),
         (("--tolerances", "nowhere.yaml"), 3, "nowhere.yaml: there is no such file"),

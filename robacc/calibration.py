@@ -280,5 +280,6 @@ def _warnings(found: Fit, data: Measurements, after: Stage) -> tuple[str, ...]:
     if after.held_out is not None and after.held_out.position.rms > _OVERFIT * after.fitted.position.rms:
         warnings.append("poses held out are predicted much worse than those fitted: fewer effects or more poses")
     if after.held_out is None:
-        warnings.append(f"{data.n} poses are too few to hold any out: every figure is of poses that were fitted")
+        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
+        warnings.append(f"{poses} too few to hold any out: every figure is of poses that were fitted")
     return tuple(warnings)

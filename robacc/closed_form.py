@@ -51,7 +51,9 @@ def register(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
         return robot
     needed = 1 if data.rotation is not None else 3
     if data.n < needed:
-        raise InputError(f"{data.n} pose(s): finding base_frame or tool_frame needs at least {needed}")
+        raise InputError(
+            f"{data.n} pose{'s' * (data.n != 1)}: finding base_frame or tool_frame needs at least {needed}"
+        )
     kept = np.ones(data.n, dtype=bool)
     registered = robot
     for _ in range(2):

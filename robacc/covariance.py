@@ -83,6 +83,8 @@ def error_statistics(
     gaussian = assumption.shape and assumption.independent
     mean, covariance = np.mean(errors, axis=1), second_moment(errors)
     centred = errors - mean[:, None]
+    # Errors that are all equal have no scatter; what their mean rounds off is none.
+    centred[np.abs(centred) <= 4 * np.finfo(float).eps * np.max(np.abs(errors))] = 0.0
     centred_covariance = second_moment(centred)
     squares = np.einsum("in,in->n", errors, errors)
     lengths = np.sqrt(squares)

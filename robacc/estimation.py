@@ -40,6 +40,8 @@ N_WORST = 5
 _FAR = 0.05
 """An error of more than this fraction of the poses' own spread is no arm's (some mm on a reach of a metre): frames that
 were not registered, or units, are."""
+_STILL = 1e-6
+"""rad or m; commanded poses that differ by less are one."""
 _TURNED = np.deg2rad(5.0)
 """The same for orientation: an uncalibrated arm's is a fraction of a degree."""
 
@@ -243,10 +245,16 @@ def _notes(
     return tuple(notes)
 
 
+def _moves(data: Measurements) -> bool:
+    """Whether the robot was sent to more than one place; the scatter at one says nothing of frames."""
+    sent = data.q if data.q is not None else data.commanded_position
+    return sent is not None and float(np.max(np.ptp(sent, axis=1), initial=0.0)) > _STILL
+
+
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:
     """What errors too large for an arm suggest."""
     spread = rms_length(data.position - data.position.mean(axis=1, keepdims=True))
-    far = data.n > 1 and rms_length(errors.position) > _FAR * spread
+    far = _moves(data) and rms_length(errors.position) > _FAR * spread
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
     if not (far or turned):
         return ()

@@ -166,8 +166,8 @@ class _Solver:
         measured = self.equations.rows * self.data.n
         if found.kept.size >= measured and terms:
             raise InputError(
-                f"{self.data.n} pose(s) give {measured} numbers, too few for {found.kept.size} coefficients; "
-                "measure more poses or fit fewer effects"
+                f"{measured} numbers measured ({self.data.n} pose{'s' * (self.data.n != 1)}), too few for "
+                f"{found.kept.size} coefficients; measure more poses or fit fewer effects"
             )
         shrunk = [i for i, term in enumerate(terms) if term.group is not None]
         kept = np.array(sorted([free[i] for i in found.kept] + shrunk), dtype=np.int64)

@@ -48,8 +48,8 @@ def default_scale() -> Scale:
     """The scale that comes with the package: A within 0.1 mm and 0.1 degree, the CAD/CAM requirement of the paper."""
     import yaml
 
-    # Not importlib.resources, which loads zipfile and more: 3 ms of the 150 that an estimate may take. And libyaml, where PyYAML
-    # was built with it, takes a tenth of the time; but it ends the process where a file is nested too deeply.
+    # Not importlib.resources, which loads zipfile and more: 3 ms of the 150 that an estimate may take. And libyaml, if
+    # it is there, takes a tenth of the time; but it ends the process where a file is nested too deeply.
     path = Path(__file__).with_name("data") / "grades" / "default.yaml"
     text = path.read_text(encoding="utf-8")
     return _scale_of(yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), path.name)

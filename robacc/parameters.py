@@ -8,6 +8,7 @@ import numpy as np
 
 from robacc.fitting import Fit
 from robacc.folding import fold
+from robacc.geometry import Array
 from robacc.registration import frame_parameters
 from robacc.robots.description import Frame, Robot
 
@@ -39,7 +40,7 @@ def parameters(found: Fit) -> tuple[Parameter, ...]:
     """Every coefficient. Frames are where they are in the measuring frame; the rest are differences from the file."""
     frames = _frame_values(found)
     dropped = {one.name: one.why for one in found.dropped}
-    deviation = np.sqrt(np.diag(found.covariance)) if found.theta.size else np.zeros(0)
+    deviation = _deviations(found.covariance)
     result = []
     for i, (name, term) in enumerate(zip(found.names, found.terms, strict=True)):
         value = frames.get(name, float(found.theta[i]))
@@ -55,14 +56,22 @@ def correlations(found: Fit) -> tuple[Correlation, ...]:
     if kept.size < 2:
         return ()
     matrix = found.covariance[np.ix_(kept, kept)]
-    scale = np.sqrt(np.diag(matrix))
-    matrix = matrix / scale[:, None] / scale
+    scale = _deviations(matrix)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a deviation of zero, without noise, nothing is told
+        matrix = matrix / scale[:, None] / scale
     rows, columns = np.nonzero(np.triu(np.abs(matrix) > CORRELATED, 1))
     pairs = [
         Correlation(found.names[kept[i]], found.names[kept[j]], float(matrix[i, j]))
         for i, j in zip(rows, columns, strict=True)
     ]
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.value)))
+
+
+def _deviations(covariance: Array) -> Array:
+    """Roots of the diagonal; NaN where poses too much alike left rounding of either sign there."""
+    variance = np.diag(covariance)
+    result: Array = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+    return result
 
 
 def _frame_values(found: Fit) -> dict[str, float]:

@@ -25,7 +25,7 @@ from robacc.io.columns import (
 )
 from robacc.io.layout import Layout, listing, read_layout
 from robacc.io.open_table import Table, open_table
-from robacc.io.pose_checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values
+from robacc.io.pose_checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values, copies
 from robacc.measurements import Counted, Measurements, motion_between_rows
 
 _CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
@@ -78,6 +78,7 @@ def read_poses(
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted)
         found = (*layout.warnings, *units.warnings, *(f"{reader.file}: {text}" for text in data.warnings))
+        found = (*found, *copies(values, reader.file))
         return dataclasses.replace(data, source=reader.file, sha256=reader.sha256, warnings=found)
 
 

@@ -148,4 +148,4 @@ def _scale(axes: Axes, curves: Curves, shown: Unit) -> None:
         axes.xaxis.set_minor_formatter("")
         axes.set_xlim(max(smallest, low / 30) / 1.3, top * 1.3)
     else:
-        axes.set_xlim(0, top * 1.04)
+        axes.set_xlim(0, top * 1.04 or 1.0)

@@ -54,7 +54,9 @@ class Scores:
         rest = self.freedom - float(self.rank[i])
         if rest <= 0:
             return 1.0
-        ratio = (float(self.gain[i]) / float(self.rank[i])) / ((self.energy - float(self.gain[i])) / rest)
+        # What is explained to the last digit leaves rounding, of either sign.
+        left = max(self.energy - float(self.gain[i]), 1e-15 * self.energy)
+        ratio = (float(self.gain[i]) / float(self.rank[i])) / (left / rest)
         return f_sf(ratio, float(self.rank[i]), rest)
 
 

@@ -20,6 +20,8 @@ GROSS = 0.02
 """Share of the positions' spread: a median error above it is no arm's inaccuracy."""
 _CURED = 8.0
 """A mistake is named where undoing it brings the median error down by this factor."""
+_STILL = 1e-12
+"""m; poses that spread less do not move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,17 +39,18 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     """The mistake that explains a gross misfit, or None where there is no such misfit or nothing cures it."""
     if data.n < 8 or data.q is None:
         return None
-    before = _median_error(robot, data)
-    spread = float(np.sqrt(np.mean(np.var(data.position, axis=1)) * 3))
-    if before <= GROSS * max(spread, 1e-6):
+    before, spread = _median_error(robot, data), _spread(data)
+    if before <= GROSS * spread:
         return None
     best: Mistake | None = None
     for name, fix, undone in _suspects(robot, data):
         try:
-            after = _median_error(*undone())
+            mended = undone()
+            after = _median_error(*mended)
         except (RobaccError, np.linalg.LinAlgError):
             continue
-        if after * _CURED < before and (best is None or after < best.after):
+        # Beside the spread: positions made a thousand times smaller have smaller errors, whatever their unit.
+        if after * spread * _CURED < before * _spread(mended[1]) and (best is None or after < best.after):
             best = Mistake(name, fix, before, after)
     return best
 
@@ -70,6 +73,10 @@ def refuse_mistake(robot: Robot, data: Measurements) -> None:
 def _median_error(robot: Robot, data: Measurements) -> float:
     registered = register(robot, data, True, True)
     return float(np.median(np.linalg.norm(data.position - predict(registered, data).translation, axis=0)))
+
+
+def _spread(data: Measurements) -> float:
+    return max(float(np.sqrt(np.mean(np.var(data.position, axis=1)) * 3)), _STILL)
 
 
 Undone = Callable[[], tuple[Robot, Measurements]]

@@ -238,7 +238,8 @@ def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexp
 def _warnings(final: Fit, data: Measurements, held: Held | None, holdout: Measurements | None) -> tuple[str, ...]:
     warnings = list(data.warnings)
     if held is None:
-        warnings.append(f"{data.n} poses are too few to hold any out: every figure is of poses that were fitted")
+        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
+        warnings.append(f"{poses} too few to hold any out: every figure is of poses that were fitted")
     if final.outliers.size:
         lines = ", ".join(str(data.line(int(i))) for i in final.outliers[:10])
         warnings.append(f"left out as no part of the rest: {final.outliers.size} row(s), on line(s) {lines}")

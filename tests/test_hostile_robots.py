@@ -74,6 +74,9 @@ def test_a_joint_of_zero_range_and_names_of_any_script() -> None:
     assert robot.joints[0].name == "第一轴 Gelenk-1"
 
 
+FAR = '<origin xyz="0 90 0"/><mass value="1"/>'
+
+
 def urdf(body: str = "", head: str = "") -> str:
     return (
         f'<?xml version="1.0"?>{head}<robot name="r"><link name="a"/><link name="b"/>'
@@ -103,7 +106,7 @@ def urdf(body: str = "", head: str = "") -> str:
             "the limits of every joint are more than two turns; a URDF's angles are in rad",
         ),
         (
-            urdf().replace('<link name="b"/>', '<link name="b"><inertial><origin xyz="0 90 0"/><mass value="1"/></inertial></link>'),
+            urdf().replace('<link name="b"/>', f'<link name="b"><inertial>{FAR}</inertial></link>'),
             "j: the centre of mass of its link lies 90 m off, too far for an arm",
         ),
     ],

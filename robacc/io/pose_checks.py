@@ -118,16 +118,16 @@ class RowChecks:
             self._column(key, lambda v: (v > 0) & (v < SMALLEST_SIGMA), "expected one that an instrument can have")
         self._column("payload_kg", lambda v: v < 0, "expected 0 kg or more")
         self._column("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more")
-        self._sizes()
         self._targets(target_names)
 
-    def _sizes(self) -> None:
-        """Numbers so large that nothing computed from them would mean anything."""
+    def sizes(self) -> None:
+        """Before all else: numbers so large that nothing computed from them would mean anything; they become NaN."""
         for key, column in self.values.layout.columns.items():
-            most = _LARGEST.get(column.kind)
-            if most is not None:
+            most, value = _LARGEST.get(column.kind), self.values.one(key)
+            if most is not None and value is not None:
                 shown = f"{most * column.divisor:g}{f' {column.unit}' if column.unit else ''}"
                 self._column(key, lambda v, most=most: np.abs(v) > most, f"expected at most {shown}")  # type: ignore[misc]
+                value[np.abs(value) > most] = np.nan
 
     def _quaternion(self, keys: Sequence[str]) -> None:
         quaternion = self.values.several(keys)

@@ -42,7 +42,7 @@ def exponent_of_thousand(size: float) -> int:
 
 def p_value(probability: float | None) -> str:
     """``p = 0.032``, or ``p < 1e-6`` where the exact figure says no more."""
-    if probability is None:
+    if probability is None or math.isnan(probability):
         return "–"
     return "p < 1e-6" if probability < 1e-6 else f"p = {probability:.2g}"
 

@@ -103,7 +103,8 @@ def _robot(path: str) -> None:
     robot = read_robot(path)
     chain = build_chain(robot)
     found = chain.forward(np.zeros((len(robot.variables), 2)))
-    assert np.all(np.isfinite(found.translation)) and np.all(np.isfinite(found.rotation))
+    assert np.all(np.isfinite(found.translation))
+    assert np.all(np.isfinite(found.rotation))
     try:
         written = robot_to_yaml(settle(robot))
     except RobaccError:  # its effects, which show does not read

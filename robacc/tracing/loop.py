@@ -36,6 +36,8 @@ from robacc.tracing.selection import FALSE_ALARM, Selection, Step
 _ROUNDS = 4
 SELECTION_POSES = 800
 """Poses that a choice looks at, at most: fits and figures are of all of them."""
+_COMPETED_ON = 4 * SELECTION_POSES
+"""Poses that columns are made for: a choice without some of them, a fold's, still finds as many as it looks at."""
 _BETTER = 10.0
 """Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
 SEARCH = Options(tolerance=1e-4, settled=1e-2)
@@ -43,10 +45,16 @@ SEARCH = Options(tolerance=1e-4, settled=1e-2)
 
 @dataclass(frozen=True)
 class Scene:
-    """One linearisation of a model over all poses, from which any subset of poses can choose."""
+    """One linearisation of a model, from which any subset of poses can choose.
+
+    It is made of :data:`_COMPETED_ON` poses at most (n of N), so that its memory does not grow with the poses.
+    """
 
     model: Model
     data: Measurements
+    """Those poses."""
+    rows: NDArray[np.int64]
+    """``(n,)`` their places among all."""
     base: Array
     """``(M, p, N)`` whitened columns of the present model's coefficients."""
     pool_columns: Array
@@ -92,7 +100,7 @@ class Scene:
             waves(arm, data, self.only),
             self.joint_columns[:, :, at],
             expand,
-            at,
+            self.rows[at],
         )
         choice = Selection(field)
         for effect in start:
@@ -105,12 +113,7 @@ class Scene:
 
     def _thinned(self, rows: NDArray[np.bool_], most: int) -> NDArray[np.int64]:
         """Rows to choose on: all of them, or so many of them, drawn by commanded pose and not by place in the file."""
-        at = np.flatnonzero(rows & self.kept)
-        if at.size <= most:
-            return at
-        groups = self.data.groups()[at]
-        draw = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
-        return np.sort(at[np.argsort(draw, kind="stable")[:most]])
+        return _thinned(self.data, np.flatnonzero(rows[self.rows] & self.kept), most)
 
     def _candidate(self, effect: Effect) -> Candidate:
         """The candidate that an effect is, with the prior it competes by."""
@@ -133,6 +136,15 @@ class Scene:
         return result
 
 
+def _thinned(data: Measurements, at: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """All of the rows ``at``, or so many of them, drawn by commanded pose and not by place in the file."""
+    if at.size <= most:
+        return at
+    groups = data.groups()[at]
+    draw = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
+    return np.sort(at[np.argsort(draw, kind="stable")[:most]])
+
+
 def linearise(found: Fit, data: Measurements, declared: Sequence[Effect], only: Sequence[str] | None = None) -> Scene:
     """Columns of the declared effects and of everything that competes, at a fit that may hold findings besides.
 
@@ -140,6 +152,8 @@ def linearise(found: Fit, data: Measurements, declared: Sequence[Effect], only: 
     """
     model = found.model
     arm = model.arm
+    rows = _thinned(data, np.arange(data.n), _COMPETED_ON)
+    data, weight = data.subset(rows), found.weight[:, rows]
     pool, missing = named_candidates(arm, data, declared, only)
     # Terms that several forms share (order 1 alone and with order 2) stand once.
     unique: dict[str, Term] = {}
@@ -152,9 +166,9 @@ def linearise(found: Fit, data: Measurements, declared: Sequence[Effect], only: 
     extended = dataclasses.replace(bound, terms=(*bound.terms, *joints, *unique.values()))
     poses, jacobian = extended.linearise(np.concatenate((found.theta, np.zeros(len(joints) + len(unique)))))
     residual = residuals(data, poses)
-    columns = observed_jacobian(jacobian, residual) * found.weight[:, None, :]
+    columns = observed_jacobian(jacobian, residual) * weight[:, None, :]
     own = sum(len(effect.terms(arm, data)) for effect in declared)
-    whitened = residual * found.weight + np.einsum("mpn,p->mn", columns[:, own:count], found.theta[own:])
+    whitened = residual * weight + np.einsum("mpn,p->mn", columns[:, own:count], found.theta[own:])
     kept = found.identifiability.kept
     number = {key: i for i, key in enumerate(unique)}
     places = tuple(
@@ -163,13 +177,14 @@ def linearise(found: Fit, data: Measurements, declared: Sequence[Effect], only: 
     return Scene(
         model,
         data,
+        rows,
         columns[:, kept[kept < own]],
         columns[:, count + len(joints) :],
         tuple(pool),
         places,
         columns[:, count : count + len(joints)],
         whitened,
-        found.kept,
+        found.kept[rows],
         missing,
         None if only is None else tuple(only),
     )

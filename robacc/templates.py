@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robacc.errors import UsageError
+from robacc.errors import RobaccError, UsageError
 from robacc.geometry import Array
 from robacc.robots.description import Robot
 from robacc.robots.yamlwrite import robot_to_yaml
@@ -47,7 +47,7 @@ _HEAD = """\
 #       robacc estimate {poses} --robot {robot} --align base_frame,tool_frame
 
 robacc: 1                             # version of this format
-name: my arm
+name: my arm                          # for titles
 convention: standard                  # standard (each row Rz(theta) Tz(d) Tx(a) Rx(alpha)) or
                                       # modified (Craig's: Rx(alpha) Tx(a) Rz(theta) Tz(d))
 units: {{length: mm, angle: deg}}       # of every number below: m or mm, rad or deg; masses are in kg, gravity in m/s^2
@@ -168,7 +168,7 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
 def _example_rows(robot: Robot) -> list[str]:
     try:
         data = simulate(robot, Plan(EXAMPLE_ROWS, noise_position=_NOISE, orientation=False, motion=False)).data
-    except UsageError:
+    except RobaccError:  # a slide without limits has no place to be sampled from
         return []
     if data.q is None or data.target is not None:
         return []

@@ -12,7 +12,7 @@ from robacc.cli.options import BaseLinkOption, TipLinkOption
 
 
 def init(
-    urdf: Annotated[
+    source: Annotated[
         str | None, typer.Argument(metavar="[URDF]", help="The arm's URDF; without one say how many --joints.")
     ] = None,
     joints: Annotated[
@@ -39,20 +39,20 @@ def init(
     from robacc.robots.yamlspec import parse_robot
     from robacc.templates import poses_template, robot_template, urdf_template
 
-    if (urdf is None) == (joints is None):
+    if (source is None) == (joints is None):
         raise UsageError("give either a URDF or --joints, how many joints the arm has")
     files = os.path.normpath(os.path.join(folder, robot)), os.path.normpath(os.path.join(folder, poses))
-    _check_free(files, urdf, force)
+    _check_free(files, source, force)
     names = PurePath(files[0]).name, PurePath(files[1]).name
-    if urdf is None:
+    if source is None:
         if base_link or tip_link:
             raise UsageError("--base-link and --tip-link choose a chain of a URDF")
         text = robot_template(joints or 0, *names)
     else:
-        arm = read_robot(urdf, base_link=base_link, tip_link=tip_link)
+        arm = read_robot(source, base_link=base_link, tip_link=tip_link)
         if arm.convention != "urdf":
-            raise UsageError(f"{urdf} is a robot file already; init makes one from a URDF")
-        text = urdf_template(arm, PurePath(urdf).name, *names)
+            raise UsageError(f"{source} is a robot file already; init makes one from a URDF")
+        text = urdf_template(arm, PurePath(source).name, *names)
     described = parse_robot(text, files[0])
     table, rows = poses_template(described, *names)
     make_folder(folder)
@@ -61,7 +61,7 @@ def init(
     count = len(described.variables)
     print(f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} rows, made up)")
     print("next:")
-    if urdf is None:
+    if source is None:
         print(f"  put your arm's numbers into {files[0]}")
     print(f"  robacc show {files[0]}")
     print(f"  put what you measured into {files[1]}, in the place of its rows")

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _ROWS_AT_ONCE = 1 << 16
 _MOST_ROWS = 50_000_000
 """A small file can say that one value stands a billion times; nobody measures that many poses."""
+_MOST_NUMBERS = 2_000_000_000
+"""16 GB, the columns of such a file all in use."""
 _PIPE_LIMIT = 2 << 30
 """Bytes of a pipe that are held: the format is read from its end, so a pipe is read whole."""
 _INDEX = re.compile(r"__index_level_\d+__")
@@ -71,13 +73,13 @@ class ParquetReader:
 
         stream = self._whole()
         with self._understood():
-            self._opened = ParquetFile(stream, pre_buffer=False)
+            self._opened = ParquetFile(stream, pre_buffer=False, page_checksum_verification=True)
             schema = self._opened.schema_arrow
             rows = self._opened.metadata.num_rows
         self._names = [name for name in schema.names if not _INDEX.fullmatch(name)]
         if len(self._names) > MAX_COLUMNS:
             raise self._refused(f"found {len(self._names)} columns", f"expected at most {MAX_COLUMNS}")
-        if rows > _MOST_ROWS:
+        if not 0 <= rows <= _MOST_ROWS:
             raise self._refused(f"found {rows} rows", f"expected at most {_MOST_ROWS}")
         return Header(tuple(name.strip() for name in self._names), None)
 
@@ -95,17 +97,23 @@ class ParquetReader:
         if any(Counter(self._names)[name] > 1 for name in wanted):
             self.log.raise_if_any()
         n = self._opened.metadata.num_rows
+        if n * len(numbers) > _MOST_NUMBERS:
+            raise self._refused(f"found {n} rows of {len(numbers)} columns", "measure less at a time")
         table = np.empty((len(numbers), n))
         columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
         done = 0
         with self._understood():
             for batch in self._opened.iter_batches(_ROWS_AT_ONCE, columns=wanted, use_threads=False):
                 end = done + batch.num_rows
+                if end > n:
+                    break
                 for values, i in zip(table, numbers, strict=True):
                     values[done:end] = self._numbers(batch.column(self._names[i]), self._names[i], done)
                 for column, i in zip(columns, texts, strict=True):
                     column.append(self._texts(batch.column(self._names[i]), self._names[i], done))
                 done = end
+        if done != n:
+            raise self._damaged(f"{n} rows are announced, others are there")
         return Body(table, tuple(map(np.concatenate, columns)), np.arange(1, n + 1, dtype=np.int64))
 
     def _whole(self) -> BinaryIO:
@@ -130,9 +138,11 @@ class ParquetReader:
 
         try:
             yield
-        except (ArrowException, OSError) as error:
-            first = str(error).strip().partition("\n")[0][:200]
-            raise self._refused(f"cannot be read as Parquet ({first})", "it is damaged or cut short") from error
+        except (ArrowException, OSError, UnicodeDecodeError) as error:
+            raise self._damaged(str(error).strip().partition("\n")[0][:200]) from error
+
+    def _damaged(self, why: str) -> InputError:
+        return self._refused(f"cannot be read as Parquet ({why})", "it is damaged or cut short")
 
     def _check_types(self, numbers: Sequence[int], texts: Sequence[int]) -> None:
         """Refuse columns whose type holds no numbers, or no ids."""

@@ -16,6 +16,9 @@ from robacc.geometry import Array
 _LARGEST = 1e9
 """m or rad: no joint, place or error is as large, and the square of what is much larger cannot be held."""
 
+MOST_POSES = 10**8
+"""A number of poses beyond any file's, which would fill the memory before it is found not to be that of the errors."""
+
 
 @dataclass(frozen=True, slots=True)
 class Document:
@@ -62,7 +65,7 @@ class Document:
     def count(self, path: str) -> int:
         """A whole number that is not negative; its lack is a problem."""
         found = self.at(path)
-        if isinstance(found, bool) or not isinstance(found, int) or found < 0:
+        if isinstance(found, bool) or not isinstance(found, int) or not 0 <= found <= MOST_POSES:
             self.report(path, "a number of poses is expected here")
             return 0
         return found

@@ -24,7 +24,7 @@ from types import FrameType
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, os.fspath(Path(__file__).parent))
 
-LONGEST = 20
+LONGEST = 60
 """Seconds that one file may take."""
 MEMORY = 6 * 2**30
 """Bytes of address space, of which the libraries take most."""
@@ -121,7 +121,7 @@ def guided(attack: Attack, seconds: float, seed: int) -> None:
         rng = random.Random(number)
         return (mutate(data, rng) if rng.random() < 0.8 else atheris.Mutate(data, most))[:most]
 
-    options = [f"-max_total_time={seconds:.0f}", f"-seed={seed + 1}", "-max_len=200000", "-len_control=0"]
+    options = [f"-max_total_time={seconds:.0f}", f"-seed={seed + 1}", "-max_len=2000000", "-len_control=0"]
     options += ["-rss_limit_mb=6000", f"-timeout={3 * LONGEST}", "-verbosity=0", "-print_final_stats=1"]
     atheris.Setup([sys.argv[0], *options, os.fspath(corpus)], attack, custom_mutator=mutated)
     atheris.Fuzz()

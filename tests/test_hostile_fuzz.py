@@ -55,7 +55,7 @@ QUICK = [reader for reader in READERS if reader not in ("result", "page", "robot
 
 @pytest.mark.parametrize("reader", QUICK)
 def test_a_few_files(reader: str) -> None:
-    attacked(reader, 12, 0)
+    attacked(reader, 8, 0)
 
 
 @pytest.mark.slow

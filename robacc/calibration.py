@@ -31,6 +31,7 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.sparse_prior import Kind, drawn
 from robacc.tracing.curves import Curve, curves
+from robacc.tracing.held_out import Progress
 from robacc.tracing.loop import close_loop
 from robacc.tracing.mistakes import refuse_mistake
 
@@ -88,6 +89,7 @@ def calibrate(
     n_folds: int = 5,
     seed: int = 0,
     holdout: Measurements | None = None,
+    progress: Progress = lambda what, done, of: None,
 ) -> Calibration:
     """Fit what ``requests`` name.
 
@@ -103,13 +105,14 @@ def calibrate(
     refuse_mistake(robot, data)
     options = options or Options()
     plan = _Plan(robot, data, requests, options, priors or {}, shrink)
+    progress("fitting", 0, n_folds + 1)
     effects = plan.effects(data)
     found, kinds, deflection = _fitted(plan, effects, data, options)
     effects = found.model.free
     frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
     nominal = residuals(data, predict(robot, data))
-    held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed)
+    held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
     rows = found.kept
     if holdout is None:
         nominal_held, groups, kept = nominal, data.groups(), rows
@@ -222,6 +225,7 @@ def _hold_out(
     frames: tuple[Effect, ...],
     n_folds: int,
     seed: int,
+    progress: Progress,
 ) -> tuple[Array, Array] | None:
     """Residuals of poses held out, with frames alone and with everything; what is searched is searched again."""
     search = Options(robust=plan.options.robust, tolerance=1e-6)
@@ -236,7 +240,8 @@ def _hold_out(
     before, after = np.empty((rows, data.n)), np.empty((rows, data.n))
     again = any(_searched(request) for request in plan.requests)
     try:
-        for learn, rest in parts(assigned):
+        for number, (learn, rest) in enumerate(parts(assigned), 1):
+            progress("cross-fitting", number, n_folds + 1)
             train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
             chosen = plan.effects(train) if again else in_form(effects, "equilibrium")
             before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)

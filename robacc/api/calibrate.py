@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -47,6 +47,7 @@ def calibrate(
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> Calibrated:
     """Fit the named effects to measured poses and say how much better the robot is predicted, fitted and held out.
 
@@ -67,6 +68,7 @@ def calibrate(
         base_link: URDF: the link that the chain starts at.
         tip_link: URDF: the link that it ends at.
         seed: Of everything drawn at random.
+        progress: Called with what is being done, how much of it is done, and of how much.
 
     Returns:
         The calibrated robot, the coefficients with their uncertainty, and the error before and after.
@@ -104,6 +106,7 @@ def calibrate(
         n_folds=folds,
         seed=seed,
         holdout=asked.apart,
+        progress=progress or (lambda what, done, of: None),
     )
     options = {
         "poses": asked.names["poses"],

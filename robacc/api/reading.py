@@ -43,10 +43,10 @@ def write_poses(path: StrPath, data: Measurements) -> None:
     Raises:
         InputError: An array is not what it should be, or the file cannot be written.
     """
-    from robacc.io.files import write_text
-    from robacc.io.poses_csv import format_poses
+    from robacc.io.files import write_pieces
+    from robacc.io.poses_csv import pose_pieces
 
-    write_text(path, format_poses(checked(data)))
+    write_pieces(path, pose_pieces(checked(data)))
 
 
 def write_robot(path: StrPath, robot: Robot) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, ClassVar, Literal
@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of
 from robacc.api.result import Made, Result, one_of, parts, within
 from robacc.errors import UsageError
-from robacc.io.poses_csv import format_poses, read_poses
+from robacc.io.poses_csv import pose_pieces, read_poses
 from robacc.measurements import Measurements
 from robacc.quantities import size
 from robacc.results import InputFile
@@ -45,11 +45,16 @@ class Simulated(Result, Simulation):
 
     def csv(self) -> str:
         """The file that the command writes."""
+        return "".join(self.csv_pieces())
+
+    def csv_pieces(self) -> Iterator[str]:
+        """The same in pieces, for many poses."""
         source = self.made.inputs[0].name
         head = [f"Simulated by robacc simulate from {source} with seed {self.plan.seed}; nothing was measured."]
         wrong = self.outlier_lines
         head += [f"Outliers on lines {', '.join(map(str, wrong))}"] if wrong else []
-        return "".join(f"# {line}\n" for line in head) + format_poses(self.data)
+        yield "".join(f"# {line}\n" for line in head)
+        yield from pose_pieces(self.data)
 
     def write(self, path: StrPath) -> None:
         """Write :meth:`csv` to a file, whole or not at all.
@@ -57,9 +62,9 @@ class Simulated(Result, Simulation):
         Raises:
             InputError: The file cannot be written.
         """
-        from robacc.io.files import write_text
+        from robacc.io.files import write_pieces
 
-        write_text(path, self.csv())
+        write_pieces(path, self.csv_pieces())
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys: what is in the file, not the poses themselves."""

@@ -69,22 +69,25 @@ def calibrate(
     """
     from robacc.api.calibrate import calibrate as calibrated
     from robacc.cli.output import Outlets, deliver
+    from robacc.cli.progress import progress_bar
     from robacc.report.calibrate import draw_calibration
 
-    found = calibrated(
-        poses,
-        robot=robot,
-        fit=fit,
-        prior=prior,
-        shrink=shrink,
-        robust=robust,
-        holdout=holdout,
-        folds=folds,
-        ordered=ordered,
-        base_link=base_link,
-        tip_link=tip_link,
-        seed=seed,
-    )
+    with progress_bar() as progress:
+        found = calibrated(
+            poses,
+            robot=robot,
+            fit=fit,
+            prior=prior,
+            shrink=shrink,
+            robust=robust,
+            holdout=holdout,
+            folds=folds,
+            ordered=ordered,
+            base_link=base_link,
+            tip_link=tip_link,
+            seed=seed,
+            progress=progress,
+        )
     if write_model is not None:
         found.write_model(write_model)
     deliver(

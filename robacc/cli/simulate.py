@@ -100,7 +100,7 @@ def simulate(
         tip_link=tip_link,
     )
     if output == "-":
-        sys.stdout.write(found.csv())
+        sys.stdout.writelines(found.csv_pieces())
         sys.stdout.flush()
         return
     found.write(output)

@@ -191,6 +191,26 @@ def format_poses(measurements: Measurements, joint_names: Sequence[str] | None =
     are given and none of them means something else in a pose file. Without ``attained`` the poses are planned, and no
     attained pose is among the columns.
     """
+    return "".join(pose_pieces(measurements, joint_names, attained=attained))
+
+
+def pose_pieces(
+    measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True
+) -> Iterator[str]:
+    """The text of :func:`format_poses` in pieces of some thousand rows, so that no more of it is held at once."""
+    for start in range(0, max(measurements.n, 1), _BLOCK):
+        columns = _columns(measurements.subset(slice(start, start + _BLOCK)), joint_names, attained)
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        if start == 0:
+            writer.writerow([name for name, _ in columns])
+        writer.writerows(zip(*(column for _, column in columns), strict=True))
+        yield out.getvalue()
+
+
+def _columns(
+    measurements: Measurements, joint_names: Sequence[str] | None, attained: bool
+) -> list[tuple[str, Sequence[str]]]:
     columns: list[tuple[str, Sequence[str]]] = []
     numbered = [f"q{i + 1}" for i in range(_joint_count(measurements))]
     joints = list(joint_names) if joint_names and all(map(_is_free, joint_names)) else numbered
@@ -213,11 +233,7 @@ def format_poses(measurements: Measurements, joint_names: Sequence[str] | None =
     for name, texts in zip(TEXTS, (measurements.pose, measurements.cycle, measurements.target), strict=True):
         if texts is not None:
             columns.append((name, [str(text) for text in texts]))
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([name for name, _ in columns])
-    writer.writerows(zip(*(column for _, column in columns), strict=True))
-    return out.getvalue()
+    return columns
 
 
 def _add(columns: list[tuple[str, Sequence[str]]], names: Sequence[str], values: NDArray[np.float64] | None) -> None:

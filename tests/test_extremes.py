@@ -45,6 +45,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "3 slides": (robot(3, "p"), 20, "0.02mm"),
     "slides and turns": (robot(4, "rp"), 30, "0.02mm"),
     "reach of 1 mm": (robot(6, size=2e-4), 30, "0.1um"),
+    "reach of 100 m": (robot(6, size=18.0), 30, "0.02mm"),
     "errors of 1 nm": (robot(6), 30, "0.001um"),
     "errors of 1 m": (robot(6), 30, "1m"),
     "no noise": (robot(6), 30, "0mm"),

@@ -25,6 +25,7 @@ from robacc.io.columns import (
 )
 from robacc.io.layout import Layout, listing, read_layout
 from robacc.io.open_table import Table, open_table
+from robacc.io.plausibility import lengths_too_large
 from robacc.io.pose_checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values, copies
 from robacc.measurements import Counted, Measurements, motion_between_rows
 
@@ -187,9 +188,9 @@ def _motion(values: Values, ordered: bool, counted: Counted) -> tuple[tuple[Arra
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:
     """CSV text that :func:`read_poses` reads back: every number in the fewest digits that give the same float.
 
-    Bare SI columns; orientation as a quaternion with w >= 0. A joint's name stands for ``q_i`` where ``joint_names``
-    are given and none of them means something else in a pose file. Without ``attained`` the poses are planned, and no
-    attained pose is among the columns.
+    Bare SI columns, but for positions that need their unit to be believed; orientation as a quaternion with w >= 0. A
+    joint's name stands for ``q_i`` where ``joint_names`` are given and none of them means something else in a pose
+    file. Without ``attained`` the poses are planned, and no attained pose is among the columns.
     """
     return "".join(pose_pieces(measurements, joint_names, attained=attained))
 
@@ -203,9 +204,18 @@ def pose_pieces(
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         if start == 0:
-            writer.writerow([name for name, _ in columns])
+            far = _too_far_for_bare_names(measurements)
+            writer.writerow([f"{name}_m" if name in far else name for name, _ in columns])
         writer.writerows(zip(*(column for _, column in columns), strict=True))
         yield out.getvalue()
+
+
+def _too_far_for_bare_names(measurements: Measurements) -> tuple[str, ...]:
+    """Columns whose metres a reader would take for millimetres, did their names not say the unit."""
+    positions = ((AXES, measurements.position), (COMMANDED_AXES, measurements.commanded_position))
+    return tuple(
+        name for keys, at in positions if at is not None and at.size and lengths_too_large(at) for name in keys
+    )
 
 
 def _columns(

@@ -76,8 +76,8 @@ class Columns:
     def append(self, columns: Array) -> NDArray[np.int64]:
         """Add ``(M, Q, N)`` columns; their numbers."""
         first = self.columns.shape[1]
-        cross = np.einsum("mcn,mqn->cq", self.columns, columns)
-        own = np.einsum("mcn,mqn->cq", columns, columns)
+        turned = np.swapaxes(columns, 1, 2)
+        cross, own = (self.columns @ turned).sum(axis=0), (columns @ turned).sum(axis=0)
         self.gram = np.block([[self.gram, cross], [cross.T, own]])
         self.moment = np.concatenate((self.moment, np.einsum("mqn,mn->q", columns, self.residual)))
         self.columns = np.concatenate((self.columns, columns), axis=1)

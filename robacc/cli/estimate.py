@@ -33,7 +33,7 @@ class FrameName(StrEnum):
 def estimate(
     poses: Annotated[
         list[str],
-        typer.Argument(metavar="POSES [POSES …]", help="CSV of measured poses; - reads standard input; several files."),
+        typer.Argument(metavar="POSES [POSES …]", help="CSV or Parquet of measured poses; - reads standard input."),
     ],
     robot: RobotOption = None,
     align: Annotated[

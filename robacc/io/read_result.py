@@ -15,7 +15,7 @@ from robacc.io.files import read_text, sha256_of
 from robacc.results import SCHEMA_VERSION, InputFile
 
 RESULT_LIMIT = 256 * 2**20
-"""Largest result that is read, bytes: an estimate of a million poses, whose errors make nearly all of it, fits."""
+"""Largest result that is read, bytes: an estimate of half a million poses, some 480 bytes each, fits."""
 _SCHEMA = re.compile(r"robacc\.([a-z0-9][a-z0-9-]*)/([0-9]{1,6})")
 _CUT_SHORT = re.compile(r"[-+.\w]*\s*")
 """What is left from the place of the error on where a file was cut short: nothing, or a piece of a number or word."""

@@ -26,7 +26,8 @@ def iso9283(
     poses: Annotated[
         list[str],
         typer.Argument(
-            metavar="POSES [POSES …]", help="CSV or Parquet of measured poses, one file a robot; - reads standard input."
+            metavar="POSES [POSES …]",
+            help="CSV or Parquet of measured poses, one file a robot; - reads standard input.",
         ),
     ],
     robot: RobotOption = None,

@@ -24,7 +24,9 @@ class PlainFormat(StrEnum):
     json = "json"
 
 
-PosesArgument = Annotated[str, typer.Argument(metavar="POSES", help="CSV or Parquet of measured poses; - reads standard input.")]
+PosesArgument = Annotated[
+    str, typer.Argument(metavar="POSES", help="CSV or Parquet of measured poses; - reads standard input.")
+]
 RobotOption = Annotated[
     str | None, typer.Option("--robot", metavar="FILE", help="Robot file (YAML) or URDF that commands the poses.")
 ]

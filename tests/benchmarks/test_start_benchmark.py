@@ -8,61 +8,31 @@ fails.
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
+from costs import ROBACC, ROOT, costs, report, users_environment
 
 from robacc.chain import Chain
 from robacc.io.robot_file import read_robot
 from robacc.robots.assembly import build_chain
 
-ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / "sample_data" / "robot.yaml"
-ROBACC = (sys.executable, "-m", "robacc")
 PYBOTICS_LOOP = 0.04e6
 """Poses/s of pybotics' published forward kinematics, which goes pose by pose."""
 
 pytestmark = pytest.mark.slow
 
 
-class Cost(NamedTuple):
-    """What a process alone took."""
-
-    seconds: float
-    """Of the processor."""
-    megabytes: float
-
-
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """As of a user, who has the bytecode of what is installed; the first run of a command writes it here."""
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return {**kept, "PYTHONPYCACHEPREFIX": str(tmp_path_factory.mktemp("bytecode"))}
-
-
-def costs(environment: dict[str, str], times: int, *commands: Sequence[str]) -> list[Cost]:
-    """The least that each command took in so many runs by turns; each must succeed."""
-    found: list[list[Cost]] = [[] for _ in commands]
-    for _ in range(times):
-        for command, of_command in zip(commands, found, strict=True):
-            launcher = (sys.executable, "-S", str(Path(__file__).with_name("child.py")))
-            output = subprocess.run(
-                (*launcher, *command), env=environment, cwd=ROOT, check=True, capture_output=True, text=True
-            ).stdout
-            of_command.append(Cost(*json.loads(output)))
-    return [min(of_command) for of_command in found]
-
-
-def report(capsys: pytest.CaptureFixture[str], text: str) -> None:
-    with capsys.disabled():
-        print(f"\n  {text}")
+    return users_environment(tmp_path_factory.mktemp("bytecode"))
 
 
 def make_poses(path: Path, n: int) -> None:

@@ -1,0 +1,48 @@
+"""What a command costs as a process of its own: processor time and largest memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+ROBACC = (sys.executable, "-m", "robacc")
+
+
+class Cost(NamedTuple):
+    """What a process alone took."""
+
+    seconds: float
+    """Of the processor."""
+    megabytes: float
+
+
+def users_environment(bytecode: Path) -> dict[str, str]:
+    """As of a user, who has the bytecode of what is installed; the first run of a command writes it there."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return {**kept, "PYTHONPYCACHEPREFIX": str(bytecode)}
+
+
+def costs(environment: dict[str, str], times: int, *commands: Sequence[str]) -> list[Cost]:
+    """The least that each command took in so many runs by turns; each must succeed."""
+    found: list[list[Cost]] = [[] for _ in commands]
+    for _ in range(times):
+        for command, of_command in zip(commands, found, strict=True):
+            launcher = (sys.executable, "-S", str(Path(__file__).with_name("child.py")))
+            output = subprocess.run(
+                (*launcher, *command), env=environment, cwd=ROOT, check=True, capture_output=True, text=True
+            ).stdout
+            of_command.append(Cost(*json.loads(output)))
+    return [min(of_command) for of_command in found]
+
+
+def report(capsys: pytest.CaptureFixture[str], text: str) -> None:
+    with capsys.disabled():
+        print(f"\n  {text}")

@@ -162,7 +162,8 @@ class _Solver:
         nominal = np.zeros(len(terms))
         triangle, normal = self.equations.factorise(nominal, self.weight)
         free = [i for i, term in enumerate(terms) if term.group is None]
-        found = identify(triangle[:, free], [terms[i].name for i in free], self.data.n)
+        names, units = [terms[i].name for i in free], [terms[i].unit for i in free]
+        found = identify(triangle[:, free], names, self.data.n, units)
         measured = self.equations.rows * self.data.n
         if found.kept.size >= measured and terms:
             raise InputError(

@@ -15,6 +15,9 @@ from robacc.geometry import Array
 from robacc.normal_equations import Equations, Normal, Outcome
 
 _STEPS = 40
+_DAMPINGS = (1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
+"""Of the scaled normal matrix, whose diagonal is one."""
+_FIRST_HALVINGS = 2
 _HALVINGS = 12
 _FAST = 0.1
 """Steps that shrink by at least this factor are trusted to shrink on."""
@@ -68,7 +71,14 @@ def minimise(
         step, previous = _extrapolated(step, previous, normal.gram)
         # Near the minimum rounding decides which of two costs is the lower; a full step is then still taken.
         limit = cost + 4.0 * rounding * float(np.sqrt(cost)) + rounding**2 * weight.size
-        move = _searched(equations, outcome, step, limit, weight, prior, derivative=not last)
+        move = _searched(equations, outcome, step, limit, weight, prior, derivative=not last, halvings=_FIRST_HALVINGS)
+        if move is None:
+            # Along a direction that the poses hardly show a step is as long as they are uncertain of it and leaves what
+            # is linear. Halved, it would hold up all the others; damped, only itself.
+            move = _damped(equations, outcome, normal, limit, weight, prior)
+            previous = None
+        if move is None:
+            move = _searched(equations, outcome, step, limit, weight, prior, derivative=not last)
         if move is None:
             break
         outcome, cost = move.outcome, min(move.cost, cost)
@@ -87,9 +97,9 @@ def posterior(gram: Array, prior: Array) -> Array:
     return inverse
 
 
-def _step(normal: Normal, prior: Array) -> Array:
+def _step(normal: Normal, prior: Array, damping: float = 0.0) -> Array:
     scale = 1.0 / np.sqrt(np.diag(normal.gram) + prior)
-    matrix = (normal.gram + np.diag(prior)) * scale[:, None] * scale
+    matrix = (normal.gram + np.diag(prior)) * scale[:, None] * scale + damping * np.eye(scale.size)
     step: Array = scale * np.linalg.solve(matrix, scale * (normal.gradient - prior * normal.theta))
     return step
 
@@ -110,11 +120,19 @@ def _expected(length: float, before: float | None) -> float:
 
 
 def _searched(
-    equations: Equations, present: Outcome, step: Array, limit: float, weight: Array, prior: Array, *, derivative: bool
+    equations: Equations,
+    present: Outcome,
+    step: Array,
+    limit: float,
+    weight: Array,
+    prior: Array,
+    *,
+    derivative: bool,
+    halvings: int = _HALVINGS,
 ) -> _Move | None:
     """The step, halved until the cost is within ``limit``; None where it never is."""
     columns = equations.columns
-    for halving in range(_HALVINGS):
+    for halving in range(halvings):
         share = 0.5**halving
         theta = present.theta.copy()
         theta[columns] += step * share
@@ -131,6 +149,17 @@ def _searched(
         new = float(squares + prior @ np.square(theta[columns]))
         if new <= limit:
             return _Move(outcome, normal, new, share)
+    return None
+
+
+def _damped(
+    equations: Equations, present: Outcome, normal: Normal, limit: float, weight: Array, prior: Array
+) -> _Move | None:
+    """The least damped of some Levenberg-Marquardt steps that lowers the cost; None where none does."""
+    for damping in _DAMPINGS:
+        step = _step(normal, prior, damping)
+        if (move := _searched(equations, present, step, limit, weight, prior, derivative=True, halvings=1)) is not None:
+            return move
     return None
 
 

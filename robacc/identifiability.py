@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array
 
-DEPENDENT = 1e-6
-"""A column whose part that is new is below this share of its length is dependent: model and rounding reach 1e-12, while
-the weakest combinations that measured arms show lie above 1e-4."""
+DEPENDENT = 3e-5
+"""A column whose part that is new is below this share of its length is dependent; one below this share of the longest
+of its unit tells nothing. Model and rounding reach 1e-12; registering a target on the last axis from noisy poses makes
+up levers of some micrometres, 1e-5 of an arm's reach; the weakest combinations measured arms show lie above 1e-4."""
 _NAMED = 0.05
 """A kept column is named as a partner where its share of the dependent one exceeds this."""
 
@@ -77,14 +78,23 @@ class Identifiability:
         }
 
 
-def identify(triangle: Array, names: Sequence[str], n_poses: int) -> Identifiability:
+def identify(
+    triangle: Array, names: Sequence[str], n_poses: int, units: Sequence[str] | None = None
+) -> Identifiability:
     """Decide from ``triangle`` ``(R, P)``, any matrix with the Gram matrix of the whitened Jacobian (its R factor).
+
+    Columns are compared in length with those of the same one of ``units``, where these are given.
 
     Modified Gram-Schmidt in the order of the columns: a column that is new takes its direction out of all that follow.
     Its factor is as exact as Householder's (Bjorck 1967), and the directions of columns left out never enter.
     """
     length = np.sqrt(np.sum(np.square(triangle), axis=0))
     there = length > 1e-13 * float(length.max(initial=0.0))
+    if units is not None:
+        kinds = np.array(units, dtype=str)
+        for kind in np.unique(kinds):
+            same = kinds == kind
+            there &= ~same | (length > DEPENDENT * float(length[same].max(initial=0.0)))
     rest = np.asfortranarray(triangle / np.where(there, length, 1.0))
     factor = np.zeros((triangle.shape[1], triangle.shape[1]))
     kept: list[int] = []

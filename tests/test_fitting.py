@@ -273,3 +273,19 @@ def test_more_coefficients_than_numbers_are_refused() -> None:
     data = blank("puma560").subset(np.arange(4))
     with pytest.raises(InputError, match=r"24 numbers measured \(4 poses\), too few for 2\d coefficients;"):
         fit(Model.of(arm("puma560").robot, effects("puma560", "joint_offset", "link_geometry")), data)
+
+
+@pytest.mark.parametrize("n", [300, 600])
+def test_a_direction_that_the_poses_hardly_show_does_not_hold_up_the_others(n: int) -> None:
+    # Positions of a target on the last axis: registering it makes up levers of a micrometre, along which a step is
+    # radians long. Every other coefficient still reaches its minimum, which takes its share of chi-square.
+    noise = 2e-5
+    plan = Plan(n, seed=1, noise_position=noise, orientation=False, motion=False)
+    data = simulate(arm("puma560").robot, plan).data
+    left = []
+    for names in (("base_frame", "tool_frame"), ("base_frame", "tool_frame", "joint_offset", "link_geometry")):
+        found = fit(Model.of(arm("puma560").robot, effects("puma560", *names)), data, Options(robust=False))
+        left.append((float(np.square(found.residual / noise).sum()), found.identifiability.kept.size))
+    (before, few), (after, many) = left
+    assert stats.chi2.cdf(before - after, many - few) > 1e-3
+    assert stats.chi2.sf(before - after, many - few) > 1e-3

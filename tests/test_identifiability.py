@@ -57,6 +57,12 @@ def test_the_limit_is_the_part_that_is_new(angle: float, kept: int) -> None:
         assert identify((matrix * scale)[::-1], ("one", "other"), 3).kept.size == kept
 
 
+def test_a_lever_that_no_instrument_sees_tells_nothing() -> None:
+    matrix = np.diag([1.0, DEPENDENT / 3, DEPENDENT / 3])
+    assert identify(matrix, ("a", "b", "c"), 3).kept.tolist() == [0, 1, 2]
+    assert identify(matrix, ("a", "b", "c"), 3, ("rad", "rad", "m")).kept.tolist() == [0, 2]
+
+
 def test_observability_indices_are_those_of_the_definition() -> None:
     matrix = np.diag([3.0, 5.0]) @ np.array([[1.0, 0.6], [0.0, 0.8]])
     found = identify(matrix, ("a", "b"), 16)

@@ -21,24 +21,24 @@ from robacc.report.console import say_error, say_interrupted
 from robacc.version import __version__
 
 COMMANDS = {
-    "calibrate": "Fit the named effects to measured poses and report the error before and after, fitted and held out.",
-    "check": "Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.",
-    "compare": "Stored results side by side: which differences are real, and which results demonstrate a grade.",
-    "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
     "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
-    "init": "A robot file and a CSV of measured poses to begin with, commented, from a URDF or a number of joints.",
-    "iso9283": "The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.",
-    "iso9283-poses": "The cube of ISO 9283 in an arm's workspace and its five poses, with joint angles, as a CSV.",
     "trace": (
         "Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it."
     ),
+    "calibrate": "Fit the named effects to measured poses and report the error before and after, fitted and held out.",
     "predict": "Covariances, error budget and grade to be expected from parameter tolerances.",
-    "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
-    "simulate": "A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.",
+    "iso9283": "The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.",
+    "iso9283-poses": "The cube of ISO 9283 in an arm's workspace and its five poses, with joint angles, as a CSV.",
+    "check": "Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.",
+    "compare": "Stored results side by side: which differences are real, and which results demonstrate a grade.",
     "report": "Stored results as one HTML page: story, pictures, tables, to be looked at, printed and signed.",
     "plot": "One picture of a stored result as SVG, PNG or PDF.",
-    "schema": "The JSON Schema of a command's result: every key, its unit, and which keys are always there.",
+    "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
+    "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
+    "init": "A robot file and a CSV of measured poses to begin with, commented, from a URDF or a number of joints.",
+    "simulate": "A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.",
     "export": "A model as URDF, as far as a URDF can carry it; the rest is said.",
+    "schema": "The JSON Schema of a command's result: every key, its unit, and which keys are always there.",
 }
 """Name of each command, with _ for - its module's and its function's too, and its line in ``robacc --help``."""
 

@@ -242,5 +242,5 @@ def _warnings(final: Fit, data: Measurements, held: Held | None, holdout: Measur
         warnings.append(f"{poses} too few to hold any out: every figure is of poses that were fitted")
     if final.outliers.size:
         lines = ", ".join(str(data.line(int(i))) for i in final.outliers[:10])
-        warnings.append(f"left out as no part of the rest: {final.outliers.size} row(s), on line(s) {lines}")
+        warnings.append(f"left out as no part of the rest: {final.outliers.size} row(s), on {data.counted}(s) {lines}")
     return tuple(warnings)

@@ -303,3 +303,15 @@ def seconds(call: Callable[[], object]) -> float:
     start = time.perf_counter()
     call()
     return time.perf_counter() - start
+
+
+def test_the_interval_of_a_percentile_holds_the_percentile_found() -> None:
+    outside = 0
+    for seed in range(200):
+        found = error_statistics(gaussian(30, seed), "m")
+        interval, model = found.intervals.p95, found.radius95_zero_mean.interval
+        if interval.lower is None or interval.upper is None or model.lower is None or model.upper is None:
+            continue
+        assert interval.lower <= found.p95 <= interval.upper
+        outside += not model.lower <= found.p95 <= model.upper
+    assert outside > 0

@@ -321,3 +321,10 @@ def test_paired_differences_of_the_same_errors_are_nothing_and_those_of_repeats_
     assert (none.upper, none.why) == (None, "no interval holds for the difference of two largest errors")
     _, (few,) = paired_difference(errors[:, :9], other[:, :9], "p95", (0.95,))
     assert few.why == "9 poses: too few to resample a 95th percentile"
+
+
+def test_nothing_fails_with_a_value_within_the_limit_nor_passes_with_one_beyond() -> None:
+    # Bounds of a percentile by a fitted Gaussian may leave out the percentile found.
+    above, below = normal(1.2, 0.05), normal(0.8, 0.05)
+    assert decide(criterion(1.05), 1.0, above, 30).outcome == "inconclusive"
+    assert decide(criterion(0.95), 1.0, below, 30).outcome == "inconclusive"

@@ -181,3 +181,23 @@ def test_more_rows_than_fit_are_refused_before_they_are_made() -> None:
 def test_a_circumstance_that_an_effect_needs_is_asked_for() -> None:
     with pytest.raises(UsageError, match="payload_compliance needs the column payload_kg"):
         simulate(WITH_EFFECTS, Plan(3))
+
+
+def test_with_a_clock_the_order_of_even_poses_is_drawn_and_the_poses_are_the_same() -> None:
+    plain, timed = (joint_samples(PUMA, Plan(50, seed=4, time_step=step)) for step in (None, 20.0))
+    assert not np.array_equal(plain, timed)
+    np.testing.assert_array_equal(np.sort(plain, axis=1), np.sort(timed, axis=1))
+    # An even sequence steps by a constant share of the range; in the order of a clock no step is like the next.
+    assert np.unique(np.round(np.diff(plain[0]), 4)).size < 5 < np.unique(np.round(np.diff(timed[0]), 4)).size
+
+
+def test_lengths_are_nominal_at_the_reference_temperature_and_grow_from_there() -> None:
+    def reached(temperature: float) -> np.ndarray:
+        entry = {"effect": "thermal_expansion", "reference_c": 25.0, "values": {"value": 1e-4}}
+        robot = dataclasses.replace(PUMA, effects=(entry,))
+        return simulate(robot, Plan(20, temperature=(temperature, temperature))).data.position
+
+    nominal = simulate(PUMA, Plan(20)).data.position
+    np.testing.assert_allclose(reached(25.0), nominal, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(reached(35.0) - nominal, nominal - reached(15.0), rtol=0, atol=1e-9)
+    assert np.linalg.norm(reached(35.0) - nominal, axis=0).max() > 1e-4

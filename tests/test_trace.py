@@ -11,6 +11,7 @@ import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
+from robacc.fitting import fit
 from robacc.io.fit_json import trace_payload
 from robacc.io.result_json import json_text
 from robacc.measurements import Measurements
@@ -18,7 +19,10 @@ from robacc.model import Model, predict
 from robacc.robots.description import Robot
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 from robacc.simulation import Plan, simulate
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.evidence import judge
+from robacc.tracing.held_out import Held
+from robacc.tracing.loop import SEARCH, close_loop, refit
+from robacc.tracing.trace import Trace, _reproduced, trace
 
 NOISE = 2e-5
 DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"
@@ -276,3 +280,42 @@ def test_progress_is_told() -> None:
     data, _ = case("gear")
     traced(arm("puma560").robot, data, n_folds=3, progress=lambda what, done, of: told.append((what, done, of)))
     assert told == [("searching", 0, 4), *(("cross-fitting", i, 4) for i in (1, 2, 3))]
+
+
+def test_what_fewer_than_half_of_the_folds_find_is_not_reported() -> None:
+    robot = arm("puma560").robot
+    data = measured("puma560", entry("backlash", "j2", 2e-4))
+    loop = close_loop(Model.of(robot, build(parse_requests(DECLARED), arm("puma560"), data)), data)
+    (effect,) = loop.effects
+    residual = loop.final.residual
+    for times, stays in ((2, False), (3, True)):
+        held = Held(residual, residual, {effect.key(): residual}, {effect.key(): times}, 5)
+        assert bool(_reproduced(loop, held, data).effects) is stays
+
+
+def test_the_best_of_many_is_the_best_whether_or_not_the_others_are_weighed() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        columns = rng.normal(size=(40, 60, 2)) * rng.uniform(0.1, 3.0, size=(40, 1, 2))
+        residual = rng.normal(size=60) + columns[3] @ rng.normal(size=2) * 0.05
+        blocks = np.einsum("bni,bnj->bij", columns, columns)
+        moments = np.einsum("bni,n->bi", columns, residual)
+        lengths = np.diagonal(blocks, axis1=1, axis2=2)
+        energy = float(residual @ residual)
+        shrunk = np.zeros(40, dtype=bool)
+        whole, quick = (judge(blocks, moments, lengths, energy, 60.0, shrunk, one) for one in (False, True))
+        best = int(np.argmax(whole.evidence))
+        assert int(np.argmax(quick.evidence)) == best
+        assert quick.evidence[best] == pytest.approx(whole.evidence[best], rel=1e-12)
+
+
+def test_a_refit_decides_what_can_be_told_apart_at_the_nominal_robot() -> None:
+    # Parallel axes that were fitted a little apart look as if both of two lengths along them could be found.
+    one = arm("puma560")
+    tilted = {"effect": "link_geometry", "joints": ["j2", "j3"], "values": {"j2.alpha": 2e-3, "j3.alpha": -3e-3}}
+    data = measured("puma560", tilted)
+    model = Model.of(one.robot, build(parse_requests(DECLARED), one, data))
+    found = fit(model, data, SEARCH)
+    again = refit(found, model.free, data, SEARCH)
+    assert again.identifiability.kept.tolist() == found.identifiability.kept.tolist()
+    assert np.abs(again.theta).max() < 0.1

@@ -50,20 +50,18 @@ class Selection:
         own = self.field.own(one, self.field.condition(self.chosen))
         self.chosen.append(self.field.taken(candidate, own.width))
 
-    def add(self, ranked: Ranked) -> Chosen:
+    def add(self, ranked: Ranked) -> None:
         """Take a candidate into the model; it takes the place of what it holds already."""
         self.chosen = [other for other in self.chosen if not self.field.holds(ranked.candidate, other.candidate)]
         self.chosen.append(self.field.taken(ranked.candidate, ranked.width))
-        return self._settle_order(self.chosen[-1])
+        self._settle_order(self.chosen[-1])
 
-    def _settle_order(self, one: Chosen) -> Chosen:
+    def _settle_order(self, one: Chosen) -> None:
         """Improve a searched order at once: what the grid of orders leaves of a line would look like another line."""
         effect = self.refined(one)
-        if effect.key() == one.candidate.key:
-            return one
-        better = self.field.taken(dataclasses.replace(one.candidate, effect=effect, terms=()), 0.0)
-        self.chosen[self.chosen.index(one)] = better
-        return better
+        if effect.key() != one.candidate.key:
+            better = self.field.taken(dataclasses.replace(one.candidate, effect=effect, terms=()), 0.0)
+            self.chosen[self.chosen.index(one)] = better
 
     def refined(self, one: Chosen) -> Effect:
         """A finding with its order improved off the grid, where it is a single searched order."""

@@ -82,9 +82,7 @@ def error_statistics(
     zero_mean_gaussian = assumption.shape and assumption.zero_mean and assumption.independent
     gaussian = assumption.shape and assumption.independent
     mean, covariance = np.mean(errors, axis=1), second_moment(errors)
-    centred = errors - mean[:, None]
-    # Errors that are all equal have no scatter; what their mean rounds off is none.
-    centred[np.abs(centred) <= 4 * np.finfo(float).eps * np.max(np.abs(errors))] = 0.0
+    centred = _centred(errors, mean)
     centred_covariance = second_moment(centred)
     squares = np.einsum("in,in->n", errors, errors)
     lengths = np.sqrt(squares)
@@ -178,6 +176,14 @@ def _checked(errors: Array) -> Array:
         first = int(np.argmin(finite)) + 1
         raise InputError(f"{int(np.sum(~finite))} errors are not finite numbers, the first that of pose {first}")
     return errors
+
+
+def _centred(errors: Array, mean: Array) -> Array:
+    """The errors about their mean; a component that is the same in all of them has no scatter, whatever rounds off."""
+    centred = errors - mean[:, None]
+    low, high = np.min(errors, axis=1), np.max(errors, axis=1)
+    centred[high - low <= 8 * np.finfo(float).eps * np.max(np.maximum(-low, high))] = 0.0
+    return centred
 
 
 def _sampling(n: int, groups: NDArray[Any] | None, draws: int, seed: int) -> PoseSampling:

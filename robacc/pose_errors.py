@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.geometry import Array, compose, log_so3, rotate_back, transpose
+from robacc.geometry import Array, log_between, rotate_back, transpose
 from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
@@ -127,8 +127,9 @@ def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> 
         difference = data.position[:, block] - wanted
         position[:, block] = rotate_back(turn, difference) if frame == "tool" and turn is not None else difference
         if rotation is not None and data.rotation is not None and turn is not None:
-            attained, back = data.rotation[..., block], transpose(turn)
-            rotation[:, block] = log_so3(compose(back, attained) if frame == "tool" else compose(attained, back))
+            attained = data.rotation[..., block]
+            tool = frame == "tool"
+            rotation[:, block] = log_between(*((transpose(turn), transpose(attained)) if tool else (attained, turn)))
     return PoseErrors(frame, position, rotation)
 
 

@@ -330,6 +330,31 @@ def test_what_is_no_table(read: Reader, content: bytes) -> None:
     assert BAD_FILES[content] in found
 
 
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"], ids=["LF", "CRLF"])
+def test_a_file_of_several_pieces(read: Reader, end: bytes) -> None:
+    """Some 9 MB: every row in its order, with its line, and the digest of all bytes."""
+    values = np.arange(3 * 150_000).reshape(-1, 3) / 1e6
+    rows = [b"0,%.15f,%.15f,%.15f" % tuple(row) for row in values]
+    rows[70_000] = b"# a comment"
+    content = b"q1,x_m,y_m,z_m" + end + end.join(rows)
+    data = read(content)
+    kept = np.delete(np.arange(150_000), 70_000)
+    np.testing.assert_allclose(data.position, values[kept].T, rtol=0, atol=1e-15)
+    assert data.rows is not None
+    np.testing.assert_array_equal(data.rows, kept + 2)
+    assert data.sha256 == hashlib.sha256(content).hexdigest()
+
+
+def test_a_long_line_deep_in_a_file(read: Reader) -> None:
+    rows = [b"%d,1,2,3" % (i % 7) for i in range(100_000)]
+    rows[50_000] = b"1" * ((1 << 20) + 1) + b",1,2,3"
+    assert complaints(read, b"\n".join([b"q1,x_m,y_m,z_m", *rows])) == [
+        "50002: the line is longer than 1 MB; expected one line a pose"
+    ]
+    rows[50_000] = b"1.0" + b"0" * ((1 << 20) - 20) + b",1,2,3"
+    assert read(b"\n".join([b"q1,x_m,y_m,z_m", *rows])).n == 100_000
+
+
 def test_a_file_that_cannot_be_opened(tmp_path: Path) -> None:
     for path, reason in ((tmp_path / "none.csv", "No such file"), (tmp_path, "Is a directory")):
         with pytest.raises(InputError, match=rf"{path.name}: cannot be read \({reason}"):

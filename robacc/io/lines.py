@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -14,8 +15,10 @@ from robacc.io.problem_log import ProblemLog
 
 MAX_LINE = 1 << 20
 """Bytes that a line may have: a file without line ends must not fill the memory before it is refused."""
+_PIECE = 1 << 22
+"""Bytes read at a time, and hashed by a thread of their own while their lines are parsed."""
 _BLOCK = 1 << 18
-"""Bytes read at a time: the block, its lines and its numbers stay in the second-level cache."""
+"""Bytes split at a time: the block, its lines and its numbers stay in the second-level cache."""
 _BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
@@ -36,7 +39,7 @@ class LineReader:
         """Read ``stream``; bytes that are not UTF-8 go to ``log``."""
         self._stream = stream
         self._log = log
-        self._digest = hashlib.sha256()
+        self._digest = _Digest()
         self._size = _size(stream)
         self._consumed = 0
 
@@ -56,30 +59,46 @@ class LineReader:
         Raises InputError where this is no text, or where a line is longer than :data:`MAX_LINE`.
         """
         number = 1
-        while data := self._stream.read(_BLOCK):
-            if not data.endswith(b"\n"):
-                tail = self._stream.readline(MAX_LINE)
-                data += tail
-                if len(tail) == MAX_LINE and not tail.endswith(b"\n"):
-                    message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
-                    line = number + data.count(b"\n")
-                    raise InputError(Problem(message, self._log.file, line, fix="expected one line a pose"))
-            self._digest.update(data)
-            self._consumed += len(data)
-            if (number == 1 and data.startswith(_UTF16)) or b"\0" in data:
-                message = "the file is not UTF-8 text (UTF-16, or no text)"
-                raise InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
-            block = Block(self._lines(data.removeprefix(_BOM) if number == 1 else data, number), number)
-            number += len(block.lines)
-            yield block
+        while piece := self._piece(number):
+            view, start = memoryview(piece), 0
+            while start < len(piece):
+                end = self._end_of_block(piece, start, number)
+                block = Block(self._lines(view[start:end], number), number)
+                self._consumed += end - start
+                number, start = number + len(block.lines), end
+                yield block
 
-    def _lines(self, data: bytes, first: int) -> list[str]:
-        if b"\r" in data:
-            data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    def _piece(self, number: int) -> bytes:
+        """The next bytes up to a line's end, every one of which is a line feed; empty at the end of the file."""
+        data = self._stream.read(_PIECE)
+        if data and not data.endswith(b"\n"):
+            tail = self._stream.readline(MAX_LINE)
+            data += tail
+            if len(tail) == MAX_LINE and not tail.endswith(b"\n"):
+                raise self._too_long(number + data.count(b"\n"))
+        self._digest.update(data)
+        if (number == 1 and data.startswith(_UTF16)) or b"\0" in data:
+            message = "the file is not UTF-8 text (UTF-16, or no text)"
+            raise InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
+        if number == 1:
+            data = data.removeprefix(_BOM)
+        return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
+
+    def _end_of_block(self, piece: bytes, start: int, number: int) -> int:
+        end = piece.rfind(b"\n", start, start + _BLOCK) + 1 or piece.find(b"\n", start) + 1 or len(piece)
+        if end - start > MAX_LINE:
+            raise self._too_long(number)
+        return end
+
+    def _too_long(self, line: int) -> InputError:
+        message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
+        return InputError(Problem(message, self._log.file, line, fix="expected one line a pose"))
+
+    def _lines(self, data: memoryview, first: int) -> list[str]:
         try:
-            lines = data.decode().split("\n")
+            lines = str(data, "utf-8").split("\n")
         except UnicodeDecodeError:
-            lines = [self._decode(line, number) for number, line in enumerate(data.split(b"\n"), first)]
+            lines = [self._decode(line, number) for number, line in enumerate(data.tobytes().split(b"\n"), first)]
         if not lines[-1]:
             lines.pop()  # what follows the last line's end is no line
         return lines
@@ -91,6 +110,31 @@ class LineReader:
             found = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
             self._log.add(found, number, fix="save the file as UTF-8")
             return line.decode(errors="replace")
+
+
+class _Digest:
+    """SHA-256 of bytes that come piece by piece; a large piece is taken in while the caller goes on."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+        self._running: threading.Thread | None = None
+
+    def update(self, data: bytes) -> None:
+        self._wait()
+        if len(data) < _PIECE:
+            self._hash.update(data)
+        else:
+            self._running = threading.Thread(target=self._hash.update, args=(data,))
+            self._running.start()
+
+    def hexdigest(self) -> str:
+        self._wait()
+        return self._hash.hexdigest()
+
+    def _wait(self) -> None:
+        if self._running is not None:
+            self._running.join()
+            self._running = None
 
 
 def _size(stream: BinaryIO) -> int:

@@ -198,7 +198,7 @@ class PoseSampling:
         if size < 2:
             return Interval.missing(confidence, "one commanded pose shows no scatter between poses")
         error = self.standard_error(values)
-        if error <= 1e-13 * float(np.max(np.abs(values))):
+        if error <= 1e-13 * max(-float(np.min(values)), float(np.max(values))):
             return Interval(mean, mean, mean, confidence, "no scatter")
         below, above, bound = tails(confidence)
         t_above, t_bound = student_quantile(above, size - 1.0), -student_quantile(bound, size - 1.0)

@@ -1,4 +1,4 @@
-"""What a command costs as a process of its own: processor time and largest memory."""
+"""What a command costs as a process of its own: processor time, time on the clock and largest memory."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ class Cost(NamedTuple):
 
     seconds: float
     """Of the processor."""
+    clock: float
+    """Seconds from its start to its end."""
     megabytes: float
 
 
@@ -31,7 +33,7 @@ def users_environment(bytecode: Path) -> dict[str, str]:
 
 
 def costs(environment: dict[str, str], times: int, *commands: Sequence[str]) -> list[Cost]:
-    """The least that each command took in so many runs by turns; each must succeed."""
+    """The least of each that a command took in so many runs by turns; each must succeed."""
     found: list[list[Cost]] = [[] for _ in commands]
     for _ in range(times):
         for command, of_command in zip(commands, found, strict=True):
@@ -40,7 +42,7 @@ def costs(environment: dict[str, str], times: int, *commands: Sequence[str]) -> 
                 (*launcher, *command), env=environment, cwd=ROOT, check=True, capture_output=True, text=True
             ).stdout
             of_command.append(Cost(*json.loads(output)))
-    return [min(of_command) for of_command in found]
+    return [Cost(*map(min, zip(*of_command, strict=True))) for of_command in found]
 
 
 def report(capsys: pytest.CaptureFixture[str], text: str) -> None:

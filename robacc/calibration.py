@@ -9,27 +9,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.chain import BLOCK
-from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
-from robacc.elastic_form import FormChoice, better_form, in_form
 from robacc.errors import InputError
 from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
-from robacc.fitting import Fit, Options, fit
-from robacc.folding import fold
-from robacc.gauss_newton import posterior
+from robacc.fitting.crossfit import folds, held_out, parts
+from robacc.fitting.elastic_form import FormChoice, better_form, in_form
+from robacc.fitting.folding import fold
+from robacc.fitting.gauss_newton import posterior
+from robacc.fitting.identifiability import Identifiability
+from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.parameters import Correlation, Parameter, correlations, parameters
+from robacc.fitting.parsimony import without_idle_rotations
+from robacc.fitting.registration import ALIGNABLE
+from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.sparse_prior import Kind, drawn
 from robacc.geometry import Array
-from robacc.identifiability import Identifiability
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
-from robacc.noise import LackOfFit, lack_of_fit
 from robacc.observation import residuals
-from robacc.parameters import Correlation, Parameter, correlations, parameters
-from robacc.parsimony import without_idle_rotations
-from robacc.registration import ALIGNABLE
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.sparse_prior import Kind, drawn
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.held_out import Progress
 from robacc.tracing.loop import close_loop
@@ -96,7 +96,8 @@ def calibrate(
     An effect that acts joint by joint and is named without joints is fitted on the joints where the data show it, by
     the evidence that `trace` uses; with joints in brackets, exactly there. ``priors`` are standard deviations about
     zero by coefficient name, SI (:func:`tolerance_priors`); without them, ``shrink`` draws constants of the arm that
-    are named without joints to the robot file's values where most of them do not differ (:mod:`robacc.sparse_prior`).
+    are named without joints to the robot file's values where most of them do not differ
+    (:mod:`robacc.fitting.sparse_prior`).
 
     Raises:
         InputError: the data hold a mistake, or are too few.

@@ -31,7 +31,7 @@ from robacc.statistics.records import ErrorStatistics
 
 if TYPE_CHECKING:
     from robacc.figures import ErrorFigures, PoseFigures
-    from robacc.registration import Alignment
+    from robacc.fitting.registration import Alignment
     from robacc.robots.description import Robot
 
 N_WORST = 5
@@ -112,7 +112,7 @@ def estimate(
         data: The measured poses; with no robot they must carry their commanded poses.
         robot: Commands the poses at ``data.q``, its effects included; goes before commanded poses in ``data``.
         frame: Axes of the errors; None is "tool" where the commanded orientation is known, else "base".
-        what: Of :data:`robacc.registration.ALIGNABLE`: what is fitted to the poses first.
+        what: Of :data:`robacc.fitting.registration.ALIGNABLE`: what is fitted to the poses first.
         scale: Grade scale; None is the package's own.
         confidence: Of every interval.
         seed: Of the bootstrap.
@@ -126,7 +126,7 @@ def estimate(
     chosen = _choose_frame(frame, commanded)
     alignment, unaligned = None, None
     if robot is not None and what:
-        from robacc.registration import align
+        from robacc.fitting.registration import align
 
         alignment = align(robot, data, what)
         unaligned = pose_errors(data, commanded, chosen).figures()

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 from arms import arm
 
-from robacc.crossfit import LEAST_GROUPS, folds, held_out, parts
 from robacc.effects import REGISTRY
-from robacc.fitting import fit
+from robacc.fitting.crossfit import LEAST_GROUPS, folds, held_out, parts
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.simulation import Plan, simulate

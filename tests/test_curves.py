@@ -13,7 +13,7 @@ from arms import arm, circumstances
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.elasticity import gravity_torques
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.geometry import compose as product
 from robacc.geometry import log_so3, transpose
 from robacc.measurements import Measurements

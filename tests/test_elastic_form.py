@@ -14,12 +14,12 @@ from arms import arm
 from scipy import stats
 
 import robacc.calibration
-import robacc.elastic_form
+import robacc.fitting.elastic_form
 from robacc.calibration import Calibration, calibrate
 from robacc.effects.base import REGISTRY
 from robacc.effects.request import build, parse_requests
-from robacc.elastic_form import BETTER, FormChoice, better_form, in_form
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.elastic_form import BETTER, FormChoice, better_form, in_form
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.io.fit_json import calibration_payload, trace_payload
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
@@ -90,7 +90,7 @@ def test_the_likelihood_picks_the_right_form_whatever_the_noise() -> None:
 
 def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     fits = []
-    monkeypatch.setattr(robacc.elastic_form, "fit", lambda *args: fits.append(args))
+    monkeypatch.setattr(robacc.fitting.elastic_form, "fit", lambda *args: fits.append(args))
     found = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests(ASKED), n_folds=2)
     assert not fits
     assert found.deflection is not None

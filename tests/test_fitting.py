@@ -11,13 +11,13 @@ from arms import arm
 from scipy import stats
 from scipy.optimize import least_squares
 
-import robacc.normal_equations
+import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.specification import entry_of
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
-from robacc.fitting import Options, fit
+from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
 from robacc.observation import observed_jacobian, residuals, weights
@@ -263,7 +263,7 @@ def test_order_of_rows_and_size_of_blocks_do_not_matter(monkeypatch: pytest.Monk
     order = np.random.default_rng(6).permutation(data.n)
     shuffled = fit(model, data.subset(order))
     np.testing.assert_allclose(shuffled.poses.translation, first.poses.translation[:, order], rtol=0, atol=1e-10)
-    monkeypatch.setattr(robacc.normal_equations, "BLOCK", 7)
+    monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", 7)
     blocked = fit(model, data)
     np.testing.assert_allclose(blocked.poses.translation, first.poses.translation, rtol=0, atol=1e-10)
     assert blocked.chi_square == pytest.approx(first.chi_square, rel=1e-6)

@@ -9,8 +9,8 @@ import pytest
 from arms import arm
 
 from robacc.effects import REGISTRY
-from robacc.fitting import Options, fit
-from robacc.identifiability import DEPENDENT, Dropped, identify
+from robacc.fitting.identifiability import DEPENDENT, Dropped, identify
+from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.simulation import Plan, simulate

@@ -11,7 +11,7 @@ from scipy.optimize import brentq, least_squares
 
 from robacc.effects import REGISTRY
 from robacc.errors import UsageError
-from robacc.fitting import Options, fit
+from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
 from robacc.observation import observed_jacobian, residuals, weights

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from arms import arm
 
-import robacc.normal_equations
+import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
-from robacc.fitting import Options, fit
+from robacc.fitting.normal_equations import Equations
+from robacc.fitting.solver import Options, fit
 from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.model import Model
-from robacc.normal_equations import Equations
 from robacc.simulation import Plan, simulate
 
 ORIENTATION = (True, False)
@@ -76,7 +76,7 @@ def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch:
     theta = np.full(len(Equations(model(data, *free), data).terms), 1e-4)
     results = []
     for block in (4096, 7):
-        monkeypatch.setattr(robacc.normal_equations, "BLOCK", block)
+        monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", block)
         equations = Equations(model(data, *free), data)
         weight = weights(equations, data.n)
         outcome, summed = equations.linearise(theta, weight)

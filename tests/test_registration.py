@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.closed_form import register
 from robacc.errors import InputError, UsageError
+from robacc.fitting.closed_form import register
+from robacc.fitting.registration import align
 from robacc.geometry import exp_so3, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.model import predict
-from robacc.registration import align
 from robacc.robots.description import Frame, Robot
 from robacc.simulation import Plan, simulate
 

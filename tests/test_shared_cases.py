@@ -13,11 +13,11 @@ import yaml
 
 from robacc.calibration import calibrate
 from robacc.effects.request import build, parse_requests
+from robacc.fitting.registration import align
 from robacc.io.poses_csv import read_poses
 from robacc.io.robot_file import read_robot
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
-from robacc.registration import align
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml

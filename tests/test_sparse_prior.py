@@ -11,13 +11,13 @@ import pytest
 from arms import arm
 
 from robacc.effects import REGISTRY
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.sparse_prior import drawn
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
 from robacc.robots.description import Robot
 from robacc.simulation import Plan, simulate
-from robacc.sparse_prior import drawn
 
 NOISE = 2e-5
 PLAN = Plan(60, noise_position=NOISE, orientation=False)

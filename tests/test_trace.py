@@ -11,7 +11,7 @@ import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
-from robacc.fitting import fit
+from robacc.fitting.solver import fit
 from robacc.io.fit_json import trace_payload
 from robacc.io.result_json import json_text
 from robacc.measurements import Measurements

@@ -13,7 +13,7 @@ from robacc.calibration import Calibration, tolerance_priors
 from robacc.calibration import calibrate as fit_effects
 from robacc.effects.request import parse_requests
 from robacc.errors import UsageError
-from robacc.fitting import Options
+from robacc.fitting.solver import Options
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 

@@ -28,7 +28,7 @@ def export(
     from robacc import results
     from robacc.cli.output import emit
     from robacc.errors import UsageError
-    from robacc.folding import settle
+    from robacc.fitting.folding import settle
     from robacc.io.files import sha256_of, write_text
     from robacc.io.robot_file import read_robot
     from robacc.report.console import say_warnings

@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.calibration import Calibration
-from robacc.elastic_form import BETTER, FormChoice
 from robacc.figures import Gain, Residuals
-from robacc.fitting import Fit
+from robacc.fitting.elastic_form import BETTER, FormChoice
+from robacc.fitting.identifiability import Identifiability
+from robacc.fitting.noise import LackOfFit
+from robacc.fitting.parameters import Parameter
+from robacc.fitting.solver import Fit
+from robacc.fitting.sparse_prior import Kind
 from robacc.geometry import Array
-from robacc.identifiability import Identifiability
 from robacc.io.pose_json import curve_document, pose_document, robot_document
 from robacc.io.stage_json import Errors, stage_document
 from robacc.measurements import Measurements
-from robacc.noise import LackOfFit
-from robacc.parameters import Parameter
 from robacc.robots.description import Robot
-from robacc.sparse_prior import Kind
 from robacc.tracing.competition import Ranked
 from robacc.tracing.findings import Finding
 from robacc.tracing.trace import Trace
@@ -67,7 +67,7 @@ def trace_payload(
 
     ``seed`` is of what intervals draw at random.
     """
-    from robacc.parameters import parameters
+    from robacc.fitting.parameters import parameters
 
     return {
         "n_poses": data.n,

@@ -8,6 +8,7 @@ import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.estimation import check_call
+from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
 from robacc.iso_9283.distance_criteria import distance_criteria
 from robacc.iso_9283.drift import drift
@@ -17,7 +18,6 @@ from robacc.iso_9283.records import Characteristic, Iso9283Result
 from robacc.iso_9283.visits import CommandedPose, shifting_commands, visits_of
 from robacc.measurements import Measurements
 from robacc.pose_errors import Commanded, commanded_poses
-from robacc.registration import Alignment
 from robacc.robots.description import Robot
 from robacc.statistics.multivariate import assumption_tests
 
@@ -43,7 +43,7 @@ def iso9283(
         files: Measured poses, at least one file of them. Without a robot, and without commanded poses in a file, there
             is no accuracy, but repeatability.
         robot: Commands the poses of every file at its q, its effects included; goes before commanded poses in the file.
-        what: Of :data:`robacc.registration.ALIGNABLE`: what is fitted to each file's poses first.
+        what: Of :data:`robacc.fitting.registration.ALIGNABLE`: what is fitted to each file's poses first.
         confidence: Of every interval.
         seed: Of the bootstrap.
         windows: Parts that each pose's visits are cut into for the drift; None: as many as have ten visits.
@@ -137,7 +137,7 @@ def _alignments(files: Sequence[Measurements], robot: Robot | None, what: Sequen
     """The alignment of each file; none where nothing is to be aligned."""
     if robot is None or not what:
         return []
-    from robacc.registration import align
+    from robacc.fitting.registration import align
 
     return [align(robot, data, what) for data in files]
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from robacc.fitting.registration import Alignment
 from robacc.geometry import Array
 from robacc.iso_9283.visits import CommandedPose
-from robacc.registration import Alignment
 from robacc.statistics.intervals import Interval
 
 Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
+from robacc.fitting.registration import Alignment, align
 from robacc.measurements import Measurements
 from robacc.model import predict
 from robacc.observation import residuals
@@ -16,7 +17,6 @@ from robacc.prediction.components import Components, variance_components
 from robacc.prediction.consistency import Consistency, consistency
 from robacc.prediction.evidence import Evidence, gather_evidence
 from robacc.prediction.parameters import Parameter
-from robacc.registration import Alignment, align
 from robacc.robots.description import Robot
 
 _FEWEST_ALIGNED = 3

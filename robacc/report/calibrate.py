@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator
 from typing import TextIO
 
 from robacc.calibration import Calibration
+from robacc.fitting.sparse_prior import Kind
 from robacc.measurements import Measurements
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
 from robacc.report.numbers import p_value, three_digits
 from robacc.report.stages import deflection, gain_line, stages
-from robacc.sparse_prior import Kind
 
 _IN_MM = 1e3
 _SHOWN = 60

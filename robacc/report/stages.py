@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from robacc.elastic_form import BETTER, FormChoice
 from robacc.figures import Gain, PoseFigures, Stage
+from robacc.fitting.elastic_form import BETTER, FormChoice
 from robacc.report.layout import Line, columns
 from robacc.report.numbers import three_digits
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import TextIO
 
-from robacc.parameters import Parameter
+from robacc.fitting.parameters import Parameter
 from robacc.report.console import width_of, write_lines
 from robacc.report.detection import draw_detection
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped

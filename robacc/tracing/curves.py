@@ -26,7 +26,7 @@ from robacc.chain import BLOCK
 from robacc.effects.base import Effect, Term
 from robacc.effects.joint_offset import JointOffset
 from robacc.errors import RobaccError
-from robacc.fitting import Fit
+from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.model import Model

@@ -9,12 +9,12 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
-from robacc.elastic_form import in_form
 from robacc.errors import RobaccError
 from robacc.figures import pose_figures
-from robacc.fitting import Fit
+from robacc.fitting.elastic_form import in_form
+from robacc.fitting.parameters import Parameter, parameters
+from robacc.fitting.solver import Fit
 from robacc.measurements import Measurements
-from robacc.parameters import Parameter, parameters
 from robacc.tracing.competition import Chosen
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.held_out import Held

@@ -15,17 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.crossfit import folds, held_out, parts
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
-from robacc.elastic_form import better_form, in_form
 from robacc.errors import InputError
-from robacc.fitting import Fit, Options
+from robacc.fitting.crossfit import folds, held_out, parts
+from robacc.fitting.elastic_form import better_form, in_form
+from robacc.fitting.parsimony import without_idle_rotations
+from robacc.fitting.registration import ALIGNABLE
+from robacc.fitting.solver import Fit, Options
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.observation import residuals
-from robacc.parsimony import without_idle_rotations
-from robacc.registration import ALIGNABLE
 from robacc.tracing.competition import Chosen
 from robacc.tracing.loop import SEARCH, Loop, choose, refit
 from robacc.tracing.rivals import rivals

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.effects.transmission_error import TransmissionError
-from robacc.parameters import Parameter
+from robacc.fitting.parameters import Parameter
 from robacc.tracing.candidates import Candidate, Waves
 from robacc.tracing.competition import Chosen
 from robacc.tracing.selection import Selection

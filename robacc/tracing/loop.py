@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.transmission_error import TransmissionError
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.registration import ALIGNABLE
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.observation import observed_jacobian, residuals
-from robacc.registration import ALIGNABLE
 from robacc.tracing.candidates import (
     ORDER_STEP,
     Batch,

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.closed_form import register
 from robacc.errors import InputError, RobaccError
+from robacc.fitting.closed_form import register
 from robacc.geometry import quaternion_from_rotation, rotation_from_quaternion
 from robacc.measurements import Measurements
 from robacc.model import predict

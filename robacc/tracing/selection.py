@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
-from robacc.registration import ALIGNABLE
+from robacc.fitting.registration import ALIGNABLE
 from robacc.tracing.candidates import ORDER_STEP, Candidate
 from robacc.tracing.competition import Chosen, Competition, Ranked
 

@@ -10,15 +10,15 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.elastic_form import FormChoice, better_form
 from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
-from robacc.fitting import Fit, Options
-from robacc.folding import fold
+from robacc.fitting.elastic_form import FormChoice, better_form
+from robacc.fitting.folding import fold
+from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.parsimony import without_idle_rotations
+from robacc.fitting.solver import Fit, Options
 from robacc.measurements import Measurements
 from robacc.model import Model, predict
-from robacc.noise import LackOfFit, lack_of_fit
 from robacc.observation import residuals
-from robacc.parsimony import without_idle_rotations
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.detection import DetectionLimit, detection_limits

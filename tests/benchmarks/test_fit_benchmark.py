@@ -16,7 +16,7 @@ from arms import arm
 from scipy.optimize import least_squares
 
 from robacc.effects import REGISTRY
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.observation import observed_jacobian, residuals, weights

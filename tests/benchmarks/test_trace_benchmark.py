@@ -9,7 +9,7 @@ import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
-from robacc.fitting import fit
+from robacc.fitting.solver import fit
 from robacc.model import Model
 from robacc.simulation import Plan, simulate
 from robacc.tracing.loop import close_loop

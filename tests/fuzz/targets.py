@@ -95,7 +95,7 @@ def _robot(path: str) -> None:
     import numpy as np
 
     from robacc.errors import RobaccError
-    from robacc.folding import settle
+    from robacc.fitting.folding import settle
     from robacc.io.robot_file import read_robot
     from robacc.robots.assembly import build_chain
     from robacc.robots.yamlspec import parse_robot, robot_to_yaml

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.errors import EquilibriumError
+from robacc.fitting.normal_equations import Equations, Normal, Outcome
 from robacc.geometry import Array
-from robacc.normal_equations import Equations, Normal, Outcome
 
 _STEPS = 40
 _DAMPINGS = (1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)

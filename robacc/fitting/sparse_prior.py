@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 

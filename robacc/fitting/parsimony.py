@@ -13,7 +13,7 @@ import dataclasses
 import numpy as np
 
 from robacc.effects.link_geometry import LinkGeometry
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.statistics.distributions import chi2_sf

@@ -14,18 +14,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc import misfit as misfits
-from robacc.closed_form import register
 from robacc.effects.base import Term
 from robacc.errors import InputError
-from robacc.gauss_newton import minimise, posterior
+from robacc.fitting import misfit as misfits
+from robacc.fitting.closed_form import register
+from robacc.fitting.gauss_newton import minimise, posterior
+from robacc.fitting.identifiability import Dropped, Identifiability, identify
+from robacc.fitting.normal_equations import Equations, Normal
+from robacc.fitting.shrinkage import Priors
 from robacc.geometry import Array, Poses
-from robacc.identifiability import Dropped, Identifiability, identify
 from robacc.measurements import Measurements
 from robacc.model import Model
-from robacc.normal_equations import Equations, Normal
 from robacc.observation import Noise
-from robacc.shrinkage import Priors
 
 _REWEIGHTINGS = 6
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robacc.effects.specification import Known, entry_of, known_effects
-from robacc.fitting import Fit
+from robacc.fitting.solver import Fit
 from robacc.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from robacc.effects import effect_class
 from robacc.errors import UsageError
-from robacc.fitting import Options, fit
-from robacc.folding import fold
+from robacc.fitting.folding import fold
+from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.robots.arm import Arm

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Term
-from robacc.gauss_newton import posterior
+from robacc.fitting.gauss_newton import posterior
+from robacc.fitting.normal_equations import Normal
 from robacc.geometry import Array
-from robacc.normal_equations import Normal
 
 _ROUNDS = 60
 _SETTLED = 1e-3

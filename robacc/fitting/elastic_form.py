@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.effects.elastic import Elastic, Form
-from robacc.fitting import Fit, Options, fit
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.model import Model
 from robacc.observation import residuals

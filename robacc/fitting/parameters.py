@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.fitting import Fit
-from robacc.folding import fold
+from robacc.fitting.folding import fold
+from robacc.fitting.registration import frame_parameters
+from robacc.fitting.solver import Fit
 from robacc.geometry import Array
-from robacc.registration import frame_parameters
 from robacc.robots.description import Frame, Robot
 
 CORRELATED = 0.9

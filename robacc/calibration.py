@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robacc.accuracy.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.chain import BLOCK
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
 from robacc.errors import InputError
-from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting.crossfit import folds, held_out, parts
 from robacc.fitting.elastic_form import FormChoice, better_form, in_form
 from robacc.fitting.folding import fold

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robacc.accuracy.estimation import estimate
+from robacc.accuracy.pose_errors import Commanded, commanded_poses, pose_errors
 from robacc.errors import InputError, UsageError
-from robacc.estimation import estimate
 from robacc.measurements import Measurements
 from robacc.model import predict
-from robacc.pose_errors import Commanded, commanded_poses, pose_errors
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 
 N = 40
@@ -99,7 +99,7 @@ def test_blocks_do_not_show(
 ) -> None:
     data = known[0]
     whole = pose_errors(data, commanded_poses(data, None), "tool")
-    monkeypatch.setattr("robacc.pose_errors._BLOCK", 7)
+    monkeypatch.setattr("robacc.accuracy.pose_errors._BLOCK", 7)
     parts = pose_errors(data, commanded_poses(data, None), "tool")
     np.testing.assert_array_equal(whole.position, parts.position)
     np.testing.assert_array_equal(whole.rotation, parts.rotation)

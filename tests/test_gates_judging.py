@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robacc.covariance import error_statistics
+from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.grading import default_scale, grade
 from robacc.gates.evidence import Missing, figure, found_at, sample, word
 from robacc.gates.gate_file import load_gate
 from robacc.gates.judging import GateOutcome, Judged, judge
-from robacc.grading import default_scale, grade
 from robacc.io.gate_json import gate_document
 from robacc.io.result_json import json_text
 from robacc.io.statistics_json import grade_document, statistics_document

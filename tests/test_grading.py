@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from robacc.covariance import error_statistics
+from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.grade_scale import Scale, Step, default_scale, load_scale
+from robacc.accuracy.grading import Grade, grade
 from robacc.errors import InputError, UsageError
-from robacc.grade_scale import Scale, Step, default_scale, load_scale
-from robacc.grading import Grade, grade
 from robacc.statistics.confidence import ChiSquareCurve
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robacc.estimation import estimate
+from robacc.accuracy.estimation import estimate
 from robacc.io.poses_csv import read_poses
 from robacc.io.robot_file import read_robot
 

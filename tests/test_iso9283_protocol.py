@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robacc.accuracy.pose_errors import Commanded
 from robacc.iso_9283.collecting import absent
 from robacc.iso_9283.cube import five_points
 from robacc.iso_9283.drift import drift
@@ -17,7 +18,6 @@ from robacc.iso_9283.protocol import protocol
 from robacc.iso_9283.records import Condition
 from robacc.iso_9283.visits import visits_of
 from robacc.measurements import Measurements, motion_between_rows
-from robacc.pose_errors import Commanded
 from robacc.robots.description import Frame, Robot
 
 

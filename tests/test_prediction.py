@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from robacc.accuracy.grading import default_scale
 from robacc.chain import BLOCK
 from robacc.errors import InputError, UsageError
-from robacc.grading import default_scale
 from robacc.io.robot_file import read_robot
 from robacc.measurements import Measurements
 from robacc.prediction.allocation import allocate

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from robacc.accuracy.estimation import EstimateResult
+from robacc.accuracy.estimation import estimate as estimated
+from robacc.accuracy.pose_errors import ErrorFrame
 from robacc.api.inputs import StrPath, poses_of, robot_of, scale_of
 from robacc.api.result import Made, Result, names, one_of, parts, within
-from robacc.estimation import EstimateResult
-from robacc.estimation import estimate as estimated
 from robacc.measurements import Measurements
-from robacc.pose_errors import ErrorFrame
 
 if TYPE_CHECKING:
     from robacc.robots.description import Robot
@@ -30,9 +30,9 @@ class Estimate(Result, EstimateResult):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys; arrays stay arrays."""
-        from robacc.error_frames import position_moments
+        from robacc.accuracy.error_frames import position_moments
+        from robacc.accuracy.pose_errors import commanded_poses
         from robacc.io.estimate_json import payload, pose_payload
-        from robacc.pose_errors import commanded_poses
 
         aligned = self.robot if self.alignment is None else self.alignment.robot
         moments = position_moments(self.data, commanded_poses(self.data, aligned))

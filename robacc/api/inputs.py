@@ -16,7 +16,7 @@ from robacc.results import InputFile
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
-    from robacc.grade_scale import Scale
+    from robacc.accuracy.grade_scale import Scale
 
 StrPath = str | os.PathLike[str]
 STDIN = "-"
@@ -149,7 +149,7 @@ def scale_of(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]
     """
     if path is None:
         return None, ()
-    from robacc.grade_scale import load_scale
+    from robacc.accuracy.grade_scale import load_scale
     from robacc.io.files import read_text, sha256_of
 
     name = os.fspath(path)

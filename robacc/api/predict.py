@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from robacc.accuracy.grade_scale import default_scale
 from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of, scale_of
 from robacc.api.result import Made, Result, names, parts, within
 from robacc.errors import UsageError
 from robacc.geometry import Array
-from robacc.grade_scale import default_scale
 from robacc.measurements import Measurements
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.allocation import Allocation

@@ -77,8 +77,8 @@ def estimate_each(paths: Sequence[str], asked: Asked, outlets: Outlets, per_pose
 
 def _check_call(paths: Sequence[str], asked: Asked, per_pose: str | None) -> None:
     """What is wrong for every file is said once, before the first of them."""
+    from robacc.accuracy.estimation import check_call
     from robacc.api.inputs import robot_of, scale_of
-    from robacc.estimation import check_call
 
     if "-" in paths:
         raise UsageError("standard input is one file and has no name for a table: give - alone")

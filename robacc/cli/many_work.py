@@ -12,9 +12,9 @@ from robacc.errors import InputError, Problem, RobaccError
 from robacc.outcomes import FileOutcome, Headline
 
 if TYPE_CHECKING:
+    from robacc.accuracy.pose_errors import ErrorFrame
     from robacc.api.estimate import Estimate
     from robacc.gates.judging import GateOutcome
-    from robacc.pose_errors import ErrorFrame
 
 
 class Asked(NamedTuple):

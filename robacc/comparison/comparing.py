@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
+from robacc.accuracy.grade_scale import Scale
 from robacc.comparison.differences import RESAMPLED, VECTORIAL, Difference, difference
 from robacc.comparison.from_intervals import from_intervals
 from robacc.comparison.pairing import Pairing, pair
@@ -14,7 +15,6 @@ from robacc.comparison.standing import Standing, chosen_scale, standings
 from robacc.comparison.subject import Figure, Subject, split_key
 from robacc.comparison.warning import made_differently, notes
 from robacc.errors import UsageError
-from robacc.grade_scale import Scale
 
 RANKED_BY = "position.rms"
 _SIGNED = frozenset(f"mean_{axis}" for axis in "xyz")

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from robacc.accuracy.grade_scale import STATISTICS, Scale, Step
 from robacc.comparison.document import Document
 from robacc.comparison.subject import ErrorSet, Figure, Poses, Subject
 from robacc.errors import InputError, UsageError
-from robacc.grade_scale import STATISTICS, Scale, Step
 
 FITS = ("calibrate", "trace")
 COMPARED = ("estimate", *FITS, "predict", "iso9283")

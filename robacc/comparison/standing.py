@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.grade_scale import Scale, default_scale
+from robacc.accuracy.grading import Grade, grade
 from robacc.comparison.pairing import whole
 from robacc.comparison.subject import Subject
-from robacc.covariance import error_statistics
 from robacc.errors import UsageError
-from robacc.grade_scale import Scale, default_scale
-from robacc.grading import Grade, grade
 from robacc.statistics.records import ErrorStatistics, Unit
 
 Verdict = Literal["demonstrated", "met, not demonstrated", "not met"]

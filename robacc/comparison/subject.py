@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.grade_scale import Scale
 from robacc.geometry import Array
-from robacc.grade_scale import Scale
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
+from robacc.accuracy.grade_scale import Scale
 from robacc.comparison.standing import Standing
 from robacc.comparison.subject import Subject
-from robacc.grade_scale import Scale
 
 _CONSEQUENCES = {
     "frame": "lengths can be compared, components cannot, and are left out",

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from robacc.error_frames import Moments
-from robacc.estimation import EstimateResult, WorstPose
+from robacc.accuracy.error_frames import Moments
+from robacc.accuracy.estimation import EstimateResult, WorstPose
+from robacc.accuracy.pose_errors import ErrorFrame
 from robacc.geometry import Array
 from robacc.io.pose_json import pose_document, robot_document, rounded
 from robacc.io.statistics_json import figures_document, grade_document, statistics_document
 from robacc.measurements import Measurements
-from robacc.pose_errors import ErrorFrame
 from robacc.robots.description import Robot
 
 

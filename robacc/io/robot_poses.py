@@ -6,10 +6,10 @@ import os
 
 import numpy as np
 
+from robacc.accuracy.pose_errors import commanded_poses
 from robacc.io.plausibility import check_scale
 from robacc.io.poses_csv import read_poses
 from robacc.measurements import Measurements
-from robacc.pose_errors import commanded_poses
 from robacc.robots.description import Robot
 
 _CHECKED = 2000

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robacc.accuracy.estimation import check_call
+from robacc.accuracy.pose_errors import Commanded, commanded_poses
 from robacc.errors import InputError, Problem, UsageError
-from robacc.estimation import check_call
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
 from robacc.iso_9283.distance_criteria import distance_criteria
@@ -17,7 +18,6 @@ from robacc.iso_9283.protocol import protocol
 from robacc.iso_9283.records import Characteristic, Iso9283Result
 from robacc.iso_9283.visits import CommandedPose, shifting_commands, visits_of
 from robacc.measurements import Measurements
-from robacc.pose_errors import Commanded, commanded_poses
 from robacc.robots.description import Robot
 from robacc.statistics.multivariate import assumption_tests
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.pose_errors import Commanded
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
-from robacc.pose_errors import Commanded
 
 _POLE = np.cos(np.deg2rad(80.0))
 """cos(b) below which a deviation of a or c is six times the turn that makes it, and more."""

@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
+from robacc.accuracy.grading import Scale
 from robacc.errors import UsageError
 from robacc.geometry import Array
-from robacc.grading import Scale
 from robacc.prediction.configurations import Configurations
 from robacc.prediction.covariances import PoseCovariances, pose_covariances
 from robacc.prediction.lengths import (

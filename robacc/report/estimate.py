@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, TextIO
 
-from robacc.estimation import EstimateResult, WorstPose
+from robacc.accuracy.estimation import EstimateResult, WorstPose
+from robacc.accuracy.grading import Grade
 from robacc.geometry import Array
-from robacc.grading import Grade
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, beside, columns, heading, items
 from robacc.report.numbers import chance, decimals, exponent_of_thousand, fixed, p_value, three_digits
@@ -18,7 +18,7 @@ from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, MatrixInterval
 
 if TYPE_CHECKING:
-    from robacc.figures import ErrorFigures
+    from robacc.accuracy.figures import ErrorFigures
 
 _IN_MM = 1e3
 _IN_DEGREES = 180.0 / math.pi

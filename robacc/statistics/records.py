@@ -1,4 +1,4 @@
-"""What :func:`robacc.covariance.error_statistics` returns: numbers, their intervals, and how they were had."""
+"""What :func:`robacc.accuracy.covariance.error_statistics` returns: numbers, their intervals, and how they were had."""
 
 from __future__ import annotations
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robacc.accuracy.figures import pose_figures
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import RobaccError
-from robacc.figures import pose_figures
 from robacc.fitting.elastic_form import in_form
 from robacc.fitting.parameters import Parameter, parameters
 from robacc.fitting.solver import Fit

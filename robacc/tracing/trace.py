@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.figures import Gain, Residuals, Stage, paired_gain, pose_figures
+from robacc.accuracy.figures import Gain, Residuals, Stage, paired_gain, pose_figures
 from robacc.fitting.elastic_form import FormChoice, better_form
 from robacc.fitting.folding import fold
 from robacc.fitting.noise import LackOfFit, lack_of_fit

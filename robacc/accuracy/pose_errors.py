@@ -24,7 +24,7 @@ from robacc.geometry import Array, log_between, rotate_back, transpose
 from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
-    from robacc.figures import PoseFigures
+    from robacc.accuracy.figures import PoseFigures
     from robacc.robots.description import Robot
 
 ErrorFrame = Literal["tool", "base"]
@@ -65,7 +65,7 @@ class PoseErrors:
 
     def figures(self) -> PoseFigures:
         """Root mean square, mean, 95th percentile and maximum of the lengths."""
-        from robacc.figures import pose_figures
+        from robacc.accuracy.figures import pose_figures
 
         return pose_figures(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robacc.accuracy.pose_errors import Commanded, ErrorFrame, pose_errors
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.pose_errors import Commanded, ErrorFrame, pose_errors
 
 
 @dataclass(frozen=True, slots=True)

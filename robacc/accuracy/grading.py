@@ -4,7 +4,7 @@ A grade is given by the estimate of one stated statistic of the error's length. 
 one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can earn a grade, not
 prove it. The probability of each grade is the confidence that lies between its limits and the next better one's
 (:mod:`robacc.statistics.confidence`), so a demonstrated grade, or a better one, has at least the scale's confidence.
-:mod:`robacc.grade_scale` reads the scales.
+:mod:`robacc.accuracy.grade_scale` reads the scales.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from robacc.accuracy.grade_scale import Scale, Step, default_scale, load_scale
 from robacc.errors import UsageError
-from robacc.grade_scale import Scale, Step, default_scale, load_scale
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, Statistic, Unit
 

@@ -1,6 +1,6 @@
 """How far the arm was from where it was to be, and what the errors together say: equations (3)-(5), (13) and (14).
 
-The error of each pose is :mod:`robacc.pose_errors`', the statistics are :mod:`robacc.covariance`'s.
+The error of each pose is :mod:`robacc.accuracy.pose_errors`', the statistics are :mod:`robacc.accuracy.covariance`'s.
 """
 
 from __future__ import annotations
@@ -12,12 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.covariance import error_statistics
-from robacc.errors import UsageError
-from robacc.geometry import Array
-from robacc.grading import Grade, Scale, default_scale, grade
-from robacc.measurements import Measurements
-from robacc.pose_errors import (
+from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.grading import Grade, Scale, default_scale, grade
+from robacc.accuracy.pose_errors import (
     Commanded,
     CommandSource,
     ErrorFrame,
@@ -27,10 +24,13 @@ from robacc.pose_errors import (
     pose_errors,
     rms_length,
 )
+from robacc.errors import UsageError
+from robacc.geometry import Array
+from robacc.measurements import Measurements
 from robacc.statistics.records import ErrorStatistics
 
 if TYPE_CHECKING:
-    from robacc.figures import ErrorFigures, PoseFigures
+    from robacc.accuracy.figures import ErrorFigures, PoseFigures
     from robacc.fitting.registration import Alignment
     from robacc.robots.description import Robot
 
@@ -208,7 +208,7 @@ def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ..
     names, index = np.unique(data.target, return_inverse=True)
     if names.size < 2:
         return ()
-    from robacc.figures import pose_figures
+    from robacc.accuracy.figures import pose_figures
 
     return tuple(
         TargetErrors(str(name), int(np.sum(index == i)), pose_figures(errors.position[:, index == i]).position)

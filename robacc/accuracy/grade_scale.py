@@ -50,7 +50,7 @@ def default_scale() -> Scale:
 
     # Not importlib.resources, which loads zipfile and more: 3 ms of the 150 that an estimate may take. And libyaml, if
     # it is there, takes a tenth of the time; but it ends the process where a file is nested too deeply.
-    path = Path(__file__).with_name("data") / "grades" / "default.yaml"
+    path = Path(__file__).parents[1] / "data" / "grades" / "default.yaml"
     text = path.read_text(encoding="utf-8")
     return _scale_of(yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), path.name)
 

@@ -1,0 +1,1 @@
+"""How far the arm was from where it was to be: errors of poses, their figures and statistics, the grade."""

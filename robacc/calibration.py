@@ -26,8 +26,8 @@ from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import Kind, drawn
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
-from robacc.observation import residuals
+from robacc.modelling.model import Model, predict
+from robacc.modelling.observation import residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.curves import Curve, curves

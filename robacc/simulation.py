@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.description import Robot
 from robacc.robots.summary import low_discrepancy
 

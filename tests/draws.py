@@ -21,8 +21,8 @@ from robacc.effects.transmission_error import TransmissionError
 from robacc.fitting.solver import Fit, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import observed_jacobian
+from robacc.modelling.model import Model
+from robacc.modelling.observation import observed_jacobian
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.simulation import Plan, simulate

@@ -19,7 +19,7 @@ from robacc.effects.request import parse_requests
 from robacc.io.poses_csv import read_poses
 from robacc.io.robot_file import read_robot
 from robacc.measurements import Measurements
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 from robacc.simulation import Plan, simulate
 

@@ -17,7 +17,7 @@ from robacc.cli.main import app
 from robacc.effects import REGISTRY
 from robacc.io.poses_csv import read_poses
 from robacc.io.robot_file import read_robot
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.simulation import Plan, simulate
 
 ROOT = Path(__file__).resolve().parents[1]

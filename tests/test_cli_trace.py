@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 from robacc.cli.main import app
 from robacc.io.poses_csv import read_poses
 from robacc.io.robot_file import read_robot
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.yamlspec import robot_to_yaml
 
 DECLARED = "base_frame,tool_frame,joint_offset"

@@ -11,7 +11,7 @@ from robacc.effects import REGISTRY
 from robacc.fitting.crossfit import LEAST_GROUPS, folds, held_out, parts
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.simulation import Plan, simulate
 
 

@@ -12,13 +12,13 @@ from arms import arm, circumstances
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
-from robacc.elasticity import gravity_torques
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.geometry import compose as product
 from robacc.geometry import log_so3, transpose
+from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
-from robacc.observation import residuals
+from robacc.modelling.model import Model, predict
+from robacc.modelling.observation import residuals
 from robacc.robots.description import Frame
 from robacc.tracing.curves import Curve, curves
 from robacc.tracing.drivers import _DRIVERS

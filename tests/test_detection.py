@@ -17,8 +17,8 @@ from robacc.effects.base import effect_class
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import entry_of
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
-from robacc.observation import observed_jacobian
+from robacc.modelling.model import Model, predict
+from robacc.modelling.observation import observed_jacobian
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.loop import Loop, close_loop
 from robacc.tracing.selection import FALSE_ALARM

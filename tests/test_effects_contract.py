@@ -16,7 +16,7 @@ from robacc.effects.elastic import Elastic
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
+from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 

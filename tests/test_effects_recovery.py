@@ -15,7 +15,7 @@ from robacc.effects.base import Effect
 from robacc.effects.specification import entry_of
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
+from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.simulation import Plan, simulate

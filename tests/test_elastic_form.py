@@ -22,7 +22,7 @@ from robacc.fitting.elastic_form import BETTER, FormChoice, better_form, in_form
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.io.fit_json import calibration_payload, trace_payload
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
+from robacc.modelling.model import Model, predict
 from robacc.report.calibrate import draw_calibration
 from robacc.report.trace import draw_trace
 from robacc.robots.description import Robot

@@ -12,7 +12,7 @@ from robacc.accuracy.estimation import estimate
 from robacc.accuracy.pose_errors import Commanded, commanded_poses, pose_errors
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 
 N = 40

@@ -19,8 +19,8 @@ from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
-from robacc.observation import observed_jacobian, residuals, weights
+from robacc.modelling.model import Model, predict
+from robacc.modelling.observation import observed_jacobian, residuals, weights
 from robacc.robots.description import Frame, Robot
 from robacc.simulation import Plan, simulate
 

@@ -12,7 +12,7 @@ from robacc.effects import REGISTRY
 from robacc.fitting.identifiability import DEPENDENT, Dropped, identify
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.simulation import Plan, simulate
 
 GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")

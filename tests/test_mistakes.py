@@ -16,7 +16,7 @@ from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.geometry import exp_so3, quaternion_from_rotation, rotation_from_quaternion
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yamlspec import robot_to_yaml
 from robacc.simulation import Plan, simulate

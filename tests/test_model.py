@@ -13,8 +13,8 @@ from robacc.effects import REGISTRY
 from robacc.errors import UsageError
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
-from robacc.observation import observed_jacobian, residuals, weights
+from robacc.modelling.model import Model, predict
+from robacc.modelling.observation import observed_jacobian, residuals, weights
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 from robacc.simulation import Plan, simulate
 

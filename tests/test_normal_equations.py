@@ -14,7 +14,7 @@ from robacc.fitting.normal_equations import Equations
 from robacc.fitting.solver import Options, fit
 from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.simulation import Plan, simulate
 
 ORIENTATION = (True, False)

@@ -15,7 +15,7 @@ from robacc.errors import InputError, UsageError
 from robacc.geometry import Array, compose, exp_so3
 from robacc.io.robot_file import read_robot
 from robacc.measurements import Measurements
-from robacc.observation import residuals
+from robacc.modelling.observation import residuals
 from robacc.prediction.comparison import compare_with_measured
 from robacc.prediction.components import bartlett_mean, variance_components
 from robacc.prediction.configurations import sampled_configurations

@@ -13,7 +13,7 @@ from robacc.fitting.closed_form import register
 from robacc.fitting.registration import align
 from robacc.geometry import exp_so3, rpy_from_rotation
 from robacc.measurements import Measurements
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
 from robacc.simulation import Plan, simulate
 

@@ -17,7 +17,7 @@ from robacc.fitting.registration import align
 from robacc.io.poses_csv import read_poses
 from robacc.io.robot_file import read_robot
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
+from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
 from robacc.io.poses_csv import format_poses
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.description import Robot
 from robacc.simulation import Plan, joint_samples, simulate
 

@@ -15,7 +15,7 @@ from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import drawn
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
+from robacc.modelling.model import Model, predict
 from robacc.robots.description import Robot
 from robacc.simulation import Plan, simulate
 

@@ -15,7 +15,7 @@ from robacc.fitting.solver import fit
 from robacc.io.fit_json import trace_payload
 from robacc.io.result_json import json_text
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
+from robacc.modelling.model import Model, predict
 from robacc.robots.description import Robot
 from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 from robacc.simulation import Plan, simulate

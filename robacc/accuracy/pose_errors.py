@@ -103,7 +103,7 @@ def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
             return poses.translation, poses.rotation
 
         return Commanded("robot", True, block)
-    from robacc.model import predict
+    from robacc.modelling.model import predict
 
     poses = predict(robot, data)
     return Commanded.at(poses.translation, poses.rotation, "robot")

@@ -11,7 +11,7 @@ from robacc.api.inputs import StrPath
 from robacc.api.result import Made, parts, within
 from robacc.effects.request import build, parse_requests
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.trace import Trace

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies, weight_needed
-from robacc.elasticity import gravity_torques
+from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

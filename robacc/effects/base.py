@@ -19,7 +19,7 @@ import numpy as np
 
 from robacc.errors import UsageError
 from robacc.geometry import Array
-from robacc.loads import Load, own_weight
+from robacc.gravity.loads import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from robacc.effects.base import Effect, Part
-from robacc.loads import Load
+from robacc.gravity.loads import Load
 
 Form = Literal["equilibrium", "rigid"]
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from robacc.effects.base import About, Effect, Term, register, weight_needed
 from robacc.effects.elastic import FORMS, Elastic, deflection_setting
-from robacc.loads import unit_loads
+from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies, weight_needed
-from robacc.elasticity import gravity_torques
 from robacc.geometry import Array
+from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from robacc.effects.base import About, Term, needed, register
 from robacc.effects.elastic import FORMS, Elastic
-from robacc.loads import payload
+from robacc.gravity.loads import payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

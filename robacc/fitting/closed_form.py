@@ -23,7 +23,7 @@ from robacc.geometry import (
     transpose,
 )
 from robacc.measurements import Measurements
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
 
 _TRIM = 6.0

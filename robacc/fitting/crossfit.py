@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.observation import residuals
+from robacc.modelling.observation import residuals
 
 LEAST_GROUPS = 6
 """Commanded poses below which nothing is held out: a fifth of them says nothing."""

@@ -18,8 +18,8 @@ from robacc.effects.base import Effect
 from robacc.effects.elastic import Elastic, Form
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import residuals
+from robacc.modelling.model import Model
+from robacc.modelling.observation import residuals
 
 _TOLD_APART = 1.0
 """Length of the whitened difference between the forms, over all rows, below which no data of such noise tell them

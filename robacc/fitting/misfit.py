@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.observation import Noise, NoiseSource, weights
+from robacc.modelling.observation import Noise, NoiseSource, weights
 
 _ROUNDING = 1e-9
 """m or rad: below any instrument, above rounding; of data without noise no row is an outlier within it."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from robacc.fitting.solver import Fit
 from robacc.measurements import Measurements
-from robacc.observation import Noise
+from robacc.modelling.observation import Noise
 from robacc.statistics.distributions import chi2_sf, f_sf
 
 _LEAST_REPEATS = 10

@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.bound import BoundModel
 from robacc.chain import BLOCK
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import residuals
+from robacc.modelling.bound import BoundModel
+from robacc.modelling.model import Model
+from robacc.modelling.observation import residuals
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ import numpy as np
 from robacc.effects.link_geometry import LinkGeometry
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.statistics.distributions import chi2_sf
 
 _NEEDED = 0.001

@@ -10,7 +10,7 @@ from robacc.errors import UsageError
 from robacc.fitting.folding import fold
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 

@@ -24,8 +24,8 @@ from robacc.fitting.normal_equations import Equations, Normal
 from robacc.fitting.shrinkage import Priors
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import Noise
+from robacc.modelling.model import Model
+from robacc.modelling.observation import Noise
 
 _REWEIGHTINGS = 6
 

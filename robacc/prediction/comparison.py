@@ -11,8 +11,8 @@ import numpy as np
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.registration import Alignment, align
 from robacc.measurements import Measurements
-from robacc.model import predict
-from robacc.observation import residuals
+from robacc.modelling.model import predict
+from robacc.modelling.observation import residuals
 from robacc.prediction.components import Components, variance_components
 from robacc.prediction.consistency import Consistency, consistency
 from robacc.prediction.evidence import Evidence, gather_evidence

@@ -12,7 +12,7 @@ from robacc.chain import Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.summary import low_discrepancy

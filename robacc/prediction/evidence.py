@@ -26,8 +26,8 @@ from robacc.chain import BASE, BLOCK, TOOL, Scalar
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import residuals
+from robacc.modelling.model import Model
+from robacc.modelling.observation import residuals
 from robacc.prediction.parameters import Parameter
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

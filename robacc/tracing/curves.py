@@ -29,8 +29,8 @@ from robacc.errors import RobaccError
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import observed_jacobian, residuals
+from robacc.modelling.model import Model
+from robacc.modelling.observation import observed_jacobian, residuals
 from robacc.tracing.candidates import supported_orders
 from robacc.tracing.drivers import Driver, driver_of
 

@@ -15,9 +15,9 @@ from robacc.effects.joint_compliance import JointCompliance
 from robacc.effects.joint_correction import JointCorrection
 from robacc.effects.joint_coupling import JointCoupling
 from robacc.effects.thermal_expansion import ThermalExpansion
-from robacc.elasticity import gravity_torques
 from robacc.geometry import Array
-from robacc.loads import payload
+from robacc.gravity.loads import payload
+from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

@@ -25,7 +25,7 @@ from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.observation import residuals
+from robacc.modelling.observation import residuals
 from robacc.tracing.competition import Chosen
 from robacc.tracing.loop import SEARCH, Loop, choose, refit
 from robacc.tracing.rivals import rivals

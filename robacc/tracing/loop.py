@@ -17,8 +17,8 @@ from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import observed_jacobian, residuals
+from robacc.modelling.model import Model
+from robacc.modelling.observation import observed_jacobian, residuals
 from robacc.tracing.candidates import (
     ORDER_STEP,
     Batch,

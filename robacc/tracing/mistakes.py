@@ -13,7 +13,7 @@ from robacc.errors import InputError, RobaccError
 from robacc.fitting.closed_form import register
 from robacc.geometry import quaternion_from_rotation, rotation_from_quaternion
 from robacc.measurements import Measurements
-from robacc.model import predict
+from robacc.modelling.model import predict
 from robacc.robots.description import Robot
 
 GROSS = 0.02

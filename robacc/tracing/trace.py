@@ -17,8 +17,8 @@ from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.solver import Fit, Options
 from robacc.measurements import Measurements
-from robacc.model import Model, predict
-from robacc.observation import residuals
+from robacc.modelling.model import Model, predict
+from robacc.modelling.observation import residuals
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.detection import DetectionLimit, detection_limits

@@ -18,8 +18,8 @@ from scipy.optimize import least_squares
 from robacc.effects import REGISTRY
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
-from robacc.model import Model
-from robacc.observation import observed_jacobian, residuals, weights
+from robacc.modelling.model import Model
+from robacc.modelling.observation import observed_jacobian, residuals, weights
 from robacc.simulation import Plan, simulate
 
 pytestmark = pytest.mark.slow

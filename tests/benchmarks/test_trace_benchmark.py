@@ -10,7 +10,7 @@ from arms import arm
 
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.solver import fit
-from robacc.model import Model
+from robacc.modelling.model import Model
 from robacc.simulation import Plan, simulate
 from robacc.tracing.loop import close_loop
 from robacc.tracing.trace import trace

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.bound import BoundModel
 from robacc.chain import TOOL, Scalar
 from robacc.effects.base import Effect, Term, commanded
 from robacc.effects.specification import Known, known_effects
 from robacc.errors import UsageError
 from robacc.geometry import Poses
 from robacc.measurements import Measurements
+from robacc.modelling.bound import BoundModel
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 

@@ -1,4 +1,4 @@
-"""Gravity on a chain: generalised forces, their exact derivatives, and the elastic equilibrium.
+"""Gravity on a chain: generalised forces and their exact derivatives.
 
 For loads of total mass M and first moment S = sum m_i c_i behind a motion of spatial twist (v, w), the power of gravity
 per unit rate of the motion is
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array, Poses, cross, rotate
-from robacc.loads import Load, own_weight
+from robacc.gravity.loads import Load, own_weight
 from robacc.robots.arm import Arm
 
 

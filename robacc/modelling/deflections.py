@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from robacc.chain import Scalar, Sweep
 from robacc.effects.base import Part
-from robacc.elasticity import Weights, force, force_derivatives
 from robacc.errors import EquilibriumError
 from robacc.geometry import Array
-from robacc.loads import Load
+from robacc.gravity.loads import Load
+from robacc.gravity.torques import Weights, force, force_derivatives
 from robacc.robots.arm import Arm
 
 _STEPS = 60

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import Scalar, Sweep
-from robacc.deflections import Deflections, Drive, Entry
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.geometry import Array, Poses
+from robacc.modelling.deflections import Deflections, Drive, Entry
 from robacc.robots.arm import Arm
 
 

@@ -7,8 +7,8 @@ import pytest
 from arms import arm, circumstances
 
 from robacc.chain import Sweep
-from robacc.elasticity import Weights, force, force_derivatives, gravity_torques
-from robacc.loads import Load, own_weight, payload, unit_loads
+from robacc.gravity.loads import Load, own_weight, payload, unit_loads
+from robacc.gravity.torques import Weights, force, force_derivatives, gravity_torques
 from robacc.robots.arm import Arm
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")

@@ -1,0 +1,1 @@
+"""Weights and how they load the joints of an arm."""

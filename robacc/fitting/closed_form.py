@@ -29,6 +29,12 @@ from robacc.robots.description import Frame, Robot
 _TRIM = 6.0
 """Poses further off than this many median errors take no part in a second pass: a beam break is not a start."""
 _ALTERNATIONS = 50
+_SETTLED = 1e-9
+"""Fall of the sum of squares, as a share of it, by which an alternation is the last."""
+_OPEN = 1e-10
+"""Share of the largest singular value below which the poses leave a direction open."""
+_LEAST_SPREAD = 1e-4
+"""m^2; what orientations weigh at least, so that they decide where the positions do not spread."""
 _RELUCTANCE = 1e-3
 """Of a target to move where the base could instead: the solution of least norm weighs its move a thousand times."""
 _ONE_AXIS = 1e-4
@@ -111,7 +117,7 @@ def _alternate(
     for _ in range(_ALTERNATIONS):
         translation, offsets, residual = _linear_offsets(arm, data, index, tools, rotation)
         tools = [Poses(tool.rotation, offset) for tool, offset in zip(tools, offsets, strict=True)]
-        if start is not None or previous - residual <= 1e-9 * previous:
+        if start is not None or previous - residual <= _SETTLED * previous:
             break
         previous = residual
         rotation = _base_from(arm @ _stack(tools, index), data, orientation=False).rotation
@@ -132,7 +138,7 @@ def _linear_offsets(
     for target in range(count):
         rows = np.flatnonzero(index == target)
         matrix[rows, :, 3 + 3 * target : 6 + 3 * target] = _RELUCTANCE * np.moveaxis(arm.rotation[:, :, rows], 2, 0)
-    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), right.T.ravel(), rcond=1e-10)
+    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), right.T.ravel(), rcond=_OPEN)
     residual = matrix.reshape(-1, 3 + 3 * count) @ solution - right.T.ravel()
     offsets = [tool.translation + _RELUCTANCE * solution[3 + 3 * i : 6 + 3 * i] for i, tool in enumerate(tools)]
     return rotation @ solution[:3], offsets, float(residual @ residual)
@@ -166,7 +172,7 @@ def _base_from(target: Poses, data: Measurements, orientation: bool = True) -> P
     matrix = (there - there_mean[:, None]) @ (here - here_mean[:, None]).T
     if orientation and data.rotation is not None:
         # Weighed as points at the spread of the positions, so that neither kind drowns the other.
-        spread = max(float(np.sum(np.square(here - here_mean[:, None]))) / data.n, 1e-4)
+        spread = max(float(np.sum(np.square(here - here_mean[:, None]))) / data.n, _LEAST_SPREAD)
         matrix = matrix + spread * np.einsum("ijn,kjn->ik", data.rotation, target.rotation)
     rotation = _nearest_rotation(matrix)
     return Poses(rotation, there_mean - rotation @ here_mean)

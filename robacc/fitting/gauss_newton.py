@@ -21,6 +21,10 @@ _FIRST_HALVINGS = 2
 _HALVINGS = 12
 _FAST = 0.1
 """Steps that shrink by at least this factor are trusted to shrink on."""
+_PARALLEL = 0.95
+"""Cosine from which two steps go the same way."""
+_QUICK, _ENDLESS = 0.05, 0.97
+"""Ratios of successive steps that are worth summing: smaller ones end by themselves, larger ones need not end."""
 _EXACT = 1e-15
 """m or rad: rounding of a predicted position (at some metres) or orientation."""
 
@@ -175,6 +179,6 @@ def _extrapolated(step: Array, previous: Array | None, gram: Array) -> tuple[Arr
     if energy <= 0 or length <= 0:
         return step, step
     ratio = shared / energy
-    if abs(shared) < 0.95 * np.sqrt(energy * length) or not 0.05 < abs(ratio) < 0.97:
+    if abs(shared) < _PARALLEL * np.sqrt(energy * length) or not _QUICK < abs(ratio) < _ENDLESS:
         return step, step
     return step / (1 - ratio), None

@@ -20,6 +20,8 @@ DEPENDENT = 3e-5
 """A column whose part that is new is below this share of its length is dependent; one below this share of the longest
 of its unit tells nothing. Model and rounding reach 1e-12; registering a target on the last axis from noisy poses makes
 up levers of some micrometres, 1e-5 of an arm's reach; the weakest combinations measured arms show lie above 1e-4."""
+_NOTHING = 1e-13
+"""A column below this share of the longest is rounding."""
 _NAMED = 0.05
 """A kept column is named as a partner where its share of the dependent one exceeds this."""
 
@@ -89,7 +91,7 @@ def identify(
     Its factor is as exact as Householder's (Bjorck 1967), and the directions of columns left out never enter.
     """
     length = np.sqrt(np.sum(np.square(triangle), axis=0))
-    there = length > 1e-13 * float(length.max(initial=0.0))
+    there = length > _NOTHING * float(length.max(initial=0.0))
     if units is not None:
         kinds = np.array(units, dtype=str)
         for kind in np.unique(kinds):

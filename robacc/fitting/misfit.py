@@ -11,6 +11,12 @@ from robacc.modelling.observation import Noise, NoiseSource, weights
 
 _ROUNDING = 1e-9
 """m or rad: below any instrument, above rounding; of data without noise no row is an outlier within it."""
+_LEAST_FREEDOM = 0.05
+"""Share of the residuals that count as degrees of freedom at least, where coefficients use up nearly all of them."""
+_LEAST_KEPT = 0.8
+"""Share of the rows that must stay: where more are odd, it is the model that is wrong."""
+_BISECTIONS = 60
+"""Halvings of the interval that holds a misfit: beyond them a float has no digits left."""
 _MEDIAN = {3: 2.3660 / 3, 6: 5.3481 / 6}
 """Median of a chi-square variable over its degrees of freedom, 3 and 6."""
 
@@ -45,7 +51,7 @@ def plausible(residual: Array, weight: Array, kept: NDArray[np.bool_], coefficie
     if scale <= 0:
         return kept
     found: NDArray[np.bool_] = (distance <= _limit(rows, n) * scale) | (np.abs(residual).max(axis=0) <= _ROUNDING)
-    return found if found.sum() >= max(0.8 * n, coefficients / rows + 1) else kept
+    return found if found.sum() >= max(_LEAST_KEPT * n, coefficients / rows + 1) else kept
 
 
 def noise_of(data: Measurements, misfit: tuple[float, float], given: bool) -> Noise:
@@ -69,14 +75,14 @@ def _variance(column: Array | None, kept: NDArray[np.bool_]) -> Array | float:
 
 def _one(residual: Array, known: Array | float, used: float) -> float:
     """The misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 where the known noise s explains it all."""
-    freedom = max(residual.size - used, 0.05 * residual.size)
+    freedom = max(residual.size - used, _LEAST_FREEDOM * residual.size)
     square = np.square(residual)
     if isinstance(known, float):
         return float(np.sqrt(square.sum() / freedom))
     if float((square / known).sum()) <= freedom:
         return 0.0
     low, high = 0.0, float(square.sum() / freedom)
-    for _ in range(60):
+    for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         if float((square / (known + middle)).sum()) > freedom:
             low = middle

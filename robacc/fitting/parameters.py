@@ -13,6 +13,7 @@ from robacc.geometry import Array
 from robacc.robots.description import Frame, Robot
 
 CORRELATED = 0.9
+"""Correlation beyond which two coefficients are named as hardly told apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,7 @@ def parameters(found: Fit) -> tuple[Parameter, ...]:
 
 
 def correlations(found: Fit) -> tuple[Correlation, ...]:
-    """Pairs of coefficients correlated above 0.9, strongest first."""
+    """Pairs of coefficients correlated by more than :data:`CORRELATED`, strongest first."""
     kept = found.identifiability.kept
     if kept.size < 2:
         return ()

@@ -26,8 +26,12 @@ from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import Noise
+from robacc.robots.arm import Arm
 
 _REWEIGHTINGS = 6
+"""Times at most that weights and prior widths, and the rows left out, are found anew."""
+_FEWEST_TO_TRIM = 8
+"""Poses below which none is left out: of so few a median does not tell which is the odd one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +126,10 @@ def fit(model: Model, data: Measurements, options: Options = Options()) -> Fit:
     names = {effect.name for effect in model.free}
     if names & {"base_frame", "tool_frame"} and options.start is None:
         robot = register(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
-        model = Model(type(model.arm).of(robot), model.known, model.free)
+        model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
     solver.solve()
-    if options.robust and data.n >= 8:
+    if options.robust and data.n >= _FEWEST_TO_TRIM:
         for _ in range(_REWEIGHTINGS):
             if not solver.trim():
                 break
@@ -148,6 +152,8 @@ class _Solver:
         self.outcome = self.equations.outcome(start, ahead=not start.any())
         self.misfit = options.misfit or misfits.estimate(data, self.outcome.residual, self.kept, 0.0)
         self.weight = misfits.weigh(data, self.misfit)
+        self.linear: Normal
+        """The last linearisation, once solved."""
         self.normal: Normal | None = None
         """The linearisation where the coefficients stand, while weights and rows are those it was made with."""
         self.identifiability = self._identify()

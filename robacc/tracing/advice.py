@@ -20,7 +20,10 @@ from robacc.measurements import Measurements
 from robacc.tracing.loop import SEARCH
 
 _TRIED = 600
+"""Poses drawn to find those of largest difference among."""
 _ADVISED = 4
+_NEARLY = 0.6
+"""Share of the largest difference from which a pose decides nearly as well."""
 _WORTH = 0.5
 """A difference below this share of the noise is not worth a pose."""
 
@@ -86,7 +89,7 @@ def _trial_poses(declared: Fit, data: Measurements, seed: int) -> Measurements:
 def _spread(q: Array, difference: Array) -> list[int]:
     """The pose of largest difference, then those nearly as good that are far from the ones taken."""
     spread = np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
-    good = np.flatnonzero(difference >= 0.6 * difference.max())
+    good = np.flatnonzero(difference >= _NEARLY * difference.max())
     chosen = [int(np.argmax(difference))]
     while len(chosen) < min(_ADVISED, good.size):
         gaps = np.min(

@@ -21,14 +21,24 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 ORDER_STEP = 0.25
+"""Periods per turn between orders that are tried; the best is then improved off this grid."""
 HIGHEST_ORDER = 40.0
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
+"""Of a joint's whole profile."""
 _TURN = 2.1 * math.pi
 """rad: what is still one turn of a joint."""
 _UNITS = 80.0
 """Effects times joints that compete on a six-axis arm: what a searched order or a block has against it."""
 _SHRUNK_AGAINST_NAMED = 1e-3
 """Prior odds of a rich block against a named term of its own family: asked for only where the data insist."""
+BLOCK_LOG_PRIOR = math.log(_SHRUNK_AGAINST_NAMED / _UNITS)
+"""Of a rich block of one joint."""
+_FEWEST = 8
+"""Different angles below which a joint shows no order."""
+_CLOSEST = 0.1
+"""Quantile of the gaps between angles that sets the highest order they support."""
+_FEWEST_ORDERS = 3
+"""Orders below which a whole profile is no more than its named lines."""
 
 
 @dataclass(frozen=True)
@@ -165,10 +175,10 @@ def supported_orders(angle: Array) -> Array:
     Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps.
     """
     values = np.unique(np.round(angle, 6))
-    if values.size < 8:
+    if values.size < _FEWEST:
         return np.zeros(0)
     reach = float(values[-1] - values[0])
-    gap = float(np.quantile(np.diff(values), 0.1))
+    gap = float(np.quantile(np.diff(values), _CLOSEST))
     highest = min(HIGHEST_ORDER, np.pi / max(gap, 1e-6))
     lowest = max(ORDER_STEP, np.pi / reach)
     first = math.ceil(lowest / ORDER_STEP) * ORDER_STEP
@@ -185,11 +195,10 @@ def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) ->
     for joint in names:
         supported = supported_orders(q[arm.number(joint)])
         orders = tuple(order for order in PROFILE_ORDERS if supported.size and order <= supported[-1])
-        if len(orders) < 3:
+        if len(orders) < _FEWEST_ORDERS:
             continue
         effect = TransmissionError((joint,), orders, True)
-        prior = -math.log(_UNITS) + math.log(_SHRUNK_AGAINST_NAMED)
-        result.append(Candidate(effect, effect.terms(arm, data), prior))
+        result.append(Candidate(effect, effect.terms(arm, data), BLOCK_LOG_PRIOR))
     return result
 
 

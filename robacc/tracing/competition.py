@@ -14,6 +14,10 @@ from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, Waves
 from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
 
+_WORTH_A_TEST = 2.0
+"""Nats below which evidence is not put to the test of significance."""
+_TRIED = 17
+"""Orders tried within a span."""
 _KEPT = 24
 """Conditioned systems kept at hand: more than findings are put to the test between two steps."""
 
@@ -184,7 +188,7 @@ class Competition:
 
     def best_order(self, conditioned: Conditioned, wave: Waves, order: float, span: float) -> float:
         """The order of one joint within ``span`` of ``order`` that explains most."""
-        orders = order + np.linspace(-span, span, 17)
+        orders = order + np.linspace(-span, span, _TRIED)
         scores = self._spectrum(wave, orders).judge(conditioned, best_only=True)
         return float(orders[int(np.argmax(scores.evidence))])
 
@@ -201,7 +205,7 @@ class Competition:
         """Cosine between what one of the chosen and a rival take out of the residual, all others kept."""
         columns = self.columns(rival)
         conditioned = self.condition(chosen, without=one)
-        both = [_least_squares(conditioned, one.columns), _least_squares(conditioned, columns)]
+        both = [conditioned.least_squares(one.columns), conditioned.least_squares(columns)]
         cross = self.system.gram[np.ix_(one.columns, columns)]
         cross = cross - conditioned.reduced[:, one.columns].T @ conditioned.reduced[:, columns]
         lengths = [
@@ -214,15 +218,10 @@ class Competition:
         return min(max(cosine, -1.0), 1.0)
 
 
-def _least_squares(conditioned: Conditioned, columns: NDArray[np.int64]) -> Array:
-    """Least-squares coefficients of some columns' new parts for what is left."""
-    return np.asarray(
-        np.linalg.lstsq(conditioned.block(columns), conditioned.moment[columns], rcond=1e-10)[0], dtype=np.float64
-    )
-
-
 def _ranked(candidate: Candidate, scores: Scores, i: int) -> Ranked:
-    p_value = min(1.0, scores.p_value(i) * math.exp(-candidate.log_prior)) if scores.evidence[i] > 2.0 else 1.0
+    p_value = (
+        min(1.0, scores.p_value(i) * math.exp(-candidate.log_prior)) if scores.evidence[i] > _WORTH_A_TEST else 1.0
+    )
     return Ranked(
         candidate,
         float(scores.evidence[i]),

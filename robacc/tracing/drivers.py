@@ -54,9 +54,9 @@ def _joint(arm: Arm, data: Measurements, joint: str, alone: bool) -> Driver:
     number = arm.number(joint)
 
     def swept(values: Array) -> Measurements:
-        still = np.repeat(np.median(q, axis=1, keepdims=True), values.size, axis=1)
-        still[number] = values
-        return _poses(values.size, q=still)
+        poses = _still(q, values.size)
+        poses[number] = values
+        return _poses(poses)
 
     return Driver(joint, "rad" if arm.is_revolute(joint) else "m", q[number], alone, swept)
 
@@ -132,16 +132,20 @@ def _circumstance(name: str, data: Measurements, alone: bool) -> Driver:
     field, unit = _COLUMNS[name]
 
     def swept(values: Array) -> Measurements:
-        q = commanded(data, "a driver")
-        still = np.repeat(np.median(q, axis=1, keepdims=True), values.size, axis=1)
-        return dataclasses.replace(_poses(values.size, q=still), **{field: values})  # type: ignore[arg-type]
+        still = _still(commanded(data, "a driver"), values.size)
+        return dataclasses.replace(_poses(still), **{field: values})  # type: ignore[arg-type]
 
     return Driver(name, unit, needed(getattr(data, field), name, "a driver"), alone, swept)
 
 
-def _poses(n: int, q: Array) -> Measurements:
-    rows: NDArray[np.int64] = np.arange(1, n + 1)
-    return Measurements(position=np.zeros((3, n)), q=q, rows=rows)
+def _still(q: Array, n: int) -> Array:
+    """``(J, n)`` the middle of the joint variables ``(J, N)``, n times."""
+    return np.repeat(np.median(q, axis=1, keepdims=True), n, axis=1)
+
+
+def _poses(q: Array) -> Measurements:
+    rows: NDArray[np.int64] = np.arange(1, q.shape[1] + 1)
+    return Measurements(position=np.zeros((3, rows.size)), q=q, rows=rows)
 
 
 _DRIVERS: dict[str, Callable[[Effect, Arm, Measurements, str], Driver | None]] = {

@@ -161,6 +161,11 @@ class Conditioned:
         result: Array = self.blocks(columns[None])[0]
         return result
 
+    def least_squares(self, columns: NDArray[np.int64]) -> Array:
+        """``(Q,)`` coefficients of some columns' new parts for what is left; of least length where these overlap."""
+        found = np.linalg.lstsq(self.block(columns), self.moment[columns], rcond=_NEW)[0]
+        return np.asarray(found, dtype=np.float64)
+
 
 class Family:
     """B candidates of Q columns each that are one column times a regressor; no column of theirs is ever built.

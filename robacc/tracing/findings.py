@@ -25,6 +25,10 @@ from robacc.tracing.selection import Step
 
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
+_FEW_SHARE = 0.1
+"""The same as a share of all rows, where they are few themselves."""
+_AGAIN = 0.6
+"""Share of the folds that a finding has to be chosen in again to be told without a warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +122,7 @@ def _seen(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, fl
 
 def _finding_warnings(effect: Effect, final: Fit, data: Measurements, chosen: tuple[int, int]) -> tuple[str, ...]:
     warnings = []
-    if chosen[1] and chosen[0] < 0.6 * chosen[1]:
+    if chosen[1] and chosen[0] < _AGAIN * chosen[1]:
         warnings.append(f"{effect} was chosen again in only {chosen[0]} of {chosen[1]} folds")
     few = _rests_on(effect, final, data)
     if few is not None:
@@ -139,4 +143,4 @@ def _rests_on(effect: Effect, final: Fit, data: Measurements) -> int | None:
     if share.sum() <= 0:
         return None
     count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
-    return count if count < min(_FEW, 0.1 * share.size) else None
+    return count if count < min(_FEW, _FEW_SHARE * share.size) else None

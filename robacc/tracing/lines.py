@@ -15,6 +15,7 @@ from robacc.tracing.competition import Chosen
 from robacc.tracing.selection import Selection
 
 _MOST = 6
+"""Lines named at most."""
 _WEAK = 0.1
 """A line that adds less than this share of the strongest one's evidence is not named."""
 
@@ -60,8 +61,7 @@ def profile_lines(selection: Selection, one: Chosen) -> tuple[Line, ...]:
         return ()
     # Columns are built as lines are found; the model without them is conditioned on once more, to see them all.
     columns = np.concatenate([line.columns for line in taken])
-    conditioned = field.condition(others)
-    values = np.linalg.lstsq(conditioned.block(columns), conditioned.moment[columns], rcond=1e-10)[0]
+    values = field.condition(others).least_squares(columns)
     return tuple(
         Line(float(line.candidate.effect.settings()["orders"][0]), math.hypot(c, s), math.atan2(s, c))
         for line, c, s in zip(taken, values[::2], values[1::2], strict=True)

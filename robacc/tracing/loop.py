@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +19,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import observed_jacobian, residuals
 from robacc.tracing.candidates import (
+    BLOCK_LOG_PRIOR,
     ORDER_STEP,
     Batch,
     Candidate,
@@ -34,13 +34,19 @@ from robacc.tracing.evidence import Columns
 from robacc.tracing.selection import FALSE_ALARM, Selection, Step
 
 _ROUNDS = 4
+"""Times at most that everything is fitted together and chosen again."""
 SELECTION_POSES = 800
 """Poses that a choice looks at, at most: fits and figures are of all of them."""
 _COMPETED_ON = 4 * SELECTION_POSES
 """Poses that columns are made for: a choice without some of them, a fold's, still finds as many as it looks at."""
 _BETTER = 10.0
 """Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
+_MANY = 3
+"""Named findings from which a correction is tried in place of them though they leave no structure."""
+_OFF_GRID_LOG_PRIOR = -8.0
+"""Of an order on a joint where this scene searches none: about that of an order searched elsewhere."""
 SEARCH = Options(tolerance=1e-4, settled=1e-2)
+"""Fits that a choice is made on; those that are reported converge further."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +62,22 @@ class Scene:
     rows: NDArray[np.int64]
     """``(n,)`` their places among all."""
     base: Array
-    """``(M, p, N)`` whitened columns of the present model's coefficients."""
+    """``(M, p, n)`` whitened columns of the declared effects' coefficients."""
     pool_columns: Array
-    """``(M, P, N)`` whitened columns of the pool."""
+    """``(M, P, n)`` whitened columns of the pool's terms, each once."""
     pool: tuple[Candidate, ...]
     places: tuple[NDArray[np.int64], ...]
+    """For each of the pool its terms' numbers among :attr:`pool_columns`."""
     joint_columns: Array
+    """``(M, J, n)`` whitened columns of each joint's variable."""
     residual: Array
+    """``(M, n)`` whitened, with what earlier findings explain put back."""
     kept: NDArray[np.bool_]
+    """``(n,)`` poses that took part in the fit."""
     missing: dict[str, str]
+    """By effect, why it cannot compete."""
     only: tuple[str, ...] | None
+    """Names of the effects that compete; None for all."""
 
     @cached_property
     def blocks(self) -> list[Candidate]:
@@ -122,9 +134,10 @@ class Scene:
                 return candidate
         terms = effect.terms(self.model.arm, self.data)
         if any(term.group for term in terms):
-            return Candidate(effect, terms, math.log(1e-3 / 80.0))
+            return Candidate(effect, terms, BLOCK_LOG_PRIOR)
         searched = waves(self.model.arm, self.data, self.only)
-        return Candidate(effect, terms, next((w.log_prior for w in searched if (w.joint,) == effect.joints), -8.0))
+        found = next((wave.log_prior for wave in searched if (wave.joint,) == effect.joints), _OFF_GRID_LOG_PRIOR)
+        return Candidate(effect, terms, found)
 
     def _columns_of(self, terms: Sequence[Term]) -> Array:
         """Columns of terms that act on joint variables alone: the joint's column times the regressor."""
@@ -175,18 +188,18 @@ def linearise(found: Fit, data: Measurements, declared: Sequence[Effect], only: 
         np.array([number[_identity(candidate.effect, term)] for term in candidate.terms]) for candidate in pool
     )
     return Scene(
-        model,
-        data,
-        rows,
-        columns[:, kept[kept < own]],
-        columns[:, count + len(joints) :],
-        tuple(pool),
-        places,
-        columns[:, count : count + len(joints)],
-        whitened,
-        found.kept[rows],
-        missing,
-        None if only is None else tuple(only),
+        model=model,
+        data=data,
+        rows=rows,
+        base=columns[:, kept[kept < own]],
+        pool_columns=columns[:, count + len(joints) :],
+        pool=tuple(pool),
+        places=places,
+        joint_columns=columns[:, count : count + len(joints)],
+        residual=whitened,
+        kept=found.kept[rows],
+        missing=missing,
+        only=None if only is None else tuple(only),
     )
 
 
@@ -215,7 +228,7 @@ def choose(
         return named
     left = named.rank(with_blocks=True)
     structured = bool(left) and left[0].p_value <= FALSE_ALARM
-    if not structured and len(named.chosen) < 3:
+    if not structured and len(named.chosen) < _MANY:
         return named
     mixed = scene.selection(rows, (), most)
     mixed.field.blocks = blocks

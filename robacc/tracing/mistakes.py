@@ -11,7 +11,7 @@ import numpy as np
 
 from robacc.errors import InputError, RobaccError
 from robacc.fitting.closed_form import register
-from robacc.geometry import quaternion_from_rotation, rotation_from_quaternion
+from robacc.geometry import Array, quaternion_from_rotation, rotation_from_quaternion
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Robot
@@ -20,6 +20,8 @@ GROSS = 0.02
 """Share of the positions' spread: a median error above it is no arm's inaccuracy."""
 _CURED = 8.0
 """A mistake is named where undoing it brings the median error down by this factor."""
+_FEWEST = 8
+"""Poses below which no mistake is looked for: base and tool registered fit so few nearly whatever is wrong."""
 _STILL = 1e-12
 """m; poses that spread less do not move."""
 
@@ -37,7 +39,7 @@ class Mistake:
 
 def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     """The mistake that explains a gross misfit, or None where there is no such misfit or nothing cures it."""
-    if data.n < 8 or data.q is None:
+    if data.n < _FEWEST or data.q is None:
         return None
     before, spread = _median_error(robot, data), _spread(data)
     if before <= GROSS * spread:
@@ -83,8 +85,15 @@ Undone = Callable[[], tuple[Robot, Measurements]]
 
 
 def _suspects(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undone]]:
+    """What may be wrong: the mistake, what to do about it, and the data or robot without it."""
     assert data.q is not None
-    q = data.q
+    yield from _of_joints(robot, data, data.q)
+    yield from _of_units(robot, data, data.q)
+    yield from _of_order(robot, data)
+
+
+def _of_joints(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str, str, Undone]]:
+    """A single joint's sign or unit."""
     for i, joint in enumerate(robot.variables):
         turned = q.copy()
         turned[i] = -turned[i]
@@ -101,6 +110,10 @@ def _suspects(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undo
                 "give its unit in the column's name, as in q1_deg",
                 _with(robot, data, q=scaled),
             )
+
+
+def _of_units(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str, str, Undone]]:
+    """The unit of all joints, or of the positions."""
     revolute = np.array([joint.type == "revolute" for joint in robot.variables])[:, None]
     yield (
         "the joint columns seem to be in degrees",
@@ -113,6 +126,10 @@ def _suspects(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undo
             "give the unit in their names, as in x_mm",
             _with(robot, data, position=data.position * factor),
         )
+
+
+def _of_order(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undone]]:
+    """Rows against each other, the motions of a link, the parts of a quaternion."""
     for step in (1, -1):
         yield (
             f"the measured poses seem shifted by one row {'down' if step > 0 else 'up'} against the joints",

@@ -12,6 +12,7 @@ RIVAL = 5.0
 _ALIKE = 0.5
 """Likeness below which a rival explains something else."""
 _MOST = 4
+"""Alternatives named at most."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,11 @@ orders and forms are searched more finely than they are counted: of 200 simulate
 _SWAP = 1.0
 """A rival takes a finding's place where it is better by more than this: equals do not change places for ever."""
 _MOST = 12
+"""Findings at most."""
 _FEW_ENOUGH = 6
 """More findings than this are a sign of something without a name; testing each again would not mend that."""
 _SWEEPS = 4
+"""Times at most that all findings are put to the test after a step."""
 
 
 @dataclass
@@ -77,17 +79,17 @@ class Selection:
             order = self.field.best_order(conditioned, wave, order, span)
         return TransmissionError(effect.joints, (round(order, 4),))
 
-    def run(self, with_blocks: bool = False, most: int = _MOST) -> None:
+    def run(self, with_blocks: bool = False) -> None:
         """Forward until nothing is significant, each time putting every earlier finding to the test again."""
         if self.chosen:
             self._revise()
-        self._forward(with_blocks, most)
+        self._forward(with_blocks)
         if not with_blocks and len(self.chosen) <= _FEW_ENOUGH:
-            self._rebuild(most)
+            self._rebuild()
 
-    def _forward(self, with_blocks: bool, most: int, without: tuple[object, ...] | None = None) -> None:
+    def _forward(self, with_blocks: bool, without: tuple[object, ...] | None = None) -> None:
         seen: set[frozenset[tuple[object, ...]]] = set()
-        while len(self.chosen) < most:
+        while len(self.chosen) < _MOST:
             # A set of findings that comes back would come back for ever.
             present = frozenset(one.candidate.key for one in self.chosen)
             if present in seen:
@@ -104,14 +106,14 @@ class Selection:
             self.steps.append(Step("add", str(best.candidate.effect), ranking))
             self._revise(without)
 
-    def _rebuild(self, most: int) -> None:
+    def _rebuild(self) -> None:
         """Forbid each finding in turn and choose again: what greed took first may have stood in for two others."""
         for one in sorted(self.chosen, key=lambda item: -item.columns.size):
             if one not in self.chosen or one.candidate.effect.name in ALIGNABLE:
                 continue
             before, total, steps = list(self.chosen), self.total(), list(self.steps)
             self.chosen = [other for other in before if other is not one]
-            self._forward(False, most, one.candidate.key)
+            self._forward(False, one.candidate.key)
             if self.total() > total + _SWAP:
                 steps.append(Step("rebuild", f"without {one.candidate.effect}", []))
                 self.steps = steps

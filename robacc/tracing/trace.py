@@ -162,10 +162,11 @@ def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
     if len(effects) == len(loop.effects):
         return loop
     keys = {coarse(effect) for effect in effects}
-    loop.selection.chosen = [one for one in loop.selection.chosen if coarse(one.candidate.effect) in keys]
+    chosen = [one for one in loop.selection.chosen if coarse(one.candidate.effect) in keys]
     free = (*loop.declared.model.free, *frames_first(effects))
     final = refit(loop.final, free, data, SEARCH) if effects else loop.declared
-    return dataclasses.replace(loop, effects=effects, final=final)
+    selection = dataclasses.replace(loop.selection, chosen=chosen)
+    return dataclasses.replace(loop, effects=effects, final=final, selection=selection)
 
 
 def _polished(loop: Loop, data: Measurements) -> tuple[Fit, FormChoice | None]:

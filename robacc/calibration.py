@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.accuracy.figures import Gain, Residuals, Stage, paired_gain, pose_figures
+from robacc.accuracy.before_after import before_and_after
+from robacc.accuracy.stages import Gain, Residuals, Stage
 from robacc.chain import BLOCK
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
@@ -24,10 +25,10 @@ from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import Kind, drawn
+from robacc.fitting.warnings import none_held_out, rows_left_out
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.curves import Curve, curves
@@ -112,42 +113,28 @@ def calibrate(
     effects = found.model.free
     frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
-    nominal = residuals(data, predict(robot, data))
     held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
-    rows = found.kept
-    if holdout is None:
-        nominal_held, groups, kept = nominal, data.groups(), rows
-    else:
-        nominal_held = residuals(holdout, predict(robot, holdout))
-        groups, kept = holdout.groups(), np.ones(holdout.n, dtype=bool)
-
-    def stage(fitted: Array, apart: Array | None) -> Stage:
-        return Stage(pose_figures(fitted[:, rows]), None if apart is None else pose_figures(apart[:, kept]))
-
-    before = stage(registered.residual, None if held is None else held[0])
-    after = stage(found.residual, None if held is None else held[1])
+    told = before_and_after(robot, data, registered, found, held, holdout)
     return Calibration(
-        fold(found),
-        effects,
-        found,
-        lack_of_fit(found, data),
-        stage(nominal, None if held is None else nominal_held),
-        before,
-        after,
-        None if held is None else paired_gain(held[0][:, kept], held[1][:, kept], groups[kept]),
-        parameters(found),
-        kinds,
-        deflection,
-        correlations(found),
-        found.identifiability,
-        _leverage(found, data),
-        0 if held is None or holdout is not None else min(n_folds, int(groups.max()) + 1),
-        _warnings(found, data, after),
-        Residuals(
-            nominal, registered.residual, found.residual, *(held if held is not None and holdout is None else ())
-        ),
-        None if held is None or holdout is None else Residuals(nominal_held, *held),
-        tuple((e, curve) for e in effects if not e.is_constant for curve in curves(e, found, data)),
+        robot=fold(found),
+        effects=effects,
+        fit=found,
+        noise=lack_of_fit(found, data),
+        nominal=told.nominal,
+        before=told.before,
+        after=told.after,
+        gain=told.gain,
+        parameters=parameters(found),
+        drawn=kinds,
+        deflection=deflection,
+        correlations=correlations(found),
+        identifiability=found.identifiability,
+        leverage=_leverage(found, data),
+        n_folds=0 if held is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
+        warnings=_warnings(found, data, told.after),
+        residuals=told.residuals,
+        apart=told.apart,
+        curves=tuple((e, curve) for e in effects if not e.is_constant for curve in curves(e, found, data)),
     )
 
 
@@ -270,10 +257,7 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
 
 
 def _warnings(found: Fit, data: Measurements, after: Stage) -> tuple[str, ...]:
-    warnings = list(data.warnings)
-    if found.outliers.size:
-        lines = ", ".join(str(data.line(int(i))) for i in found.outliers[:10])
-        warnings.append(f"left out as no part of the rest: {found.outliers.size} row(s), on {data.counted}(s) {lines}")
+    warnings = [*data.warnings, *rows_left_out(found, data)]
     count = int(found.identifiability.kept.size)
     spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
     if spare < count:
@@ -286,6 +270,5 @@ def _warnings(found: Fit, data: Measurements, after: Stage) -> tuple[str, ...]:
     if after.held_out is not None and after.held_out.position.rms > _OVERFIT * after.fitted.position.rms:
         warnings.append("poses held out are predicted much worse than those fitted: fewer effects or more poses")
     if after.held_out is None:
-        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
-        warnings.append(f"{poses} too few to hold any out: every figure is of poses that were fitted")
+        warnings.append(none_held_out(data))
     return tuple(warnings)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.figures import Gain, Residuals
+from robacc.accuracy.stages import Gain, Residuals
 from robacc.calibration import Calibration
 from robacc.fitting.elastic_form import BETTER, FormChoice
 from robacc.fitting.identifiability import Identifiability

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.covariance import length_intervals
-from robacc.accuracy.figures import PoseFigures, Stage
+from robacc.accuracy.figures import PoseFigures
+from robacc.accuracy.stages import Stage
 from robacc.geometry import Array
 from robacc.io.statistics_json import figures_document, interval_document
 from robacc.statistics.intervals import Interval

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from robacc.accuracy.figures import Gain, PoseFigures, Stage
+from robacc.accuracy.figures import PoseFigures
+from robacc.accuracy.stages import Gain, Stage
 from robacc.fitting.elastic_form import BETTER, FormChoice
 from robacc.report.layout import Line, columns
 from robacc.report.numbers import three_digits

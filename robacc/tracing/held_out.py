@@ -20,7 +20,7 @@ from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
 from robacc.fitting.crossfit import folds, held_out, parts
 from robacc.fitting.elastic_form import better_form, in_form
-from robacc.fitting.parsimony import without_idle_rotations
+from robacc.fitting.forms import in_shown_form
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options
 from robacc.geometry import Array
@@ -156,16 +156,15 @@ def _fold(work: _Work, number: int) -> _Fold:
     selection = choose(loop.scene, learn, empirical=work.empirical, most=_FOLD_POSES)
     chosen = [(one, selection.refined(one)) for one in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
-    declared = refit(loop.declared, loop.declared.model.free, train, _options(loop.declared))
-    declared, model, _ = better_form(declared, loop.declared.model, train, _options(loop.declared))
-    declared = without_idle_rotations(declared, model, train, _options(loop.declared))
+    like = loop.declared
+    declared = refit(like, like.model.free, train, _options(like))
+    declared, _ = in_shown_form(declared, like.model, train, _options(like))
     complete = declared
     if effects:
         model = loop.declared.model.with_free(*effects)
         complete = refit(loop.final, model.free, train, _options(loop.final))
         if not complete.widths:
-            complete, model, _ = better_form(complete, model, train, _options(loop.final))
-            complete = without_idle_rotations(complete, model, train, _options(loop.final))
+            complete, _ = in_shown_form(complete, model, train, _options(loop.final))
     after = held_out(complete, test)
     again = _again(loop.effects, selection, chosen)
     without = tuple(_lacking(complete, ones, test) if ones else after for ones in again)

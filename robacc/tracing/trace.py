@@ -10,15 +10,16 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.accuracy.figures import Gain, Residuals, Stage, paired_gain, pose_figures
-from robacc.fitting.elastic_form import FormChoice, better_form
+from robacc.accuracy.before_after import before_and_after
+from robacc.accuracy.stages import Gain, Residuals, Stage
+from robacc.fitting.elastic_form import FormChoice
 from robacc.fitting.folding import fold
+from robacc.fitting.forms import in_shown_form
 from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.solver import Fit, Options
+from robacc.fitting.warnings import none_held_out, rows_left_out
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.detection import DetectionLimit, detection_limits
@@ -103,35 +104,23 @@ def trace(
     loop = close_loop(model, data, SEARCH, empirical=empirical)
     held = hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
     loop = _reproduced(loop, held, data)
-    declared, own, form = better_form(loop.declared, loop.declared.model, data, Options())
-    declared = without_idle_rotations(declared, own, data, Options())
+    declared, form = in_shown_form(loop.declared, loop.declared.model, data, Options())
     final, form = _polished(loop, data) if loop.effects else (declared, form)
-    nominal_residual = residuals(data, predict(model.arm.robot, data))
     noise = lack_of_fit(final, data)
     findings = tuple(told(loop, effect, final, held, data) for effect in loop.effects)
     unexplained = _left(loop, final, noise, data)
-    rows = final.kept
-    shown = data if holdout is None else holdout
-    kept = rows if holdout is None else np.ones(holdout.n, dtype=bool)
-    held_nominal = residuals(holdout, predict(model.arm.robot, holdout)) if holdout is not None else nominal_residual
-    after_held = None if held is None else pose_figures(held.after[:, kept])
+    ends = None if held is None else (held.before, held.after)
+    shown = before_and_after(model.arm.robot, data, declared, final, ends, holdout)
     return Trace(
         robot=fold(final),
         verdict=_verdict(findings, unexplained),
         declared=declared,
         final=final,
         noise=noise,
-        nominal=Stage(
-            pose_figures(nominal_residual[:, rows]), None if held is None else pose_figures(held_nominal[:, kept])
-        ),
-        before=Stage(
-            pose_figures(declared.residual[:, rows]),
-            None if held is None else pose_figures(held.before[:, kept]),
-        ),
-        after=Stage(pose_figures(final.residual[:, rows]), after_held),
-        gain=None
-        if held is None or not findings
-        else paired_gain(held.before[:, kept], held.after[:, kept], shown.groups()[kept]),
+        nominal=shown.nominal,
+        before=shown.before,
+        after=shown.after,
+        gain=shown.gain if findings else None,
         findings=findings,
         deflection=form,
         unexplained=unexplained,
@@ -140,14 +129,9 @@ def trace(
         detection=_detection(loop, held),
         n_folds=0 if held is None else held.folds,
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
-        warnings=_warnings(final, data, held, holdout),
-        residuals=Residuals(
-            nominal_residual,
-            declared.residual,
-            final.residual,
-            *((held.before, held.after) if held is not None and holdout is None else ()),
-        ),
-        apart=Residuals(held_nominal, held.before, held.after) if held is not None and holdout is not None else None,
+        warnings=(*data.warnings, *([none_held_out(data)] if held is None else []), *rows_left_out(final, data)),
+        residuals=shown.residuals,
+        apart=shown.apart,
     )
 
 
@@ -178,8 +162,7 @@ def _polished(loop: Loop, data: Measurements) -> tuple[Fit, FormChoice | None]:
         return loop.final, None
     model = loop.declared.model.with_free(*frames_first(loop.effects))
     found = refit(loop.final, model.free, data, Options())
-    found, model, form = better_form(found, model, data, Options())
-    return without_idle_rotations(found, model, data, Options()), form
+    return in_shown_form(found, model, data, Options())
 
 
 def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: float, seed: int) -> tuple[Advice, ...]:
@@ -234,14 +217,3 @@ def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexp
         p_value,
         tuple(hints),
     )
-
-
-def _warnings(final: Fit, data: Measurements, held: Held | None, holdout: Measurements | None) -> tuple[str, ...]:
-    warnings = list(data.warnings)
-    if held is None:
-        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
-        warnings.append(f"{poses} too few to hold any out: every figure is of poses that were fitted")
-    if final.outliers.size:
-        lines = ", ".join(str(data.line(int(i))) for i in final.outliers[:10])
-        warnings.append(f"left out as no part of the rest: {final.outliers.size} row(s), on {data.counted}(s) {lines}")
-    return tuple(warnings)

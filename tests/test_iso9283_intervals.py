@@ -10,7 +10,9 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from robacc.iso_9283 import estimates
+from robacc.iso_9283.distance import distance
 from robacc.iso_9283.estimates import Estimate
+from robacc.iso_9283.repeatability import DELTA, mean_gaussian_length, position_repeatability
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
 
@@ -45,7 +47,7 @@ def test_size_of_a_signed_number(sign: float) -> None:
 def test_distance_with_scatter_alike_in_all_directions_is_noncentral_chi_square() -> None:
     """The limits are the noncentralities under which the distance found has the tail's probability."""
     variance, value, dof = 0.04, 1.0, 10_000_000.0
-    found = estimates.distance(np.array([0.6, 0.0, 0.8]), variance * np.eye(3), dof).at(0.95)
+    found = distance(np.array([0.6, 0.0, 0.8]), variance * np.eye(3), dof).at(0.95)
     for limit, tail in ((found.lower, 0.975), (found.upper, 0.025), (found.upper_bound, 0.05)):
         assert limit is not None
         reached = stats.ncx2.cdf(value**2 / variance, 3, limit**2 / variance)
@@ -55,21 +57,21 @@ def test_distance_with_scatter_alike_in_all_directions_is_noncentral_chi_square(
 def test_distance_far_from_zero_is_students_along_itself() -> None:
     covariance = TURN @ np.diag([1.0, 0.25, 0.04]) @ TURN.T
     difference = 100.0 * TURN[:, 1]
-    found = estimates.distance(difference, covariance, 9).at(0.95)
+    found = distance(difference, covariance, 9).at(0.95)
     assert (found.lower, found.upper) == pytest.approx(tuple(stats.t.interval(0.95, 9, loc=100.0, scale=0.5)))
 
 
 def test_distance_that_is_all_scatter_may_be_zero() -> None:
-    found = estimates.distance(np.array([0.01, 0.0, 0.0]), np.eye(3) * 0.01, 29).at(0.95)
+    found = distance(np.array([0.01, 0.0, 0.0]), np.eye(3) * 0.01, 29).at(0.95)
     assert found.lower == 0.0
     assert found.upper is not None
     assert found.upper > 0.1
-    none = estimates.distance(np.zeros(3), np.eye(3) * 0.01, 29).at(0.95)
+    none = distance(np.zeros(3), np.eye(3) * 0.01, 29).at(0.95)
     assert (none.lower, none.upper) == (0.0, found.upper)
 
 
 def test_distance_without_scatter_is_exact() -> None:
-    found = estimates.distance(np.array([3.0, 4.0, 0.0]), np.zeros((3, 3)), 5).at(0.95)
+    found = distance(np.array([3.0, 4.0, 0.0]), np.zeros((3, 3)), 5).at(0.95)
     assert (found.lower, found.upper, found.upper_bound) == (5.0, 5.0, 5.0)
 
 
@@ -83,32 +85,32 @@ def test_mean_length_of_a_gaussian(variances: tuple[float, float, float]) -> Non
         (1.0, 0.0, 0.0): math.sqrt(2 / math.pi),
         (1.0, 0.25, 0.0): math.sqrt(2 / math.pi) * ellipe(1 - 0.25),
     }
-    found = estimates.mean_gaussian_length(np.array(variances) * 1e-8)
+    found = mean_gaussian_length(np.array(variances) * 1e-8)
     assert found == pytest.approx(closed[variances] * 1e-4, rel=1e-6)
 
 
 def test_repeatability_does_not_depend_on_unit_or_axes_and_repeats_with_its_seed() -> None:
     x = np.random.default_rng(3).normal(size=(3, 20)) * np.array([[1.0], [0.5], [0.2]])
     x -= x.mean(axis=1, keepdims=True)
-    one, other = (estimates.position_repeatability(y, (1, 2)) for y in (x, 1e-3 * TURN @ x))
+    one, other = (position_repeatability(y, (1, 2)) for y in (x, 1e-3 * TURN @ x))
     assert other.value == pytest.approx(1e-3 * one.value)
     assert other.at(0.95).upper == pytest.approx(1e-3 * (one.at(0.95).upper or 0.0))
-    assert estimates.position_repeatability(x, (1, 3)).at(0.95) != one.at(0.95)
+    assert position_repeatability(x, (1, 3)).at(0.95) != one.at(0.95)
 
 
 def test_repeatability_of_many_visits_goes_over_into_the_delta_method() -> None:
     x = np.random.default_rng(3).normal(size=(3, 300))
     x -= x.mean(axis=1, keepdims=True)
-    drawn = estimates.position_repeatability(x, (1,)).at(0.95)
-    twice = estimates.position_repeatability(np.hstack((x, x)), (1,)).at(0.95)
+    drawn = position_repeatability(x, (1,)).at(0.95)
+    twice = position_repeatability(np.hstack((x, x)), (1,)).at(0.95)
     width = [(one.upper or 0.0) - (one.lower or 0.0) for one in (drawn, twice)]
-    assert twice.method == estimates.DELTA
+    assert twice.method == DELTA
     assert width[0] / width[1] == pytest.approx(math.sqrt(2), rel=0.15)
 
 
 def test_repeatability_of_two_visits_and_of_none_that_scatter() -> None:
-    assert estimates.position_repeatability(np.array([[1.0, -1.0], [0, 0], [0, 0]]), (0,)).at(0.95).upper is None
-    still = estimates.position_repeatability(np.zeros((3, 5)), (0,))
+    assert position_repeatability(np.array([[1.0, -1.0], [0, 0], [0, 0]]), (0,)).at(0.95).upper is None
+    still = position_repeatability(np.zeros((3, 5)), (0,))
     assert (still.value, still.at(0.95).upper) == (0.0, 0.0)
 
 
@@ -150,7 +152,7 @@ def test_coverage_of_a_distance(scale: tuple[float, float, float], away: float) 
     truth = away * float(np.linalg.norm(scale)) / math.sqrt(30)
     mean = truth * TURN @ np.array([1.0, 2.0, 2.0]) / 3.0
     runs = [visits(rng, scale, 30, mean) for _ in range(400)]
-    found = [estimates.distance(x.mean(axis=1), np.cov(x) / 30, 29) for x in runs]
+    found = [distance(x.mean(axis=1), np.cov(x) / 30, 29) for x in runs]
     both, bound = coverage(found, truth)
     assert both > 0.925
     assert bound > 0.925
@@ -167,7 +169,7 @@ def test_coverage_of_repeatability(scale: tuple[float, float, float], n: int) ->
     found = []
     for run in range(400):
         x = visits(rng, scale, n, np.zeros(3))
-        found.append(estimates.position_repeatability(x - x.mean(axis=1, keepdims=True), (run,)))
+        found.append(position_repeatability(x - x.mean(axis=1, keepdims=True), (run,)))
     both, bound = coverage(found, truth)
     assert 0.925 < both < 0.995
     assert bound > 0.92

@@ -9,7 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso_9283.estimates import Estimate, distance, largest, largest_of, size, student
+from robacc.iso_9283.distance import distance
+from robacc.iso_9283.estimates import Estimate, largest, largest_of, size, student
 from robacc.iso_9283.records import Characteristic, Criterion, Figure, Symbol
 
 CLAUSES: dict[Symbol, str] = {

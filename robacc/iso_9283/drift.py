@@ -22,6 +22,7 @@ from robacc.iso_9283.collecting import Found, absent, collected, separation
 from robacc.iso_9283.estimates import Estimate, largest_of, size
 from robacc.iso_9283.pose_criteria import NO_ANGLES, NO_COMMAND
 from robacc.iso_9283.records import Characteristic
+from robacc.iso_9283.repeatability import position_repeatability
 from robacc.iso_9283.visits import CommandedPose
 
 FEWEST = 3
@@ -121,7 +122,7 @@ def _of_repeatability(pose: CommandedPose, parts: list[NDArray[np.int64]], seed:
     for number, part in enumerate(parts):
         visits = pose.attained[:, part]
         residuals = visits - visits.mean(axis=1, keepdims=True)
-        each.append(estimates.position_repeatability(residuals, (seed, *pose.stream, number)))
+        each.append(position_repeatability(residuals, (seed, *pose.stream, number)))
     position, window = _greatest(parts, lambda i: estimates.change(each[i], each[0]))
     angles = None
     if pose.turn is not None:

@@ -16,28 +16,13 @@ import numpy as np
 from robacc.geometry import Array
 from robacc.iso_9283.records import Figure
 from robacc.statistics.distributions import normal_quantile, student_quantile
-from robacc.statistics.intervals import Interval, chi2_interval, interpolated, tails
-from robacc.statistics.multivariate import principal_axes
-from robacc.statistics.quadratic_form import length_probability
+from robacc.statistics.intervals import Interval, chi2_interval, tails
 
 STUDENT = "Student's t"
-NONCENTRAL = "noncentral: the distances under which the one found is likely, scatter as between visits"
-PIVOT = "parametric bootstrap: RP over the true RP, for Gaussian visits that scatter as these do"
-DELTA = "delta method, normal"
 CHI_SQUARE = "chi-square"
 MOVER = "from the intervals of the two (method of variance estimates recovery)"
-_ONE = "one visit shows no scatter"
-_FEW = "fewer than three visits"
-_DRAWS = 4000
-_MOST_FOR_BOOTSTRAP = 300
-"""With more visits the delta method's error is far within the scatter of the draws."""
-_MOST_STEPS = 60
-_FINE = 1e-5
-"""Of a limit, as a part of it."""
-_RARE = 1e-15
-"""Probability below which none is told apart."""
-_CLEAR = 20.0
-"""Standard errors from zero on, a distance errs as its component along itself does (to 1 part in 800)."""
+ONE_VISIT = "one visit shows no scatter"
+FEW_VISITS = "fewer than three visits"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +69,7 @@ def mean(values: Array, offset: float = 0.0) -> Estimate:
     """The mean of ``values`` ``(n,)`` less ``offset``, by Student's t."""
     value = float(np.mean(values)) - offset
     if values.size < 2:
-        return without_interval(value, _ONE)
+        return without_interval(value, ONE_VISIT)
     return student(value, float(np.std(values, ddof=1)) / math.sqrt(values.size), values.size - 1)
 
 
@@ -113,146 +98,6 @@ def threefold_sd(values: Array) -> Estimate:
     return Estimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, CHI_SQUARE).root())
 
 
-def distance(difference: Array, covariance: Array, dof: float) -> Estimate:
-    """The length of a mean vector ``(3,)`` whose covariance ``(3, 3)`` was estimated on ``dof`` degrees of freedom.
-
-    The length is never negative and, of a vector that is small beside its scatter, too large. The limits are therefore
-    the true lengths under which a length so large or so small has the probability of the tail; each with the direction
-    under which the vector found is likeliest, the constrained maximum of the likelihood (T. J. DiCiccio, M. A. Martin,
-    S. E. Stern, Canadian Journal of Statistics 29, 2001). The scatter is widened by Student's t over the normal
-    quantile, which is exact where the length is large.
-    """
-    value = float(np.linalg.norm(difference))
-    if dof < 1:
-        return without_interval(value, _ONE)
-    variances, axes = principal_axes(covariance)
-    found = axes.T @ difference
-    if value**2 > _CLEAR**2 * float(np.sum(variances)):
-        return student(value, math.sqrt(float(np.sum(variances * found**2))) / value, dof)
-
-    def solve(tail: float, beyond: bool) -> float:
-        widened = variances * (student_quantile(1.0 - tail, dof) / normal_quantile(1.0 - tail)) ** 2
-
-        wanted = normal_quantile(1.0 - tail if beyond else tail)
-
-        def excess(length: float) -> float:
-            """Rises through zero with the true length, nearly straight, as a normal quantile does."""
-            below = min(
-                max(length_probability(value, _likeliest(found, variances, length), widened), _RARE), 1.0 - _RARE
-            )
-            return wanted - normal_quantile(below)
-
-        return _rising_root(excess, 0.0, value + 6.0 * math.sqrt(float(np.sum(widened))), value)
-
-    def at(confidence: float) -> Interval:
-        tail = 0.5 * (1.0 - confidence)
-        # Of a vector shorter than its scatter would ever leave it no true length is likely, and the upper limit would
-        # be zero; it is kept at what the scatter along one axis allows.
-        upper, bound = (
-            max(solve(p, False), value, math.sqrt(float(variances[0])) * student_quantile(1.0 - p, dof))
-            for p in (tail, 1.0 - confidence)
-        )
-        return Interval(solve(tail, True), upper, bound, confidence, NONCENTRAL)
-
-    def low(confidence: float) -> float:
-        return solve(0.5 * (1.0 - confidence), True)
-
-    if not np.any(variances > 0.0):
-        return Estimate(value, lambda confidence: Interval(value, value, value, confidence, "no scatter"))
-    return Estimate(value, at, low)
-
-
-def _likeliest(found: Array, variances: Array, length: float) -> Array:
-    """The mean ``(3,)`` of that length under which ``found`` is likeliest, in principal axes.
-
-    It is found_i / (1 + lambda v_i); its length falls with lambda, from infinity at -1 / (largest v) to nearly zero.
-    """
-    parts = [(float(x), float(v / variances[0])) for x, v in zip(found, variances, strict=True)]
-
-    def mean(multiplier: float) -> list[float]:
-        return [x / (1.0 + multiplier * v) for x, v in parts]
-
-    low, high = 1e-12, 1e9
-    for _ in range(_MOST_STEPS):
-        # The length is even in the logarithm of 1 + lambda.
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if math.hypot(*mean(middle - 1.0)) > length else (low, middle)
-    likeliest = mean(math.sqrt(low * high) - 1.0)
-    size_found = math.hypot(*likeliest)
-    if size_found == 0.0:
-        return np.array([length, 0.0, 0.0])
-    return np.array(likeliest) * (length / size_found)
-
-
-def _rising_root(function: Callable[[float], float], low: float, high: float, guess: float) -> float:
-    """Where a rising function passes zero in ``low … high``, an end where it does not (secants within a bracket)."""
-    if (below := function(low)) >= 0.0:
-        return low
-    above, root = function(high), guess
-    for _ in range(_MOST_STEPS):
-        found = function(root)
-        low, below, high, above = (root, found, high, above) if found < 0.0 else (low, below, root, found)
-        last, root = root, low - below * (high - low) / (above - below)
-        if not low + 0.01 * (high - low) < root < high - 0.01 * (high - low):
-            # Next to an end: a step past the root, lest the other end stays where it is.
-            root = min(max(root, low + 0.01 * (high - low)), high - 0.01 * (high - low))
-        if abs(root - last) <= _FINE * root or high - low <= _FINE * high:
-            break
-    return root
-
-
-def position_repeatability(residuals: Array, seed: tuple[int, ...]) -> Estimate:
-    """RP_l = mean l + 3 S_l with l the lengths of ``residuals`` ``(3, n)`` about their barycentre, n at least 2."""
-    n = residuals.shape[1]
-    length = np.sqrt(np.sum(np.square(residuals), axis=0))
-    spread = float(np.std(length, ddof=1))
-    value = float(np.mean(length)) + 3.0 * spread
-    if n < 3:
-        return without_interval(value, _FEW)
-    if not np.any(length > 0.0):
-        return Estimate(0.0, lambda confidence: Interval(0.0, 0.0, 0.0, confidence, "no scatter"))
-    if n > _MOST_FOR_BOOTSTRAP:
-        # What one visit adds to mean + 3 S: its length and 3 times its square's part of dS = d(S^2) / (2 S).
-        influence = length + 1.5 * np.square(length - np.mean(length)) / spread if spread > 0.0 else length
-        return student(value, float(np.std(influence, ddof=1)) / math.sqrt(n), math.inf, DELTA)
-    variances, _ = principal_axes(residuals @ residuals.T / (n - 1.0))
-    ratios = _ratios(variances, n, seed)
-
-    def at(confidence: float) -> Interval:
-        below, above, bound = tails(confidence)
-        high, low, top = interpolated(ratios, [p * (ratios.size - 1) for p in (below, above, 1.0 - bound)])
-        return Interval(value / low, value / high, value / top, confidence, f"{PIVOT}, {_DRAWS} draws")
-
-    return Estimate(value, at)
-
-
-def _ratios(variances: Array, n: int, seed: tuple[int, ...]) -> Array:
-    """RP of ``n`` simulated visits over the RP that infinitely many would have, ``(draws,)``."""
-    rng = np.random.default_rng(seed)
-    points = rng.standard_normal((3, _DRAWS, n)) * np.sqrt(variances)[:, None, None]
-    points -= points.mean(axis=2, keepdims=True)
-    length = np.sqrt(np.sum(np.square(points), axis=0))
-    found = length.mean(axis=1) + 3.0 * length.std(axis=1, ddof=1)
-    mean_length = mean_gaussian_length(variances)
-    truth = mean_length + 3.0 * math.sqrt(max(float(np.sum(variances)) - mean_length**2, 0.0))
-    result: Array = found / truth
-    return result
-
-
-def mean_gaussian_length(variances: Array) -> float:
-    """E|z| of z ~ N(0, diag(v)), v ``(3,)``: the integral over s of (1 - prod (1 + 2 v_i s^2)^-1/2) / s^2 / sqrt(pi).
-
-    From E sqrt(Q) = (1 / (2 sqrt(pi))) integral of (1 - E exp(-t Q)) t^-3/2 dt with t = s^2; s = tan(u) / sqrt(2 tr).
-    """
-    trace = float(np.sum(variances))
-    nodes, weights = np.polynomial.legendre.leggauss(120)
-    angle = 0.25 * math.pi * (nodes + 1.0)
-    s = np.tan(angle)
-    product = np.prod(1.0 + variances[:, None] / trace * s**2, axis=0) ** -0.5
-    integral = float(np.sum(weights * (1.0 - product) / np.sin(angle) ** 2)) * 0.25 * math.pi
-    return math.sqrt(2.0 * trace / math.pi) * integral
-
-
 def change(after: Estimate, before: Estimate) -> Estimate:
     """``after - before`` of two independent estimates, from their intervals.
 
@@ -268,7 +113,7 @@ def change(after: Estimate, before: Estimate) -> Estimate:
         low = value - math.hypot(after.value - one.lower, other.upper - before.value)
         high = value + math.hypot(one.upper - after.value, before.value - other.lower)
         if one.upper_bound is None:
-            return Interval.missing(confidence, _FEW)
+            return Interval.missing(confidence, FEW_VISITS)
         # The lower limit at twice the tail is the one-sided one.
         double = before.at(2.0 * confidence - 1.0).lower if confidence > 0.5 else before.value
         bound = value + math.hypot(one.upper_bound - after.value, before.value - (double or 0.0))

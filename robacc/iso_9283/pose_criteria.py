@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 from robacc.iso_9283 import estimates
 from robacc.iso_9283.collecting import Found, absent, collected, separation
+from robacc.iso_9283.distance import distance
 from robacc.iso_9283.estimates import Estimate
 from robacc.iso_9283.records import Characteristic
+from robacc.iso_9283.repeatability import position_repeatability
 from robacc.iso_9283.visits import CommandedPose
 
 NO_COMMAND = "nothing says where the target was to be: give --robot, or columns cmd_x, cmd_y, cmd_z"
@@ -42,7 +44,7 @@ def position_accuracy(deviation: Array) -> Estimate:
     """AP_p from deviations ``(3, n)`` of the visits from the command."""
     n = deviation.shape[1]
     covariance = np.cov(deviation, ddof=1) / n if n > 1 else np.zeros((3, 3))
-    return estimates.distance(deviation.mean(axis=1), covariance, n - 1)
+    return distance(deviation.mean(axis=1), covariance, n - 1)
 
 
 def _accuracy(pose: CommandedPose) -> Found:
@@ -66,7 +68,7 @@ def _repeatability(pose: CommandedPose, seed: int) -> Found:
         (pose.label,),
         pose.source,
         pose.n,
-        estimates.position_repeatability(pose.residuals, (seed, *pose.stream)),
+        position_repeatability(pose.residuals, (seed, *pose.stream)),
         None,
         None if pose.turn is None else tuple(estimates.threefold_sd(row) for row in pose.turn),
         float(np.mean(length)),

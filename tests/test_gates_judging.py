@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.covariance import error_statistics
-from robacc.accuracy.grading import default_scale, grade
+from robacc.accuracy.grade_scale import default_scale
+from robacc.accuracy.grading import grade
 from robacc.gates.evidence import Missing, figure, found_at, sample, word
 from robacc.gates.gate_file import load_gate
 from robacc.gates.judging import GateOutcome, Judged, judge

@@ -12,8 +12,9 @@ import pytest
 from scipy.stats import chi2
 
 from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.grade import Grade
 from robacc.accuracy.grade_scale import Scale, Step, default_scale, load_scale
-from robacc.accuracy.grading import Grade, grade
+from robacc.accuracy.grading import grade
 from robacc.errors import InputError, UsageError
 from robacc.statistics.confidence import ChiSquareCurve
 from robacc.statistics.intervals import Interval

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.accuracy.grading import default_scale
+from robacc.accuracy.grade_scale import default_scale
 from robacc.chain import BLOCK
 from robacc.errors import InputError, UsageError
 from robacc.io.robot_file import read_robot

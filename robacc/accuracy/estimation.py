@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.covariance import error_statistics
-from robacc.accuracy.grading import Grade, Scale, default_scale, grade
+from robacc.accuracy.grade import Grade
+from robacc.accuracy.grade_scale import Scale, default_scale
+from robacc.accuracy.grading import grade
 from robacc.accuracy.pose_errors import (
     Commanded,
     CommandSource,

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, cast, get_args
+from typing import TYPE_CHECKING, Literal, cast, get_args
 
 from robacc.errors import InputError, Problem
 from robacc.statistics.records import Statistic
 
 if TYPE_CHECKING:
     import yaml
+
+Quantity = Literal["position", "orientation"]
 
 VERSION = "1"
 STATISTICS: tuple[str, ...] = get_args(Statistic)
@@ -30,6 +32,10 @@ class Step:
     orientation: float | None
     """rad; None leaves orientation free"""
 
+    def limit(self, quantity: Quantity) -> float | None:
+        """Of that quantity, m or rad; None where it is free."""
+        return self.position if quantity == "position" else self.orientation
+
 
 @dataclass(frozen=True, slots=True)
 class Scale:
@@ -42,6 +48,10 @@ class Scale:
     steps: tuple[Step, ...]
     otherwise: str
     """Grade of errors that meet no step."""
+
+    def name_of(self, rank: int) -> str:
+        """The grade of step ``rank``, the best being 0; of the number of steps, that of errors that meet none."""
+        return self.steps[rank].grade if rank < len(self.steps) else self.otherwise
 
 
 def default_scale() -> Scale:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.grade import Grade
 from robacc.accuracy.grade_scale import Scale, default_scale
-from robacc.accuracy.grading import Grade, grade
+from robacc.accuracy.grading import grade
 from robacc.comparison.pairing import whole
 from robacc.comparison.subject import Subject
 from robacc.errors import UsageError

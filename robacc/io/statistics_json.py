@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from robacc.accuracy.figures import ErrorFigures
-from robacc.accuracy.grading import Grade, QuantityGrade
+from robacc.accuracy.grade import Grade, QuantityGrade
 from robacc.statistics.intervals import Interval
 from robacc.statistics.multivariate import AssumptionTest
 from robacc.statistics.records import ErrorStatistics, MatrixInterval, Radius

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.accuracy.grading import Scale
+from robacc.accuracy.grade_scale import Scale
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.prediction.configurations import Configurations

@@ -8,7 +8,7 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, TextIO
 
 from robacc.accuracy.estimation import EstimateResult, WorstPose
-from robacc.accuracy.grading import Grade
+from robacc.accuracy.grade import Grade
 from robacc.geometry import Array
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, beside, columns, heading, items

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robacc.accuracy.grading import default_scale
+from robacc.accuracy.grade_scale import default_scale
 from robacc.io.robot_file import read_robot
 from robacc.prediction.configurations import sampled_configurations
 from robacc.prediction.covariances import pose_covariances

@@ -75,7 +75,7 @@ def test_statistics_load_nothing_heavy() -> None:
     """The reason for these functions: an estimate imports neither scipy, the YAML reader nor numpy.ma."""
     program = (
         "import sys, numpy as np\n"
-        "from robacc.accuracy.covariance import error_statistics\n"
+        "from robacc.accuracy.error_statistics import error_statistics\n"
         "error_statistics(np.random.default_rng(0).normal(size=(3, 40)), 'm')\n"
         "sys.exit(any(name in sys.modules for name in ('scipy', 'yaml', 'numpy.ma')))"
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.accuracy.covariance import length_intervals
+from robacc.accuracy.error_statistics import length_intervals
 from robacc.gates.confidence import LEVELS, Curve, difference
 from robacc.gates.criteria import Criterion, Rule
 from robacc.gates.deciding import ASSURANCE, Decision, decide, poses_to_decide

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade_scale import default_scale
 from robacc.accuracy.grading import grade
 from robacc.gates.evidence import Missing, figure, found_at, sample, word

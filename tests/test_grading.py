@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import Grade
 from robacc.accuracy.grade_scale import Scale, Step, default_scale, load_scale
 from robacc.accuracy.grading import grade

@@ -1,6 +1,7 @@
 """How far the arm was from where it was to be, and what the errors together say: equations (3)-(5), (13) and (14).
 
-The error of each pose is :mod:`robacc.accuracy.pose_errors`', the statistics are :mod:`robacc.accuracy.covariance`'s.
+The error of each pose is :mod:`robacc.accuracy.pose_errors`', the statistics are
+:mod:`robacc.accuracy.error_statistics`'s.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import Grade
 from robacc.accuracy.grade_scale import Scale, default_scale
 from robacc.accuracy.grading import grade

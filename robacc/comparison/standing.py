@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import Grade
 from robacc.accuracy.grade_scale import Scale, default_scale
 from robacc.accuracy.grading import grade

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.covariance import length_intervals
+from robacc.accuracy.error_statistics import length_intervals
 from robacc.gates.confidence import LEVELS, Curve
 from robacc.geometry import Array
 from robacc.statistics.intervals import Interval

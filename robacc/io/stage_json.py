@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.covariance import length_intervals
+from robacc.accuracy.error_statistics import length_intervals
 from robacc.accuracy.figures import PoseFigures
 from robacc.accuracy.stages import Stage
 from robacc.geometry import Array

@@ -1,4 +1,4 @@
-"""What :func:`robacc.accuracy.covariance.error_statistics` returns: numbers, their intervals, and how they were had."""
+"""Statistics of errors, their intervals and how they were had: what :mod:`robacc.accuracy.error_statistics` returns."""
 
 from __future__ import annotations
 

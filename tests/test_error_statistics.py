@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.accuracy.covariance import error_statistics
+from robacc.accuracy.error_statistics import error_statistics
 from robacc.errors import InputError
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics

@@ -1,0 +1,99 @@
+"""Intervals of the mean error, of its root mean square and of its 95th percentile, by model or by resampling."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from robacc.accuracy.assumption import Assumption
+from robacc.geometry import Array
+from robacc.statistics.confidence import PercentileCurve, Tail
+from robacc.statistics.covariance_intervals import ONE_POSE
+from robacc.statistics.distributions import student_quantile
+from robacc.statistics.intervals import Interval, PoseSampling, interpolated, percentile_levels, tails
+from robacc.statistics.radius import PROBABILITY, satterthwaite_rms
+from robacc.statistics.records import Radius
+
+FEWEST_FOR_MODEL = 10
+"""With fewer poses nothing can be said against a Gaussian, so nothing may rest on its tail."""
+
+
+def mean_intervals(
+    errors: Array, centred: Array, gaussian: bool, sampling: PoseSampling, confidence: float
+) -> tuple[Interval, Interval, Interval]:
+    """Intervals of the mean's components: Student's t, exact for Gaussian errors; else over resampled poses."""
+    n = sampling.n_groups
+    if n < 2 or not gaussian:
+        x, y, z = (sampling.mean_interval(component, confidence, positive=False) for component in errors)
+        return x, y, z
+    _, above, bound = (student_quantile(p, n - 1.0) for p in tails(confidence))
+    intervals = []
+    for component, variance in zip(errors, np.diag(centred), strict=True):
+        mean, error = float(np.mean(component)), float(np.sqrt(variance / (n - 1.0)))
+        intervals.append(
+            Interval(mean - above * error, mean + above * error, mean + bound * error, confidence, "Student's t")
+        )
+    return intervals[0], intervals[1], intervals[2]
+
+
+def rms_interval(
+    covariance: Array, squares: Array, zero_mean_gaussian: bool, sampling: PoseSampling, confidence: float
+) -> Interval:
+    """Interval of the root mean square length, whose squares are ``squares`` ``(N,)``: by the model where it stands."""
+    if sampling.n_groups < 2:
+        return Interval.missing(confidence, ONE_POSE)
+    if zero_mean_gaussian:
+        return satterthwaite_rms(covariance, sampling.n, confidence)
+    return sampling.mean_interval(squares, confidence, positive=True).root()
+
+
+def p95_interval(
+    lengths: Array,
+    assumption: Assumption,
+    about_zero: Radius,
+    about_mean: Radius,
+    sampling: PoseSampling,
+    confidence: float,
+) -> Interval:
+    """Interval of the 95th percentile: by order statistics where poses suffice, else by the fitted Gaussian."""
+    n = sampling.n_groups
+    levels = percentile_levels(n, 0.95, confidence)
+    radius = about_zero if assumption.zero_mean else about_mean
+    # Repetitions count as one pose, however alike: the levels are then wider than they need be, never narrower.
+    by_model = levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL
+    if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
+        return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")
+    curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, _tail(radius, lengths), by_model)
+    if by_model:
+        method = f"95 % radius of the fitted Gaussian, which it relies on; {radius.interval.method}"
+        return dataclasses.replace(_holding(radius.interval, percentile95(lengths)), method=method, curve=curve)
+    # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
+    limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
+    lower, upper, bound = (None if level is None else next(limits) for level in levels)
+    why = None if upper is not None else f"{n} poses: too few for an upper limit without assuming a distribution"
+    method = f"order statistics of {n} poses"
+    if sampling.groups is not None:
+        method += ", all repetitions of a pose counted as one, so the confidence is at least the one stated"
+    return Interval(lower, upper, bound, confidence, method, why, curve)
+
+
+def percentile95(lengths: Array) -> float:
+    """The 95th percentile found, linear between order statistics (Hyndman and Fan's type 7)."""
+    return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
+
+
+def _holding(interval: Interval, value: float) -> Interval:
+    """A two-sided interval widened to hold the value found: one without it, though no less true, few would believe."""
+    if interval.lower is None or interval.upper is None:
+        return interval
+    return dataclasses.replace(interval, lower=min(interval.lower, value), upper=max(interval.upper, value))
+
+
+def _tail(radius: Radius, lengths: Array) -> Tail | None:
+    """Of lengths beyond the sample: as wide as the fitted Gaussian's, and of the shape of the sample's own squares."""
+    squares = np.square(lengths)
+    variance = float(np.var(squares))
+    if not radius.value or variance <= 0.0:
+        return None
+    return Tail(radius.value, 2.0 * float(np.mean(squares)) ** 2 / variance, PROBABILITY)

@@ -1,0 +1,178 @@
+"""Statistics of Cartesian errors: Wu and Lee's covariances (13), (14), and beside them what the assumption hides.
+
+Equation (13) takes the errors as independent draws of a Gaussian with zero mean. Where the data do not contradict
+that (Hotelling's and Mardia's tests at 1 %), intervals are chi-square ones; where they do, or where commanded poses
+were repeated, they come from resampling poses. Each interval says which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.accuracy.assumption import assumption_of
+from robacc.accuracy.error_intervals import mean_intervals, p95_interval, percentile95, rms_interval
+from robacc.errors import InputError
+from robacc.geometry import Array
+from robacc.statistics.covariance_intervals import ellipsoid, matrix_interval
+from robacc.statistics.intervals import Interval, PoseSampling, share_below_maximum
+from robacc.statistics.multivariate import assumption_tests, second_moment
+from robacc.statistics.radius import radius95
+from robacc.statistics.records import ErrorStatistics, Intervals, Statistic, Unit
+from robacc.statistics.structure import pose_structure
+
+
+def error_statistics(
+    errors: Array,
+    unit: Unit,
+    *,
+    groups: NDArray[Any] | None = None,
+    confidence: float = 0.95,
+    bootstrap: int = 2000,
+    seed: int = 0,
+) -> ErrorStatistics:
+    """Statistics of errors, each with its interval.
+
+    Args:
+        errors: ``(3, N)`` position errors in m or orientation errors (rotation vectors) in rad, all in one frame.
+        unit: ``"m"`` or ``"rad"``.
+        groups: ``(N,)`` id of each error's commanded pose, of any type; equal ids are repetitions of one pose and
+            are not counted as independent. None: each error is of a pose of its own.
+        confidence: Of every interval.
+        bootstrap: Number of resamples where an interval needs them.
+        seed: Of the resampling; the same seed gives the same limits.
+
+    Raises:
+        InputError: No error at all, or one that is not finite.
+        ValueError: The shape of ``errors`` or ``groups`` is wrong.
+    """
+    errors = _checked(errors)
+    sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
+    tests = assumption_tests(_pose_means(errors, sampling))
+    assumption = assumption_of(tests, sampling)
+    zero_mean_gaussian = assumption.shape and assumption.zero_mean and assumption.independent
+    gaussian = assumption.shape and assumption.independent
+    mean, covariance = np.mean(errors, axis=1), second_moment(errors)
+    centred = _centred(errors, mean)
+    centred_covariance = second_moment(centred)
+    squares = np.einsum("in,in->n", errors, errors)
+    lengths = np.sqrt(squares)
+    n = errors.shape[1]
+    about_zero = radius95(errors, np.zeros(3), covariance, zero_mean_gaussian, sampling, confidence)
+    about_mean = radius95(errors, mean, centred_covariance, gaussian, sampling, confidence)
+    return ErrorStatistics(
+        unit=unit,
+        n=n,
+        n_poses=sampling.n_groups,
+        confidence=confidence,
+        mean=mean,
+        covariance=covariance,
+        centred_covariance=centred_covariance,
+        rms=float(np.sqrt(np.trace(covariance))),
+        mean_error=float(np.mean(lengths)),
+        p95=percentile95(lengths),
+        max=float(np.max(lengths)),
+        share_below_max=share_below_maximum(sampling.n_groups, confidence),
+        intervals=Intervals(
+            mean=mean_intervals(errors, centred_covariance, gaussian, sampling, confidence),
+            covariance=matrix_interval(errors, covariance, n if zero_mean_gaussian else None, sampling, confidence),
+            centred_covariance=matrix_interval(
+                centred, centred_covariance, n - 1 if gaussian else None, sampling, confidence
+            ),
+            rms=rms_interval(covariance, squares, zero_mean_gaussian, sampling, confidence),
+            mean_error=sampling.mean_interval(lengths, confidence, positive=True),
+            p95=p95_interval(lengths, assumption, about_zero, about_mean, sampling, confidence),
+        ),
+        ellipsoid=ellipsoid(errors, covariance, zero_mean_gaussian, sampling, confidence),
+        radius95_zero_mean=about_zero,
+        radius95_fitted_mean=about_mean,
+        tests=tests,
+        structure=pose_structure(errors, sampling.groups),
+        assumption=assumption.text,
+    )
+
+
+def length_intervals(
+    errors: Array,
+    confidences: Sequence[float],
+    *,
+    groups: NDArray[Any] | None = None,
+    bootstrap: int = 2000,
+    seed: int = 0,
+) -> tuple[Mapping[Statistic, Interval], ...]:
+    """Intervals of the error's length alone, as :func:`error_statistics` has them, at each of ``confidences``.
+
+    Args:
+        errors: ``(3, N)``, as there.
+        confidences: Of the intervals; any between 0 and 1.
+        groups: As there.
+        bootstrap: As there.
+        seed: As there.
+
+    Raises:
+        InputError: No error at all, or one that is not finite.
+        ValueError: The shape of ``errors`` or ``groups`` is wrong.
+    """
+    errors = _checked(errors)
+    sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
+    assumption = assumption_of(assumption_tests(_pose_means(errors, sampling)), sampling)
+    gaussian = assumption.shape and assumption.independent
+    mean, covariance = np.mean(errors, axis=1), second_moment(errors)
+    centred = second_moment(errors - mean[:, None])
+    squares = np.einsum("in,in->n", errors, errors)
+    lengths = np.sqrt(squares)
+
+    def at(confidence: float) -> Mapping[Statistic, Interval]:
+        zero_mean = gaussian and assumption.zero_mean
+        about_zero = radius95(errors, np.zeros(3), covariance, zero_mean, sampling, confidence)
+        about_mean = radius95(errors, mean, centred, gaussian, sampling, confidence)
+        return {
+            "rms": rms_interval(covariance, squares, zero_mean, sampling, confidence),
+            "mean_error": sampling.mean_interval(lengths, confidence, positive=True),
+            "p95": p95_interval(lengths, assumption, about_zero, about_mean, sampling, confidence),
+        }
+
+    return tuple(at(confidence) for confidence in confidences)
+
+
+def _checked(errors: Array) -> Array:
+    """``errors`` as float64, of the right shape, finite and not empty."""
+    errors = np.asarray(errors, dtype=float)
+    if errors.ndim != 2 or errors.shape[0] != 3:
+        raise ValueError(f"errors must have the shape (3, N), not {errors.shape}")
+    if errors.shape[1] == 0:
+        raise InputError("there are no poses, and statistics take at least one")
+    finite = np.all(np.isfinite(errors), axis=0)
+    if not np.all(finite):
+        first = int(np.argmin(finite)) + 1
+        raise InputError(f"{int(np.sum(~finite))} errors are not finite numbers, the first that of pose {first}")
+    return errors
+
+
+def _centred(errors: Array, mean: Array) -> Array:
+    """The errors about their mean; a component that is the same in all of them has no scatter, whatever rounds off."""
+    centred = errors - mean[:, None]
+    low, high = np.min(errors, axis=1), np.max(errors, axis=1)
+    centred[high - low <= 8 * np.finfo(float).eps * np.max(np.maximum(-low, high))] = 0.0
+    return centred
+
+
+def _sampling(n: int, groups: NDArray[Any] | None, draws: int, seed: int) -> PoseSampling:
+    """Group ids as indices; None where no pose was repeated, which is the faster and exact case."""
+    if groups is None:
+        return PoseSampling(n, None, draws, seed)
+    groups = np.asarray(groups)
+    if groups.shape != (n,):
+        raise ValueError(f"groups must have the shape ({n},), not {groups.shape}")
+    unique, index = np.unique(groups, return_inverse=True)
+    return PoseSampling(n, None if unique.size == n else index.astype(np.int64), draws, seed)
+
+
+def _pose_means(errors: Array, sampling: PoseSampling) -> Array:
+    """One error for each commanded pose, ``(3, n_groups)``."""
+    if sampling.groups is None:
+        return errors
+    return np.stack([sampling.sums(component) for component in errors]) / sampling.sizes()

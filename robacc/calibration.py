@@ -25,7 +25,7 @@ from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import Kind, drawn
-from robacc.fitting.warnings import none_held_out, rows_left_out
+from robacc.fitting.warnings import frames_left, none_held_out, rows_left_out, uncertainty_too_large
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -115,11 +115,12 @@ def calibrate(
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
     held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
     told = before_and_after(robot, data, registered, found, held, holdout)
+    noise = lack_of_fit(found, data)
     return Calibration(
         robot=fold(found),
         effects=effects,
         fit=found,
-        noise=lack_of_fit(found, data),
+        noise=noise,
         nominal=told.nominal,
         before=told.before,
         after=told.after,
@@ -131,7 +132,7 @@ def calibrate(
         identifiability=found.identifiability,
         leverage=_leverage(found, data),
         n_folds=0 if held is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
-        warnings=_warnings(found, data, told.after),
+        warnings=_warnings(found, data, told.after, noise),
         residuals=told.residuals,
         apart=told.apart,
         curves=tuple((e, curve) for e in effects if not e.is_constant for curve in curves(e, found, data)),
@@ -256,8 +257,9 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
     return tuple((int(i), float(share[i])) for i in high[np.argsort(-share[high])])
 
 
-def _warnings(found: Fit, data: Measurements, after: Stage) -> tuple[str, ...]:
-    warnings = [*data.warnings, *rows_left_out(found, data)]
+def _warnings(found: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
+    warnings = [*data.warnings, *data.contradicted_ids(), *rows_left_out(found, data), *frames_left(found, data)]
+    warnings.extend(uncertainty_too_large(noise))
     count = int(found.identifiability.kept.size)
     spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
     if spare < count:

@@ -171,6 +171,22 @@ def test_poses_held_out_by_a_file(files: Path) -> None:
     assert found["after"]["held_out"]["position"]["rms_m"] < 1.3 * np.sqrt(3) * 2e-5
 
 
+@pytest.mark.parametrize("name", ["trace", "calibrate"])
+def test_poses_that_were_fitted_are_not_held_out(files: Path, tmp_path: Path, name: str) -> None:
+    lines = (files / "apart.csv").read_text(encoding="utf-8").splitlines()
+    lines.append((files / "poses.csv").read_text(encoding="utf-8").splitlines()[-1])
+    mixed = tmp_path / "mixed.csv"
+    mixed.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    option = {"trace": "--declared", "calibrate": "--fit"}[name]
+    arguments = [str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), option, DECLARED]
+    done = run(name, *arguments, "--holdout", str(mixed))
+    assert done.exit_code == 3
+    assert (
+        f"{mixed}:{len(lines)}: 1 of 51 poses held out is among the fitted poses too, the first is line" in done.stderr
+    )
+    assert "leave them out of one of the two" in done.stderr
+
+
 def test_the_same_call_gives_the_same_bytes(files: Path) -> None:
     first = run(*command(files, "--format", "json")).stdout
     assert run(*command(files, "--format", "json")).stdout == first

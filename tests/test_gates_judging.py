@@ -150,6 +150,20 @@ def test_samples_are_the_rows_that_a_stages_figures_are_of() -> None:
     assert sample(document, "after.fitted.orientation.rms") is None
 
 
+def test_a_welcome_verdict_needs_poses_held_out_and_says_where_noise_is_not_known() -> None:
+    document = stage(errors(size=1e-4))
+    document["after"]["held_out"] = None
+    undecided = judged("key: verdict, limit: explained", document)
+    assert undecided.outcome == "inconclusive"
+    assert undecided.decision.why == "no poses were held out, so nothing shows what the verdict is worth"
+    assert judged("key: verdict, limit: clean", document).outcome == "fail"
+    guessed = stage(errors(size=1e-4), noise={"position_m": 2e-5, "orientation_rad": None, "source": "residual"})
+    passed = judged("key: verdict, limit: explained", guessed)
+    assert passed.outcome == "pass"
+    (warning,) = passed.warnings
+    assert "add a limit on after.held_out.position.p95" in warning
+
+
 def test_outcomes_of_quantities_words_and_gains() -> None:
     document = stage(errors(size=1e-4))
     assert judged("key: after.held_out.position.rms, limit: 1 mm", document).outcome == "pass"
@@ -157,6 +171,7 @@ def test_outcomes_of_quantities_words_and_gains() -> None:
     assert judged("key: verdict, limit: [clean, explained]", document).outcome == "pass"
     assert judged("key: verdict, limit: clean", document).outcome == "fail"
     assert judged("key: unexplained.structured, limit: false", document).outcome == "pass"
+    assert judged("key: verdict, limit: explained", document).warnings == ()
     assert word(document, "unexplained.structured") == "false"
     assert judged("key: gain, at_least: 0.5 mm", document).outcome == "pass"
     assert judged("key: gain, at_least: 0.9 mm", document).outcome == "inconclusive"

@@ -11,7 +11,9 @@ import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
+from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit
+from robacc.geometry import rotation_about
 from robacc.io.fit_json import trace_payload
 from robacc.io.result_json import json_text
 from robacc.measurements import Measurements
@@ -221,6 +223,33 @@ def test_frames_that_nobody_declared_are_found() -> None:
     assert frame["base_frame.z"] == pytest.approx(robot.base.xyz[2] + 5e-4, abs=5e-5)
 
 
+def test_an_instrument_metres_away_with_nothing_declared() -> None:
+    """Without the frame the rest asks for compliances that no arm has; that must not end the whole trace."""
+    turn = rotation_about(2, np.array(0.4))
+    data = measured("puma560", entry("joint_compliance", "j2", 2e-6), n=60)
+    away = dataclasses.replace(data, position=turn @ data.position + np.array([[2.1], [-0.35], [0.41]]))
+    found = traced(arm("puma560").robot, away, "")
+    by_name = {finding.effect: finding for finding in found.findings}
+    assert by_name["base_frame"].held_out_before is None
+    assert by_name["base_frame"].held_out_after is not None
+    assert all(f.held_out_before is not None for name, f in by_name.items() if name not in ALIGNABLE)
+    assert found.after.fitted.position.rms < 2e-3
+    assert any(text.endswith("declare base_frame,tool_frame") for text in found.warnings)
+    assert any("every arm deviates in joint_offset and link_geometry too" in hint for hint in found.unexplained.hints)
+    registered = traced(arm("puma560").robot, away)
+    assert not any("frames that do not agree" in text for text in registered.warnings)
+    assert all("every arm deviates" not in hint for hint in registered.unexplained.hints)
+
+
+def test_an_uncertainty_that_the_poses_refute_is_warned_of() -> None:
+    data = measured("puma560")
+    for factor, warned in ((1.0, False), (5.0, True)):
+        stated = dataclasses.replace(data, sigma_position=np.full(data.position.shape, factor * NOISE))
+        found = traced(arm("puma560").robot, stated)
+        assert named(found) == []
+        assert any("too large (another unit, or k = 2)" in text for text in found.warnings) is warned
+
+
 def test_effects_that_do_the_same_are_alternatives() -> None:
     # The pedestal's tilt and the bearing of an upright first axis: the same moment, about the same place.
     one = arm("puma560")
@@ -319,3 +348,20 @@ def test_a_refit_decides_what_can_be_told_apart_at_the_nominal_robot() -> None:
     again = refit(found, model.free, data, SEARCH)
     assert again.identifiability.kept.tolist() == found.identifiability.kept.tolist()
     assert np.abs(again.theta).max() < 0.1
+
+
+def test_what_the_other_findings_leave_no_need_of_is_not_reported() -> None:
+    """An effect that was taken in though the data do not show it goes; what they show stays."""
+    robot = arm("puma560").robot
+    data = measured("puma560", entry("backlash", "j2", 2e-4))
+    model = Model.of(robot, build(parse_requests(DECLARED), arm("puma560"), data))
+    loop = close_loop(model, data)
+    idle = build(parse_requests("gear_ratio[j3]"), arm("puma560"), data)
+    both = (*loop.effects, *idle)
+    loop.selection.start_with(next(one for one in loop.scene.pool if one.effect.key() == idle[0].key()))
+    final = refit(loop.final, (*model.free, *both), data, SEARCH)
+    residual = final.residual
+    held = Held(residual, residual, {}, {effect.key(): 5 for effect in both}, 5)
+    kept = _reproduced(dataclasses.replace(loop, effects=both, final=final), held, data)
+    assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
+    assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[0]))]

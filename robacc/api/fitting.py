@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
+import numpy as np
+
 from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of
 from robacc.api.result import Result
-from robacc.errors import UsageError
+from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.results import InputFile
 from robacc.robots.description import Robot
@@ -82,7 +84,34 @@ def given(
     names = {"poses": _name(poses), "robot": _name(robot), "holdout": _name(holdout)}
     if apart is None:
         return Given(arm, data, None, names, (record, arm_record))
+    _refuse_shared(data, apart[0], names["holdout"])
     return Given(arm, data, apart[0], names, (record, arm_record, apart[1]))
+
+
+def _refuse_shared(data: Measurements, apart: Measurements, name: str | None) -> None:
+    """Raise InputError where poses held out are also among those fitted: figures of them would flatter."""
+    fitted = {one: i for i, one in enumerate(_rows(data))}
+    shared = [(i, fitted[one]) for i, one in enumerate(_rows(apart)) if one in fitted]
+    if not shared:
+        return
+    count = f"{len(shared)} of {apart.n} poses held out {'is' if len(shared) == 1 else 'are'}"
+    here, there = shared[0]
+    raise InputError(
+        Problem(
+            f"{count} among the fitted poses too, the first is {data.place(there)} of {data.source or 'the poses'}",
+            name,
+            apart.line(here),
+            fix="poses held out must have had no part in the fit: leave them out of one of the two",
+        )
+    )
+
+
+def _rows(data: Measurements) -> Iterator[bytes]:
+    """What was commanded and measured of each pose, which noise makes different where a pose was measured again."""
+    circumstances = (data.time, data.temperature, data.payload)
+    rotation = None if data.rotation is None else data.rotation.reshape(9, data.n)
+    known = [one for one in (data.q, data.position, rotation, *circumstances) if one is not None]
+    return (row.tobytes() for row in np.vstack(known).T)
 
 
 def _name(source: StrPath | Measurements | Robot | None) -> str | None:

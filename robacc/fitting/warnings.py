@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from robacc.fitting.noise import LackOfFit
+from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit
 from robacc.measurements import Measurements
 
 _NAMED = 10
 """Rows left out that are named; the rest are counted."""
+_FAR = 0.05
+"""A residual of more than this fraction of the poses' own spread is no arm's: frames that were not fitted are."""
+_SURE = 0.999
+"""Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
+_SMALL = 0.7
+"""… where the residual is also less than this part of it, which is more than rounding a sigma explains."""
 
 
 def rows_left_out(found: Fit, data: Measurements) -> tuple[str, ...]:
@@ -21,3 +31,27 @@ def none_held_out(data: Measurements) -> str:
     """That there were too few poses to hold any out."""
     poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
     return f"{poses} too few to hold any out: every figure is of poses that were fitted"
+
+
+def frames_left(declared: Fit, data: Measurements) -> tuple[str, ...]:
+    """That base and tool were not declared, where what is left looks like it."""
+    names = {effect.name for effect in declared.model.free}
+    absent = [name for name in ALIGNABLE if name not in names]
+    position = data.position[:, declared.kept]
+    spread = float(np.sum(np.var(position, axis=1)))
+    left = float(np.mean(np.sum(np.square(declared.residual[:3, declared.kept]), axis=0)))
+    if not absent or left <= _FAR**2 * spread:
+        return ()
+    return (
+        f"errors this large come from frames that do not agree rather than from the arm; declare {','.join(absent)}",
+    )
+
+
+def uncertainty_too_large(noise: LackOfFit) -> tuple[str, ...]:
+    """That the file's uncertainty cannot be, where the residual is far below it."""
+    if noise.noise.source != "file" or noise.p_value is None or noise.p_value <= _SURE or noise.ratio >= _SMALL:
+        return ()
+    return (
+        f"the residual is only {noise.ratio:.2g} times the measuring uncertainty of the file's sigma columns, so they "
+        "are too large (another unit, or k = 2), and so are the standard errors that rest on them",
+    )

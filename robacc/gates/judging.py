@@ -144,8 +144,24 @@ def _word(criterion: Criterion, document: Mapping[str, Any]) -> Judged:
     found = word(document, criterion.key)
     if isinstance(found, Missing):
         return _missing(criterion, found.why)
+    warnings: tuple[str, ...] = ()
     decision = Decision("pass" if found in criterion.words else "fail")
-    return Judged(criterion, decision, "word", None, found, None, None, None, ())
+    if criterion.key == "verdict" and decision.outcome == "pass":
+        decision, warnings = _verdict(decision, document)
+    return Judged(criterion, decision, "word", None, found, None, None, None, warnings)
+
+
+def _verdict(decision: Decision, document: Mapping[str, Any]) -> tuple[Decision, tuple[str, ...]]:
+    """What a welcome verdict of a trace is worth: nothing where no pose was held out to judge on."""
+    after, noise = document.get("after"), document.get("noise")
+    if isinstance(after, Mapping) and after.get("held_out") is None:
+        return Decision("inconclusive", "no poses were held out, so nothing shows what the verdict is worth"), ()
+    if isinstance(noise, Mapping) and noise.get("source") == "residual":
+        return decision, (
+            "verdict: the measuring noise is not known (no sigma columns, no repeats), so it says that no structure is "
+            "left, not how large the rest is; add a limit on after.held_out.position.p95",
+        )
+    return decision, ()
 
 
 def _grade(criterion: Criterion, document: Mapping[str, Any]) -> Judged:

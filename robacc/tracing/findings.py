@@ -43,7 +43,8 @@ class Finding:
     """Corrected for everything that competed."""
     evidence: float
     held_out_before: float | None
-    """Held-out position rms without it, m; None where too few poses to hold any out."""
+    """Held-out position rms without it, m; None where too few poses to hold any out, and of a frame, without which
+    nothing else can be fitted."""
     held_out_after: float | None
     chosen_again: tuple[int, int]
     """In how many of how many folds it was chosen again without the poses held out."""
@@ -70,7 +71,8 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
     before = after = None
     if held is not None:
         rows = final.kept if held.folds else slice(None)
-        before = pose_figures(held.without[effect.key()][:, rows]).position.rms
+        without = held.without.get(effect.key())
+        before = None if without is None else pose_figures(without[:, rows]).position.rms
         after = pose_figures(held.after[:, rows]).position.rms
     number = in_form(final.model.free, "equilibrium").index(effect)
     fitted = final.model.free[number]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
-from robacc.errors import InputError
+from robacc.errors import EquilibriumError, InputError
 from robacc.fitting.crossfit import folds, held_out, parts
 from robacc.fitting.elastic_form import better_form, in_form
 from robacc.fitting.forms import in_shown_form
@@ -48,6 +48,7 @@ class Held:
     before: Array
     after: Array
     without: dict[tuple[object, ...], Array]
+    """By the finding's key; of those without which the rest can be fitted."""
     chosen: dict[tuple[object, ...], int]
     """By the finding's key."""
     folds: int
@@ -59,8 +60,8 @@ class _Fold:
 
     before: Array
     after: Array
-    without: tuple[Array, ...]
-    """For each finding of the whole loop, in its order."""
+    without: tuple[Array | None, ...]
+    """For each finding of the whole loop, in its order; None where the rest cannot be fitted without it."""
     chosen: tuple[bool, ...]
     """Whether the fold chose it too."""
 
@@ -104,8 +105,11 @@ def hold_out(
     for rest, one in zip(masks, results, strict=True):
         before[:, rest], after[:, rest] = one.before, one.after
         for effect, lacking, again in zip(loop.effects, one.without, one.chosen, strict=True):
-            without[effect.key()][:, rest] = lacking
             chosen[effect.key()] += again
+            if lacking is None:
+                without.pop(effect.key(), None)
+            elif effect.key() in without:
+                without[effect.key()][:, rest] = lacking
     return Held(before, after, without, chosen, len(masks))
 
 
@@ -207,11 +211,21 @@ def _on(loop: Loop, data: Measurements, holdout: Measurements) -> Held:
     """Poses of their own: the models of all the other poses, as they stand."""
     declared = better_form(loop.declared, loop.declared.model, data, SEARCH)[0]
     final = loop.final if loop.final.widths else better_form(loop.final, loop.final.model, data, SEARCH)[0]
-    without = {effect.key(): _lacking(final, [effect], holdout) for effect in loop.effects}
+    lacking = {effect.key(): _lacking(final, [effect], holdout) for effect in loop.effects}
+    without = {key: one for key, one in lacking.items() if one is not None}
     return Held(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)
 
 
-def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array:
-    """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them."""
+def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array | None:
+    """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them.
+
+    To first order, which a frame does not allow: it is registered over metres and any angle. None for such, and where
+    the rest then asks for compliances that have no equilibrium.
+    """
+    if any(effect.name in ALIGNABLE for effect in absent):
+        return None
     numbers = {i for i, effect in enumerate(in_form(complete.model.free, "equilibrium")) if effect in absent}
-    return residuals(test, complete.model.bind(test).poses(complete.without(numbers)))
+    try:
+        return residuals(test, complete.model.bind(test).poses(complete.without(numbers)))
+    except EquilibriumError:
+        return None

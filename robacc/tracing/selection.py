@@ -146,6 +146,19 @@ class Selection:
             return True
         return False
 
+    def prune(self) -> None:
+        """Drop what the other findings leave no need of, the least needed first."""
+        while self.chosen:
+            weakest = max(self.chosen, key=self._p_value)
+            if self._p_value(weakest) <= FALSE_ALARM:
+                return
+            self.chosen.remove(weakest)
+            self.steps.append(Step("drop", str(weakest.candidate.effect), []))
+
+    def _p_value(self, one: Chosen) -> float:
+        """Of a finding, with every other finding kept."""
+        return self.field.own(one, self.field.condition(self.chosen, without=one)).p_value
+
     def contest(self, one: Chosen) -> tuple[Ranked, list[Ranked]]:
         """A finding against all named rivals for its place, with every other finding kept."""
         conditioned = self.field.condition(self.chosen, without=one)

@@ -16,8 +16,9 @@ from robacc.fitting.elastic_form import FormChoice
 from robacc.fitting.folding import fold
 from robacc.fitting.forms import in_shown_form
 from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options
-from robacc.fitting.warnings import none_held_out, rows_left_out
+from robacc.fitting.warnings import frames_left, none_held_out, rows_left_out, uncertainty_too_large
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
@@ -31,6 +32,8 @@ from robacc.tracing.selection import FALSE_ALARM, Step
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 
+_OF_EVERY_ARM = ("joint_offset", "link_geometry")
+"""What a nominal model is wrong in before anything else is."""
 _MOST_TO_ADVISE = 200
 """Coefficients beyond which rivals are not fitted to find the poses that would decide."""
 
@@ -129,28 +132,39 @@ def trace(
         detection=_detection(loop, held),
         n_folds=0 if held is None else held.folds,
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
-        warnings=(*data.warnings, *([none_held_out(data)] if held is None else []), *rows_left_out(final, data)),
+        warnings=(
+            *data.warnings,
+            *data.contradicted_ids(),
+            *([none_held_out(data)] if held is None else []),
+            *rows_left_out(final, data),
+            *frames_left(declared, data),
+            *uncertainty_too_large(noise),
+        ),
         residuals=shown.residuals,
         apart=shown.apart,
     )
 
 
 def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
-    """The loop without findings that fewer than half of the folds chose again.
+    """The loop without findings that fewer than half of the folds chose again, and without what then has no need.
 
     What most parts of the poses do not show is there by chance, or would predict other poses worse.
     """
-    if held is None or not held.folds:
-        return loop
-    effects = tuple(effect for effect in loop.effects if 2 * held.chosen[effect.key()] >= held.folds)
-    if len(effects) == len(loop.effects):
-        return loop
+    effects = loop.effects
+    if held is not None and held.folds:
+        effects = tuple(effect for effect in effects if 2 * held.chosen[effect.key()] >= held.folds)
     keys = {coarse(effect) for effect in effects}
     chosen = [one for one in loop.selection.chosen if coarse(one.candidate.effect) in keys]
+    selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
+    selection.prune()
+    keys = {coarse(one.candidate.effect) for one in selection.chosen}
+    effects = tuple(effect for effect in effects if effect.name in ALIGNABLE or coarse(effect) in keys)
+    if len(effects) == len(loop.effects):
+        return loop
     free = (*loop.declared.model.free, *frames_first(effects))
     final = refit(loop.final, free, data, SEARCH) if effects else loop.declared
-    selection = dataclasses.replace(loop.selection, chosen=chosen)
-    return dataclasses.replace(loop, effects=effects, final=final, selection=selection)
+    steps = (*loop.steps, *selection.steps)
+    return dataclasses.replace(loop, effects=effects, final=final, selection=selection, steps=steps)
 
 
 def _polished(loop: Loop, data: Measurements) -> tuple[Fit, FormChoice | None]:
@@ -198,6 +212,12 @@ def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexp
     hints = []
     if best is not None and p_value <= FALSE_ALARM:
         hints.append(f"what is left depends on what {best.candidate.effect} describes, yet that does not explain it")
+        absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in loop.declared.model.free)]
+        if absent:
+            hints.append(
+                f"every arm deviates in {' and '.join(absent)} too, which were not declared: "
+                f"--declared {','.join(absent)} besides what is declared may explain it"
+            )
     structured = p_value <= FALSE_ALARM
     known = noise.p_value is not None
     if noise.p_value is not None and noise.p_value <= FALSE_ALARM:

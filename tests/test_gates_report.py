@@ -62,6 +62,12 @@ def test_a_criterion_in_one_sentence() -> None:
     assert sentence(near).endswith("the value lies so close to the limit that no number of poses will decide")
 
 
+def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
+    few = judged("inconclusive", why="5 poses: too few", lower_bound=None, upper_bound=None, margin=None)
+    assert sentence(few).endswith("; 5 poses: too few")
+    assert "so close" not in sentence(judged("inconclusive", n=None))
+
+
 @pytest.mark.parametrize(
     ("size", "at_least", "baseline", "text"),
     [

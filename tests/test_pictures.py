@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 import results
+from matplotlib.figure import Figure
 
 from robacc.errors import UsageError
 from robacc.pictures.canvas import as_file, as_part
 from robacc.pictures.catalogue import picture_of, pictures_of
+from robacc.pictures.distribution import _scale
 from robacc.pictures.ellipsoids import SHARES
 from robacc.pictures.errors_of import stages_of
 from robacc.pictures.extra import need
@@ -167,3 +169,32 @@ def test_the_colour_blind_can_tell_the_roles_apart() -> None:
         linear = [np.where(p <= 0.04045, p / 12.92, ((p + 0.055) / 1.055) ** 2.4) for p in paints]
         for seen in (np.eye(3), protan, deutan):
             assert np.linalg.norm(seen @ linear[0] - seen @ linear[1]) > 0.25
+
+
+@pytest.mark.parametrize(
+    ("largest", "shown"), [(2.0, ["0.01", "0.1", "1", "10", "100", "1000"]), (5e-4, ["0.01", "0.02"])]
+)
+def test_a_wide_logarithmic_scale_has_a_number_a_decade(largest: float, shown: list[str]) -> None:
+    figure = Figure()
+    axes = figure.add_subplot()
+    _scale(axes, [("before", "", np.full(9, largest)), ("after", "", np.full(9, 1e-5))], MILLIMETRE)
+    figure.draw_without_rendering()
+    low, high = axes.get_xlim()
+    ticks = zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+    labels = [label.get_text() for place, label in ticks if low <= place <= high]
+    assert labels[: len(shown)] == shown
+    assert len(labels) <= 8
+
+
+def test_bars_of_what_competed_follow_their_evidence() -> None:
+    document = results.document("trace")
+    ranking = document["candidates"][0]["ranking"]
+    chosen = ranking[0]
+    for one in ranking:
+        if one["effect"] == "transmission_error":
+            one["evidence_nats"] += 1000.0
+    first = picture_of(document, "candidates")
+    shown = [float(row[1]) for row in first.table.rows]
+    assert shown == sorted(shown, reverse=True)
+    assert f"{chosen['effect']} [{', '.join(chosen['joints'])}], likelier beforehand, was added" in first.caption
+    assert "It was added" in picture_of(results.document("trace"), "candidates").caption

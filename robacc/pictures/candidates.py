@@ -18,11 +18,11 @@ _ROWS = 40
 
 
 def candidate_pictures(document: Document) -> Iterator[Picture]:
-    """One a step, the best of each effect and joint."""
+    """One a step, the best of each effect and joint, by evidence."""
     for number, step in enumerate(_told(document.get("candidates", ())), 1):
         ranked = _distinct(step["ranking"])
         if ranked:
-            yield _picture(number, step, ranked)
+            yield _picture(number, ranked, _name(step["ranking"][0]) if step["action"] == "add" else None)
 
 
 def _told(steps: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -33,7 +33,8 @@ def _told(steps: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 
 def _distinct(ranking: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     best: dict[tuple[str, tuple[str, ...]], Mapping[str, Any]] = {}
-    for one in ranking:
+    # Competitors are ranked by evidence and prior together; bars show the evidence alone, so they follow it.
+    for one in sorted(ranking, key=lambda one: -one["evidence_nats"]):
         best.setdefault((one["effect"], tuple(one["joints"])), one)
     return list(best.values())
 
@@ -43,14 +44,16 @@ def _name(one: Mapping[str, Any]) -> str:
     return f"{one['effect']} [{joints}]" if joints else str(one["effect"])
 
 
-def _picture(number: int, step: Mapping[str, Any], ranked: Sequence[Mapping[str, Any]]) -> Picture:
+def _picture(number: int, ranked: Sequence[Mapping[str, Any]], chosen: str | None) -> Picture:
     first = ranked[0]
     second = f"; next is {_name(ranked[1])} with {ranked[1]['evidence_nats']:.1f}" if len(ranked) > 1 else ""
-    chosen = step["action"] == "add"
-    outcome = "It was added to the model." if chosen else "Nothing more was added."
+    outcome = "Nothing more was added."
+    if chosen is not None:
+        added = "It" if chosen == _name(first) else f"{chosen}, likelier beforehand,"
+        outcome = f"{added} was added to the model."
     return Picture(
         "candidates",
-        f"Step {number}: what competed" if chosen else "At the end: what is left to compete",
+        f"Step {number}: what competed" if chosen is not None else "At the end: what is left to compete",
         f"Evidence of the poses for each effect that the model might lack, in nats (natural logarithm of the odds that "
         f"the data give it); the best is {_name(first)} with {first['evidence_nats']:.1f}, "
         f"{p_value(first['p_value'])}{second}. {outcome}",
@@ -65,10 +68,10 @@ def _picture(number: int, step: Mapping[str, Any], ranked: Sequence[Mapping[str,
     )
 
 
-def _draw(figure: Figure, ranked: Sequence[Mapping[str, Any]], chosen: bool) -> None:
+def _draw(figure: Figure, ranked: Sequence[Mapping[str, Any]], chosen: str | None) -> None:
     axes = figure.add_subplot()
     values = [one["evidence_nats"] for one in ranked]
-    colours = [LIGHT["after"] if chosen and i == 0 else LIGHT["nominal"] for i in range(len(ranked))]
+    colours = [LIGHT["after"] if _name(one) == chosen else LIGHT["nominal"] for one in ranked]
     bars = axes.barh(range(len(ranked)), values, color=colours, height=0.62)
     axes.bar_label(bars, [f"{value:.1f}" for value in values], padding=3, fontsize=8)
     axes.set_yticks(range(len(ranked)), [short(_name(one), 34) for one in ranked])

@@ -25,6 +25,8 @@ _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
 _DASHES = {"nominal": (0, (1, 1.2)), "before": (0, (5, 1.6)), "after": "-"}
 _WIDE_RANGE = 12.0
 """Largest error over the smallest median beyond which the scale is logarithmic."""
+_ROOM = 1000.0
+"""Range of a logarithmic scale beyond which its 2 and 5 no longer stand apart from each other."""
 
 
 def distributions(document: Document) -> Iterator[Picture]:
@@ -142,10 +144,12 @@ def _scale(axes: Axes, curves: Curves, shown: Unit) -> None:
     if low > 0 and top / low > _WIDE_RANGE:
         smallest = min(float(np.quantile(sizes, 0.02)) for _, _, sizes in curves) * shown.factor
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ends = max(smallest, low / 30) / 1.3, top * 1.3
+        subs = (1.0,) if ends[1] / ends[0] > _ROOM else (1.0, 2.0, 5.0)
+        axes.xaxis.set_major_locator(LogLocator(subs=subs))
         # Plain numbers: the style reads no powers of ten from formulas.
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
-        axes.set_xlim(max(smallest, low / 30) / 1.3, top * 1.3)
+        axes.set_xlim(*ends)
     else:
         axes.set_xlim(0, top * 1.04 or 1.0)

@@ -225,3 +225,13 @@ def test_calls_that_do_not_fit_together_are_status_2(arguments: tuple[str, ...],
     assert result.exit_code == 2
     assert result.stdout == ""
     assert message in result.stderr
+
+
+def test_a_mean_without_an_interval_has_the_digits_of_the_errors(tmp_path: Path) -> None:
+    """One pose twice, as far to one side as to the other: a mean of nothing but rounding shows no nine zeros."""
+    path = tmp_path / "poses.csv"
+    rows = "pose,x_mm,y_mm,z_mm,cmd_x_mm,cmd_y_mm,cmd_z_mm\na,100.3,0,0,100.1,0,0\na,99.9,0,0,100.1,0,0\n"
+    path.write_text(rows, encoding="utf-8")
+    lines = run(str(path)).stdout.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("mean vector"))
+    assert [line.split()[:2] for line in lines[first + 1 : first + 4]] == [[axis, "0.000"] for axis in "xyz"]

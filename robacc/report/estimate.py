@@ -120,7 +120,13 @@ def _figures(factor: float, found: ErrorStatistics, before: ErrorFigures | None)
 
 def _mean(factor: float, found: ErrorStatistics) -> list[Line]:
     intervals = found.intervals.mean
-    places = max(decimals(float(m) * factor, *_limits(i, factor)) for m, i in zip(found.mean, intervals, strict=True))
+    if intervals[0].lower is None:
+        # A mean that an alignment made zero is rounding: its own digits say nothing, those of the rms do.
+        places = decimals(found.rms * factor, None, None)
+    else:
+        places = max(
+            decimals(float(m) * factor, *_limits(i, factor)) for m, i in zip(found.mean, intervals, strict=True)
+        )
     components = zip("xyz", found.mean, intervals, strict=True)
     rows = [(axis, *_measured(float(mean), interval, factor, places)) for axis, mean, interval in components]
     return columns(("mean vector", "", _percent(found)), rows)

@@ -17,7 +17,8 @@ def amount(value: float, unit: str) -> str:
 
 def with_unit(value: float, unit: str) -> str:
     """The same with its unit."""
-    return f"{amount(value, unit)} {FACTORS[unit][1]}"
+    name = FACTORS[unit][1]
+    return f"{amount(value, unit)}{'' if name == '°' else ' '}{name}"
 
 
 def percent(share: float) -> str:

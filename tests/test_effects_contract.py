@@ -30,7 +30,7 @@ OTHER_FORMS = {
     "payload_compliance": ({"deflection": "rigid"},),
     "base_compliance": ({"deflection": "rigid"},),
     "transmission_error": ({"orders": [3.5], "shrunk": True},),
-    "thermal_expansion": ({"time_constant_s": 600.0},),
+    "thermal_expansion": ({"time_constant_s": 600.0}, {"slides": False}),
 }
 """Settings that neither the default, nor the example, nor a trace of data with every column has."""
 
@@ -315,6 +315,7 @@ WRONG = {
     "{effect: base_compliance, tooth: 3}": "base_compliance has no setting 'tooth'",
     "{effect: thermal_expansion, tooth: 3}": "thermal_expansion has no setting 'tooth'",
     "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be above 0",
+    "{effect: thermal_expansion, slides: 2}": "slides must be true or false, found 2",
     "{effect: frame_drift, tooth: 3}": "frame_drift has no setting 'tooth'",
     "{effect: frame_drift, span_s: 0}": "span_s above 0, degree 1 to 9",
     "{effect: joint_correction, joints: [j2], tooth: 3}": "joint_correction has no setting 'tooth'",

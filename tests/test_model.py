@@ -103,6 +103,26 @@ def test_links_that_grow_by_a_hundred_kelvin() -> None:
     np.testing.assert_allclose(predict(robot, data).translation[0], [1.0, 1.0012], rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("name", ["stanford", "scara", "urdf:stanford"])
+def test_a_slides_travel_grows_with_the_links_unless_its_scale_does_not(name: str) -> None:
+    """At the temperature that makes every length a thousandth longer the whole arm is as if drawn larger."""
+    one = arm(name)
+    bare = dataclasses.replace(one.robot, base=Frame(), tool=Frame(), targets={}, effects=())
+    data = dataclasses.replace(circumstances(bare, 7), temperature=np.full(7, 120.0))
+    nominal = predict(bare, data).translation
+    entry = {"effect": "thermal_expansion", "values": {"value": 1e-5}}
+    grown = predict(dataclasses.replace(bare, effects=(entry,)), data).translation
+    np.testing.assert_allclose(grown, 1.001 * nominal, rtol=0, atol=1e-12)
+    fixed = predict(dataclasses.replace(bare, effects=({**entry, "slides": False},)), data).translation
+    assert data.q is not None
+    slide = [joint.type for joint in bare.variables].index("prismatic")
+    step = 1e-6
+    moved = dataclasses.replace(data, q=data.q + step * np.eye(len(data.q))[:, [slide]])
+    direction = (predict(bare, moved).translation - nominal) / step
+    travel = one.chain.scalars(data.q)[one.chain.drives[slide].motion]
+    np.testing.assert_allclose(grown - fixed, 1e-3 * travel * direction, rtol=0, atol=1e-8)
+
+
 def test_a_known_value_and_the_same_one_free_predict_the_same() -> None:
     one = arm("puma560")
     data = circumstances(one.robot, 9)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from robacc.chain import Scalar
 from robacc.effects.base import About, Effect, Part, Term, needed, register, varies
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -24,12 +25,15 @@ class ThermalExpansion(Effect):
     reference: float = REFERENCE_TEMPERATURE
     time_constant: float | None = None
     """s; None: by temperature."""
+    slides: bool = True
+    """Whether a slide's travel grows as the links do; not where it is driven against a scale that does not."""
 
     name = "thermal_expansion"
     per_joint = False
     about = About(
         summary="the links grow with temperature, or as the arm warms up where no temperature was logged",
-        equation="d_j, a_j (1 + k (T - T_ref)), all j; or (1 + k (1 - exp(-t / t0))) with t0 searched",
+        equation="d_j, a_j (1 + k (T - T_ref)), all j, a slide's travel with them unless slides: false; or (1 + k (1 - "
+        "exp(-t / t0))) with t0 searched",
         unit="1/K (1 by time)",
         usual_size="1.2e-5 (steel) to 2.4e-5 (aluminium) per K",
         needs="temperature_c that varies, else time_s",
@@ -54,12 +58,13 @@ class ThermalExpansion(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """By temperature; where there is none, by warm-ups of several time constants."""
-        if varies(data.temperature):
-            yield cls()
-        elif varies(data.time):
+        """By temperature; where there is none, by warm-ups of several time constants; a slide's travel grows or not."""
+        constants: list[float | None] = [None] if varies(data.temperature) else []
+        if not constants and varies(data.time):
             span = float(np.ptp(data.time))  # type: ignore[arg-type]
-            yield from (cls(time_constant=span * share) for share in (0.05, 0.1, 0.2, 0.4, 0.8, 1.6))
+            constants.extend(span * share for share in (0.05, 0.1, 0.2, 0.4, 0.8, 1.6))
+        for slides in (True, False) if _travels(arm) else (True,):
+            yield from (cls(time_constant=constant, slides=slides) for constant in constants)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term that moves every length."""
@@ -69,24 +74,37 @@ class ThermalExpansion(Effect):
         else:
             rise = 1 - np.exp(-needed(data.time, "time_s", self.name) / self.time_constant)
             unit, typical = "1", 1e-4
-        chain = arm.chain
-        parts = tuple(Part(k, chain.motions[k].value * rise) for k in arm.lengths if chain.motions[k].value != 0)
-        return (Term(self.name, unit, typical, parts),)
+        motions = arm.chain.motions
+        lengths: dict[int, Scalar] = {k: motions[k].value for k in arm.lengths if motions[k].value != 0}
+        if self.slides and (travels := _travels(arm)):
+            travelled = arm.chain.scalars(needed(data.q, "q", self.name))
+            lengths.update({k: travelled[k] for k in travels})
+        return (Term(self.name, unit, typical, tuple(Part(k, length * rise) for k, length in sorted(lengths.items()))),)
 
     def settings(self) -> dict[str, Any]:
-        """Reference temperature or time constant."""
-        if self.time_constant is None:
-            return {"reference_c": self.reference}
-        return {"time_constant_s": self.time_constant}
+        """Reference temperature or time constant; and slides that do not grow."""
+        rise = (
+            {"reference_c": self.reference} if self.time_constant is None else {"time_constant_s": self.time_constant}
+        )
+        return rise if self.slides else {**rise, "slides": False}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``reference_c: 20`` or ``time_constant_s: 1800``."""
+        """``reference_c: 20`` or ``time_constant_s: 1800``, and ``slides: false``."""
         rest = dict(settings)
         reference = rest.pop("reference_c", REFERENCE_TEMPERATURE)
         time_constant = rest.pop("time_constant_s", None)
+        slides = rest.pop("slides", True)
         if rest:
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
         if time_constant is not None and not float(time_constant) > 0:
             raise ValueError(f"{cls.name}: time_constant_s must be above 0, found {time_constant!r}")
-        return cls(reference=float(reference), time_constant=None if time_constant is None else float(time_constant))
+        if not isinstance(slides, bool):
+            raise ValueError(f"{cls.name}: slides must be true or false, found {slides!r}")
+        constant = None if time_constant is None else float(time_constant)
+        return cls(reference=float(reference), time_constant=constant, slides=slides)
+
+
+def _travels(arm: Arm) -> list[int]:
+    """Motions that prismatic joints drive."""
+    return [drive.motion for drive in arm.chain.drives if arm.chain.motions[drive.motion].kind == "translation"]

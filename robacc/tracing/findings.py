@@ -20,13 +20,15 @@ from robacc.tracing.curves import Curve, curves
 from robacc.tracing.held_out import Held
 from robacc.tracing.lines import Line, fitted_lines, profile_lines
 from robacc.tracing.loop import Loop, coarse
-from robacc.tracing.rivals import Alternative, rivals
+from robacc.tracing.rivals import Alternative, lag_refitted, rivals
 from robacc.tracing.selection import Step
 
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
 _FEW_SHARE = 0.1
 """The same as a share of all rows, where they are few themselves."""
+_MOST_TO_REFIT = 200
+"""Coefficients beyond which rivals are not fitted in a finding's place."""
 _AGAIN = 0.6
 """Share of the folds that a finding has to be chosen in again to be told without a warning."""
 
@@ -64,7 +66,8 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
     """
     one = next((c for c in loop.selection.chosen if coarse(c.candidate.effect) == coarse(effect)), None)
     if one is not None:
-        own, alternatives = rivals(loop.selection, one)
+        refitted = lag_refitted(loop, one, effect, data) if final.theta.size <= _MOST_TO_REFIT else None
+        own, alternatives = rivals(loop.selection, one, refitted)
         p_value, evidence = own.p_value, own.evidence
     else:
         p_value, evidence, alternatives = _first_seen(loop.steps, effect)

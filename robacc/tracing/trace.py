@@ -26,6 +26,7 @@ from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, told
 from robacc.tracing.held_out import Held, Progress, hold_out
+from robacc.tracing.leftover import alike
 from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse, frames_first, refit
 from robacc.tracing.mistakes import refuse_mistake
 from robacc.tracing.selection import FALSE_ALARM, Step
@@ -134,7 +135,7 @@ def trace(
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=(
             *data.warnings,
-            *data.contradicted_ids(),
+            *getattr(data, "contradicted_ids", tuple)(),
             *([none_held_out(data)] if held is None else []),
             *rows_left_out(final, data),
             *frames_left(declared, data),
@@ -219,6 +220,9 @@ def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexp
                 f"--declared {','.join(absent)} besides what is declared may explain it"
             )
     structured = p_value <= FALSE_ALARM
+    for one in alike(final, data):
+        structured, p_value = True, min(p_value, one.p_value)
+        hints.append(one.text)
     known = noise.p_value is not None
     if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
         structured = True

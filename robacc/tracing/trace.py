@@ -135,7 +135,7 @@ def trace(
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=(
             *data.warnings,
-            *getattr(data, "contradicted_ids", tuple)(),
+            *data.contradicted_ids(),
             *([none_held_out(data)] if held is None else []),
             *rows_left_out(final, data),
             *frames_left(declared, data),

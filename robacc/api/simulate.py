@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, ClassVar, Literal
 
-from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of
+from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of, some_poses
 from robacc.api.result import Made, Result, one_of, parts, within
 from robacc.errors import UsageError
 from robacc.io.poses_csv import pose_pieces, read_poses
@@ -211,4 +211,4 @@ def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurement
             limits=[joint.limits for joint in arm.variables],
             attained=False,
         )
-    return data, (record_of(data, "poses"),)
+    return some_poses(data), (record_of(data, "poses"),)

@@ -12,10 +12,12 @@ import dataclasses
 
 import numpy as np
 
+from robacc.effects.base import Effect
 from robacc.effects.link_geometry import LinkGeometry
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
 from robacc.statistics.distributions import chi2_sf
 
 _NEEDED = 0.001
@@ -24,9 +26,9 @@ _NEEDED = 0.001
 
 def without_idle_rotations(found: Fit, original: Model, data: Measurements, options: Options) -> Fit:
     """``found``, or the fit of ``original`` with the rotations about y left out of a geometry that is fitted whole."""
-    place = next((i for i, e in enumerate(original.free) if isinstance(e, LinkGeometry) and not e.labels), None)
+    place = next((i for i, effect in enumerate(original.free) if _is_whole(effect, original.arm)), None)
     kept = found.identifiability.kept
-    rotations = [i for i in kept if found.names[i].startswith("link_geometry.") and found.names[i].endswith(".beta")]
+    rotations = [i for i in kept if found.owners[i] == place and found.names[i].endswith(".beta")]
     if place is None or not rotations or not np.isfinite(found.covariance[rotations, rotations]).all():
         return found
     value = found.theta[rotations]
@@ -36,3 +38,8 @@ def without_idle_rotations(found: Fit, original: Model, data: Measurements, opti
     effects = list(original.free)
     effects[place] = LinkGeometry(effects[place].joints, ("theta", "d", "a", "alpha"))
     return fit(dataclasses.replace(original, free=tuple(effects)), data, options)
+
+
+def _is_whole(effect: Effect, arm: Arm) -> bool:
+    """Whether it is the arm's whole geometry, and not a row of it that stands out."""
+    return isinstance(effect, LinkGeometry) and not effect.labels and set(effect.joints) == set(arm.names)

@@ -236,7 +236,7 @@ def judge(
     evidence, width = np.zeros(count), np.ones(count)
 
     def evaluate(at: NDArray[np.int64]) -> None:
-        evidence[at], width[at] = _evidence(values[at], projected[at], energy, freedom)
+        evidence[at], width[at] = _evidence(values[at], projected[at], energy, freedom, gains[at])
 
     if not best_only or count <= _FEW:
         evaluate(np.arange(count))
@@ -266,12 +266,17 @@ def _decomposed(blocks: Array, moments: Array) -> tuple[Array, Array]:
     return values, (moments[:, None, :] @ vectors)[:, 0]
 
 
-def _evidence(values: Array, projected: Array, energy: float, freedom: float) -> tuple[Array, Array]:
-    """``(B,)`` log marginal likelihood ratio at its best prior width, and that width, from eigenvalues ``(B, Q)``."""
+def _evidence(values: Array, projected: Array, energy: float, freedom: float, gains: Array) -> tuple[Array, Array]:
+    """``(B,)`` log marginal likelihood ratio at its best prior width, and that width, from eigenvalues ``(B, Q)``.
+
+    What is plausible is measured by the noise that a candidate leaves: an effect that is a hundred times the noise is
+    in the noise as it stands without it.
+    """
     if values.shape[0] == 0:
         return np.zeros(0), np.zeros(0)
     top = values.max(axis=1)
-    widths = np.minimum(_WIDTHS / np.where(top > 0, top, 1.0)[:, None], _PLAUSIBLE**2 * freedom / energy)
+    largest = _PLAUSIBLE**2 * freedom / (energy - gains)
+    widths = np.minimum(_WIDTHS / np.where(top > 0, top, 1.0)[:, None], largest[:, None])
     spread = 1.0 + widths[:, :, None] * values[:, None, :]
     left = energy - widths * ((1.0 / spread) @ projected[:, :, None])[:, :, 0]
     likelihood = -0.5 * freedom * np.log(np.maximum(left, 1e-9 * energy) / energy)

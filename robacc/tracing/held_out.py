@@ -9,7 +9,7 @@ import dataclasses
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
 from robacc.tracing.competition import Chosen
-from robacc.tracing.loop import SEARCH, Loop, choose, refit
+from robacc.tracing.loop import SEARCH, Loop, choose, frames_first, refit
 from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
 
@@ -116,11 +116,6 @@ def hold_out(
 def _reported(one: _Fold, number: int, count: int, progress: Progress) -> _Fold:
     progress("cross-fitting", number + 1, count + 1)
     return one
-
-
-def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Frames first, so that they keep their parameters where poses cannot tell two apart."""
-    return tuple(sorted(effects, key=lambda effect: effect.name not in ALIGNABLE))
 
 
 _shared: _Work | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -295,6 +295,11 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
     one = data.subset(np.arange(1))
     start = [ended.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, one)]
     return fit(model, data, dataclasses.replace(options, start=np.array(start), widths=like.widths))
+
+
+def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Frames first, so that they keep their parameters where poses cannot tell two apart."""
+    return tuple(sorted(effects, key=lambda effect: effect.name not in ALIGNABLE))
 
 
 def coarse(effect: Effect) -> tuple[object, ...]:

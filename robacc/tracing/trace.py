@@ -25,8 +25,8 @@ from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, told
-from robacc.tracing.held_out import Held, Progress, frames_first, hold_out
-from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse, refit
+from robacc.tracing.held_out import Held, Progress, hold_out
+from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse, frames_first, refit
 from robacc.tracing.mistakes import refuse_mistake
 from robacc.tracing.selection import FALSE_ALARM, Step
 

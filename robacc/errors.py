@@ -52,10 +52,6 @@ class UsageError(RobaccError):
     exit_status = 2
 
 
-class EquilibriumError(UsageError):
-    """A compliance is so large that the arm has no elastic equilibrium under its weight."""
-
-
 class InputError(RobaccError):
     """A file, or the data in it, cannot be used (exit 3). Carries every problem found, not only the first."""
 
@@ -73,3 +69,7 @@ class InputError(RobaccError):
         if self.total > len(self.problems):
             lines.append(f"… and {self.total - len(self.problems)} more problems")
         super().__init__("\n".join(lines))
+
+
+class EquilibriumError(InputError):
+    """A compliance is so large that the arm has no elastic equilibrium under its weight."""

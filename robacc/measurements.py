@@ -16,6 +16,24 @@ Counted = Literal["line", "row"]
 
 _BLOCK = 16384
 """Poses hashed at a time: the working arrays of a block stay in the cache."""
+_ONE_COMMAND = 1e-3
+"""rad or m; what rounding, or joints read back in place of those commanded, may set between rows of one ``pose`` id.
+Over so little an arm's error changes by some thousandth of itself, so such rows are repetitions still."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grouping:
+    """Which rows are of one commanded pose."""
+
+    numbers: NDArray[np.int64]
+    """``(N,)`` from 0, the same for rows of one pose."""
+    doubted: NDArray[np.bool_] | None = None
+    """``(N,)`` rows whose id was not believed; None: there are none."""
+
+    @property
+    def repeated(self) -> NDArray[np.int64] | None:
+        """The numbers where some pose was measured more than once; None where each row is of its own."""
+        return None if self.numbers.max(initial=-1) + 1 == self.numbers.size else self.numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,29 +111,52 @@ class Measurements:
         """Where pose i stands, in words."""
         return f"{self.counted} {self.line(i)}"
 
+    @property
+    def commands(self) -> Array | None:
+        """Where the robot was sent: ``(J, N)`` joints, else ``(3, N)`` the commanded position, m; None: nobody says."""
+        return self.q if self.q is not None else self.commanded_position
+
     def groups(self) -> NDArray[np.int64]:
         """``(N,)`` number of the commanded pose that each row belongs to; rows of one pose share it.
 
-        By the ``pose`` column where there is one, else rows whose commanded joints (or commanded pose) are equal.
+        By the ``pose`` column where there is one, else rows whose commanded joints (or commanded pose) are equal. An id
+        whose rows were sent to different places is not believed: of them only those with equal commands are one pose.
         """
-        if self.pose is not None:
-            return np.unique(self.pose, return_inverse=True)[1].astype(np.int64)
-        if self.q is not None:
-            return _equal_columns(self.q)
-        if self.commanded_position is not None:
-            return _equal_columns(self.commanded_position)
-        return np.arange(self.n)
+        return self._grouping().numbers
 
-    def repetitions(self) -> NDArray[np.int64] | None:
-        """:meth:`groups` where some commanded pose was measured more than once; None where each is of its own.
+    def repetitions(self) -> Grouping | None:
+        """The same as a record; None where a quick look tells that each row is of its own.
 
         Without a ``pose`` column, that none was repeated is found in a fifth of the time that the groups take.
         """
-        columns = self.q if self.q is not None else self.commanded_position
-        if self.n == 0 or (self.pose is None and (columns is None or _all_differ(columns))):
+        if self.n == 0 or (self.pose is None and (self.commands is None or _all_differ(self.commands))):
             return None
-        groups = self.groups()
-        return None if groups.max() + 1 == self.n else groups
+        return self._grouping()
+
+    def contradicted_ids(self, found: Grouping | None = None) -> tuple[str, ...]:
+        """A warning where rows that share a ``pose`` id were sent to different places; nothing where none were.
+
+        Args:
+            found: Of :meth:`repetitions`, where it is at hand: a million ids take a while to sort.
+        """
+        if self.pose is None or (doubted := (found or self._grouping()).doubted) is None:
+            return ()
+        rows = np.flatnonzero(doubted)
+        names = np.unique(self.pose[rows])
+        count = np.unique(self.pose).size
+        rows = rows[self.pose[rows] == names[0]]
+        commands = self.commands
+        assert commands is not None
+        away = np.abs(commands[:, rows] - commands[:, rows[:1]]).max(axis=0)
+        places = f"{self.place(int(rows[0]))} and {self.place(int(rows[np.argmax(away)]))}"
+        many = f"{names.size} of {count} pose ids are" if count > 1 else "the one pose id is"
+        return (
+            f"{f'{self.source}: ' if self.source else ''}{many} of rows that were commanded to different places, as "
+            f"{names[0]} is on {places}: of such rows only those with equal commands are taken for repetitions",
+        )
+
+    def _grouping(self) -> Grouping:
+        return commanded_groups(self.pose, self.commands) or Grouping(np.arange(self.n))
 
 
 def motion_between_rows(q: Array) -> tuple[Array, Array]:
@@ -130,6 +171,34 @@ def motion_between_rows(q: Array) -> tuple[Array, Array]:
     largest = np.max(np.abs(speed), axis=0, initial=0.0)
     np.divide(speed, largest, out=speed, where=largest > 0)
     return direction, speed
+
+
+def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Grouping | None:
+    """Which rows are of one commanded pose, as :meth:`Measurements.groups` has it; None where nothing says.
+
+    Args:
+        ids: ``(N,)`` text, where there are ids.
+        commands: ``(K, N)`` rad or m, where they are known.
+    """
+    if ids is None:
+        return None if commands is None else Grouping(_equal_columns(commands))
+    names, number = np.unique(ids, return_inverse=True)
+    number = number.astype(np.int64)
+    if commands is None or names.size == ids.size or not (wrong := _contradicted(number, commands)).any():
+        return Grouping(number)
+    rows = wrong[number]
+    number[rows] = names.size + _equal_columns(commands[:, rows])
+    return Grouping(np.unique(number, return_inverse=True)[1].astype(np.int64), rows)
+
+
+def _contradicted(number: NDArray[np.int64], commands: Array) -> NDArray[np.bool_]:
+    """``(G,)`` whether the rows of a group were sent to different places, each held against one of its group."""
+    result = np.zeros(int(number.max(initial=-1)) + 1, dtype=bool)
+    one = np.empty(result.size, dtype=np.int64)
+    one[number] = np.arange(number.size)
+    for row in commands:
+        result[number[np.abs(row - row[one[number]]) > _ONE_COMMAND]] = True
+    return result
 
 
 def _equal_columns(values: Array) -> NDArray[np.int64]:

@@ -15,6 +15,7 @@ UNITS: dict[Dimension, dict[str, float]] = {
     "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180},
 }
 """m or rad for each unit."""
+_EXAMPLE: dict[Dimension, str] = {"length": "0.02mm", "angle": "0.005deg"}
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zµ]*)\s*", re.ASCII | re.IGNORECASE)
 
 
@@ -36,14 +37,19 @@ def parse_quantity(text: str) -> tuple[float, Dimension | None] | None:
 
 
 def size(value: float | str, kind: Dimension, option: str) -> float:
-    """A size in m or rad: of text, the number with its unit; a bare number is in m or rad already.
+    """A size in m or rad: of text, the number with its unit; what is a number already is in m or rad.
+
+    Text without a unit is refused but for zero, which is zero in any: whoever types 0.02 means mm as likely as m.
 
     Raises:
-        UsageError: it is not a finite number that is not negative, or its unit is another.
+        UsageError: it is not a finite number that is not negative, or its unit is another or missing.
     """
     found = parse_quantity(value) if isinstance(value, str) else (float(value), None)
     if found is None or not math.isfinite(found[0]) or found[1] not in (None, kind):
         raise UsageError(f"{option}: expected a number with a unit ({', '.join(UNITS[kind])}), found {value!r}")
     if found[0] < 0:
         raise UsageError(f"{option}: expected a size that is not negative, found {value!r}")
+    if isinstance(value, str) and found[1] is None and found[0] != 0:
+        units = ", ".join(UNITS[kind])
+        raise UsageError(f"{option}: {value!r} has no unit; write one behind it ({units}), as in {_EXAMPLE[kind]}")
     return found[0]

@@ -460,3 +460,27 @@ def test_a_typed_script_passes_mypy_and_a_wrong_one_does_not(tmp_path: Path) -> 
     )
     lines = [line.split("wrong.py:")[1].split(":")[0] for line in done.stdout.splitlines() if "wrong.py:" in line]
     assert lines == ["2", "3", "4"]
+
+
+def test_without_poses_there_is_nothing_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "header.csv"
+    path.write_text("q1,q2,q3,q4,q5,q6,x,y,z\n", encoding="utf-8")
+    for call in (
+        lambda: robacc.estimate(path, robot=ROBOT),
+        lambda: robacc.estimate(path, robot=ROBOT, align="base_frame"),
+        lambda: robacc.calibrate(path, robot=ROBOT, fit="base_frame"),
+        lambda: robacc.simulate(ROBOT, at=path),
+    ):
+        with pytest.raises(robacc.InputError) as caught:
+            call()
+        assert str(caught.value) == f"{path}: there are no poses; one row is needed at least below the header"
+
+
+def test_a_compliance_without_equilibrium_is_bad_input() -> None:
+    soft = {"effect": "joint_compliance", "joints": ["j2"], "values": {"j2": 1.0}}
+    robot = dataclasses.replace(robacc.read_robot("sample_data/trace/robot.yaml"), effects=(soft,))
+    with pytest.raises(
+        robacc.InputError, match="a compliance is too large for the arm's weight; check its unit"
+    ) as caught:
+        robacc.simulate(robot, poses=3)
+    assert caught.value.exit_status == 3

@@ -101,7 +101,7 @@ def test_table_is_plain_and_at_most_80_columns_wide(tmp_path: Path) -> None:
 def test_against_in_json(tmp_path: Path) -> None:
     tolerances = tmp_path / "t.yaml"
     tolerances.write_text(TOLERANCES)
-    found = document(*SAMPLE, "--tolerances", str(tolerances), "--align", "base_frame", "--noise", "0.05mm,1e-4")
+    found = document(*SAMPLE, "--tolerances", str(tolerances), "--align", "base_frame", "--noise", "0.05mm,0.1mrad")
     against = found["against"]
     assert against["noise"]["position_m"] == pytest.approx(5e-5)
     assert against["noise"]["source_orientation"] == "given"
@@ -161,6 +161,7 @@ def _written(folder: Path, text: str) -> str:
         (("--poses", "a.csv", "--target", "t"), 2, "--target is of sampled configurations"),
         (("--poses", "-", "--against", "-"), 2, "standard input can be read once"),
         (("--allocate", "Z"), 2, "no grade 'Z' on the scale CAD/CAM 0.1 mm, 0.1 degree; it has A, B, C, D, E"),
+        (("--against", "sample_data/poses.csv", "--noise", "0.02"), 2, "--noise: '0.02' has no unit; write one"),
         (("--against", "sample_data/poses.csv", "--noise", "1,2,3"), 2, "--noise: expected a length and perhaps an"),
         (("--tolerances", "nowhere.yaml"), 3, "nowhere.yaml: there is no such file"),
     ],

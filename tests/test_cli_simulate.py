@@ -70,8 +70,19 @@ def test_noise_comes_in_the_unit_behind_it() -> None:
     def position(*options: object) -> list[str]:
         return [line.split(",")[6] for line in run("simulate", PUMA, "--poses", 3, *options).stdout.splitlines()[2:]]
 
-    assert position("--noise", "20um") == position("--noise", "0.02mm") == position("--noise", "2e-5")
+    assert position("--noise", "20um") == position("--noise", "0.02mm") == position("--noise", "2e-5m")
+    assert position("--noise", "0") == position()
     assert position("--noise", "20um") != position()
+
+
+def test_the_file_says_what_noise_is_in_it() -> None:
+    def head(*options: object) -> str:
+        return run("simulate", PUMA, "--poses", 3, *options).stdout.splitlines()[0]
+
+    assert head().endswith(" with seed 0, no noise; nothing was measured.")
+    both = ("--noise", "20um", "--noise-orientation", "0.02mrad")
+    assert head(*both).endswith(", noise 0.02 mm and 0.02 mrad; nothing was measured.")
+    assert head(*both, "--position-only").endswith(", noise 0.02 mm; nothing was measured.")
 
 
 def test_a_urdf_is_simulated_as_the_robot_file_is(tmp_path: Path) -> None:
@@ -105,6 +116,9 @@ def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--noise", "2cm"), "--noise: expected a number with a unit (m, mm, um), found '2cm'"),
+        (("--noise", "0.02"), "--noise: '0.02' has no unit; write one behind it (m, mm, um), as in 0.02mm"),
+        (("--noise-orientation", "1e-4"), "--noise-orientation: '1e-4' has no unit; write one behind it (rad, mrad,"),
+        (("--outlier-size", "3"), "--outlier-size: '3' has no unit"),
         (("--noise", "-1mm"), "--noise: expected a size that is not negative, found '-1mm'"),
         (("--noise-orientation", "x"), "--noise-orientation: expected a number with a unit (rad, mrad, urad, deg)"),
         (("--temperature", "warm"), "--temperature: expected numbers separated by ':', found 'warm'"),

@@ -272,6 +272,11 @@ def test_ids_name_poses_where_joints_are_not_known() -> None:
     assert matched(Poses(10, None, None, None, None), Poses(10, None, None, None, None)) == (False, 10)
 
 
+def test_ids_that_the_joints_contradict_do_not_join_poses() -> None:
+    base = poses(20, pose=np.array([f"P{i % 4}" for i in range(20)]))
+    assert matched(base, base) == (True, 20)
+
+
 def test_targets_must_be_the_same() -> None:
     base = poses(4)
     one, other = (dataclasses.replace(base, target=np.array([name] * 4)) for name in ("t1", "t2"))

@@ -345,5 +345,5 @@ def test_all_mistakes_come_at_once_and_a_joint_that_cannot_is_named() -> None:
 def test_an_arm_too_soft_for_its_weight_has_no_equilibrium() -> None:
     entry = {"effect": "joint_compliance", "joints": ["j2"], "values": {"j2": 1.0}}
     robot = dataclasses.replace(arm("puma560").robot, effects=(entry,))
-    with pytest.raises(UsageError, match="the elastic equilibrium does not converge"):
+    with pytest.raises(InputError, match="the elastic equilibrium does not converge"):
         predict(robot, circumstances(robot, 3))

@@ -100,6 +100,30 @@ def test_an_estimate_shows_its_grade_gate_and_intervals(tmp_path: Path) -> None:
     assert sum("operating curve" in h.text for h in found.all("h3")) == 2
 
 
+def test_an_alignment_has_standard_errors_and_no_number_for_what_the_poses_do_not_show() -> None:
+    document = results.document("estimate")
+    x, yaw = document["alignment"]["parameters"][0], document["alignment"]["parameters"][5]
+    x |= {"value": 2.1, "std": 2.7e-6}
+    yaw |= {"value": -0.0, "std": None, "why": "tool_frame.yaw has no effect on these poses"}
+    made = render([document], ["estimate"])
+    assert ">2.1000000<" in made
+    assert ">2.7e-06<" in made
+    assert "tool_frame.yaw has no effect on these poses" in made
+    assert ">-0<" not in made
+
+
+def test_orders_of_a_periodic_error_have_standard_errors() -> None:
+    document = results.document("trace")
+    line = {"order": 1.0, "amplitude_rad": 5.33e-4, "phase_rad": 0.695}
+    document["findings"][0]["lines"] = [line | {"amplitude_std_rad": 4.6e-6, "phase_std_rad": 0.0087}]
+    made = render([document], ["trace"])
+    assert ">533.0 µrad<" in made
+    assert ">4.6 µrad<" in made
+    assert ">39.82°<" in made
+    assert ">0.50°<" in made
+    assert "amplitude × cos(order × q − phase)" in made
+
+
 def test_a_comparison_shows_its_ranking_and_every_difference(tmp_path: Path) -> None:
     document = results.compared(tmp_path)
     found = parsed(render([document], ["compare"]))

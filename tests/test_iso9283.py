@@ -352,6 +352,15 @@ def test_many_poses_are_paired_with_their_neighbours() -> None:
     assert found.notes == ("with more than 10 commanded poses only neighbours in order of visit are paired",)
 
 
+def test_one_visit_from_each_side_shows_no_scatter() -> None:
+    """vAP has a value, in position and orientation, and says why it has no interval."""
+    found = iso9283([random_cycles(0, cycles=2)]).characteristic("vAP")
+    for figure in (found.position, found.angle):
+        assert figure.value
+        assert figure.interval.upper is None
+        assert figure.interval.why == "one visit shows no scatter"
+
+
 def test_a_command_that_moves_between_visits_is_warned_of() -> None:
     measured = random_cycles(0)
     moving = measured.commanded_position.copy()  # type: ignore[union-attr]

@@ -16,6 +16,11 @@ def measured(**columns: np.ndarray) -> Measurements:
     return Measurements(position=np.zeros((3, n)), **columns)
 
 
+def repeated(data: Measurements) -> np.ndarray | None:
+    found = data.repetitions()
+    return None if found is None else found.repeated
+
+
 @pytest.mark.parametrize("column", ["q", "commanded_position"])
 def test_poses_of_their_own_have_no_repetitions(column: str) -> None:
     assert measured(**{column: np.random.default_rng(1).normal(size=(3, N))}).repetitions() is None
@@ -25,7 +30,7 @@ def test_poses_of_their_own_have_no_repetitions(column: str) -> None:
 def test_one_pose_measured_twice_is_found_wherever_its_rows_are(first: int, second: int) -> None:
     q = np.random.default_rng(2).normal(size=(6, N))
     q[:, second] = q[:, first] + 1e-12
-    groups = measured(q=q).repetitions()
+    groups = repeated(measured(q=q))
     assert groups is not None
     assert np.unique(groups).size == N - 1
     assert groups[first] == groups[second]
@@ -35,7 +40,7 @@ def test_repetitions_are_those_of_sorting_whole_columns() -> None:
     q = np.random.default_rng(3).integers(-2, 3, size=(3, N)) * 0.25
     q[q == 0.0] *= np.random.default_rng(4).choice([-1.0, 1.0], size=np.count_nonzero(q == 0.0))  # -0.0 is 0.0 too
     data = measured(q=q)
-    groups = data.repetitions()
+    groups = repeated(data)
     assert groups is not None
     np.testing.assert_array_equal(groups, data.groups())
     expected = np.unique(q + 0.0, axis=1, return_inverse=True)[1].ravel()
@@ -45,8 +50,8 @@ def test_repetitions_are_those_of_sorting_whole_columns() -> None:
 
 def test_the_pose_column_goes_first() -> None:
     same = np.zeros((6, 4))
-    assert measured(q=same, pose=np.array(["a", "b", "c", "d"])).repetitions() is None
-    found = measured(q=same, pose=np.array(["a", "b", "a", "d"])).repetitions()
+    assert repeated(measured(q=same, pose=np.array(["a", "b", "c", "d"]))) is None
+    found = repeated(measured(q=same, pose=np.array(["a", "b", "a", "d"])))
     assert found is not None
     assert found.tolist() == [0, 1, 0, 2]
 
@@ -54,3 +59,35 @@ def test_the_pose_column_goes_first() -> None:
 def test_nothing_to_tell_poses_by() -> None:
     assert Measurements(position=np.zeros((3, 4))).repetitions() is None
     assert Measurements(position=np.zeros((3, 0)), q=np.zeros((6, 0))).repetitions() is None
+
+
+@pytest.mark.parametrize("column", ["q", "commanded_position"])
+def test_an_id_of_rows_that_went_to_different_places_is_not_believed(column: str) -> None:
+    sent = np.random.default_rng(5).normal(size=(3, 8))
+    sent[:, 3] = sent[:, 1]  # of the id that is wrong, two rows are one pose all the same
+    sent[:, 7] = sent[:, 6] + 5e-4  # as read back
+    data = measured(**{column: sent}, pose=np.array(["b", "a", "a", "a", "a", "b", "c", "c"]))
+    data = data.subset(np.array([1, 2, 3, 4, 6, 7, 0]))
+    groups = data.groups()
+    assert groups[0] == groups[2]
+    assert groups[4] == groups[5]
+    assert np.unique(groups).size == groups.max() + 1 == 5
+    np.testing.assert_array_equal(repeated(data), groups)
+    far = 1 + int(np.argmax(np.abs(sent[:, [2, 3, 4]] - sent[:, [1]]).max(axis=0)))
+    assert data.contradicted_ids() == (
+        f"1 of 3 pose ids are of rows that were commanded to different places, as a is on line 1 and line {far + 1}: "
+        "of such rows only those with equal commands are taken for repetitions",
+    )
+
+
+def test_ids_that_agree_with_the_commands_are_believed() -> None:
+    at = np.random.default_rng(6).normal(size=(6, 5))
+    ids = np.array(["c", "a", "b", "e", "d"])
+    data = measured(q=np.repeat(at, 3, axis=1), pose=np.repeat(ids, 3))
+    assert data.contradicted_ids() == ()
+    assert data.groups().tolist() == np.repeat([2, 0, 1, 4, 3], 3).tolist()
+    unknown = measured(pose=np.array(["a", "a"]))
+    assert unknown.contradicted_ids() == ()
+    assert unknown.groups().tolist() == [0, 0]
+    assert measured(q=np.zeros((6, 0)), pose=np.array([], dtype=str)).contradicted_ids() == ()
+    assert measured(q=np.zeros((6, 0)), pose=np.array([], dtype=str)).groups().size == 0

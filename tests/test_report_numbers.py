@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from robacc.report.numbers import decimals, exponent_of_thousand, fixed, p_value, three_digits
+from robacc.report.numbers import decimals, exponent_of_thousand, fixed, measured, p_value, three_digits
 
 
 @pytest.mark.parametrize(
@@ -48,3 +48,35 @@ def test_exponent_keeps_matrices_readable(size: float, power: int) -> None:
 
 def test_p_values() -> None:
     assert [p_value(p) for p in (None, 1e-9, 0.0321, 1.0)] == ["–", "p < 1e-6", "p = 0.032", "p = 1"]
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (2.1, 2.7e-6, ("2.1000000", "2.7e-06")),
+        (0.40034312, 4.04e-6, ("0.4003431", "4.0e-06")),
+        (-5.16489e-7, 3.7e-6, ("-5e-07", "3.7e-06")),
+        (-4e-8, 3.7e-6, ("0", "3.7e-06")),
+        (9.6e-8, 3.7e-6, ("1e-07", "3.7e-06")),
+        (8.7361e-7, 3.01e-9, ("8.736e-07", "3.0e-09")),
+        (-0.00015784, 3.3e-6, ("-0.0001578", "3.3e-06")),
+        (-0.0003778, 0.000996, ("-0.0004", "0.0010")),  # 9.96 rounds to 10
+        (-0.00001, 0.0123, ("0.000", "0.012")),
+        (5678.0, 123.0, ("5680", "120")),
+        (0.0, 1e-5, ("0", "1.0e-05")),
+        (1.5, 1e-18, ("1.50000000000000", "1.0e-18")),
+        (0.25, 0.0, ("0.25", "0")),
+        (-0.0, 0.0, ("0", "0")),
+    ],
+)
+def test_a_value_ends_where_its_standard_error_does(value: float, error: float, shown: tuple[str, str]) -> None:
+    assert measured(value, error) == shown
+
+
+@pytest.mark.parametrize("value", [3.7, 1.234567e-3, -2.2e-7, 9.87654e5, 6.1e9])
+@pytest.mark.parametrize("error", [1.04e-10, 9.96e-8, 3.3e-5, 0.0707, 25.0])
+def test_rounding_a_value_costs_less_than_a_twentieth_of_its_error(value: float, error: float) -> None:
+    """Half a unit of the second digit of an error that begins with 1 is 0.05 of it."""
+    shown, its_error = measured(value, error)
+    assert abs(float(shown) - value) <= max(0.051 * error, 1e-14 * abs(value))
+    assert float(its_error) == pytest.approx(error, rel=0.051)

@@ -167,3 +167,48 @@ def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
 def test_names_are_not_cut_in_a_narrow_terminal() -> None:
     robot = read_robot(CONFIGS / "ur10.yaml")
     assert "shoulder_lift_joint" in drawn(robot, width=60)
+
+
+BAD_EFFECTS = """  - {effect: wobble, joints: [shoulder]}
+  - {effect: backlash, joints: [j7], values: {j7: 1}}
+  - {effect: backlash, joints: [j1], values: }
+  - {effect: backlash, joints: [j1], values: {j1: "1"}}
+  - {effect: backlash, joints: [j1], size: 3, values: {j1: 1}}
+  - {effect: backlash, joints: [j1]}
+  - {effect: joint_offset, joints: [j1], values: {j1: 6.2}}
+  - {effect: joint_offset, joints: [j1], values: {j1: 0.1}}
+  - {effect: joint_offset, joints: [j2], values: {j2: 1e9}}
+"""
+
+
+def test_effects_that_no_command_could_apply_are_refused_with_their_lines(tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    text = (CONFIGS / "irb1600.yaml").read_text(encoding="utf-8")
+    start = text.count("\n") + 2
+    path.write_text(f"{text}effects:\n{BAD_EFFECTS}", encoding="utf-8")
+    result = run(str(path))
+    assert (result.returncode, result.stdout) == (3, "")
+    told = [line.removeprefix(f"error: {path}:") for line in result.stderr.splitlines() if line.startswith("error")]
+    expected = [
+        "effects[0]: no effect 'wobble', did you mean 'axis_wobble'? The catalogue: base_frame",
+        "effects[1]: joints must be a list of j1, j2",
+        "effects[2]: values must be a mapping of name to number, found None",
+        "effects[3]: values.j1 must be a finite number, found '1'",
+        "effects[4]: backlash knows the setting by: approach or gravity",
+        "effects[5]: backlash[j1] has no values, so it would do nothing; write values: {name: number}",
+        "effects[7]: is joint_offset[j1] of effects[6] again, and the two would add up",
+        "effects[8]: values.j2 is more than a turn; expected a small angle, found 1e+09",
+    ]
+    for line, one in zip(told, expected, strict=True):
+        number = start + int(one[len("effects[")])
+        assert line.startswith(f"{number}, {one}")
+    assert "tip: give one entry with the sum of the values" in result.stderr
+
+
+def test_effects_are_shown_with_their_values() -> None:
+    result = run("sample_data/trace/truth.yaml")
+    assert result.returncode == 0
+    assert "         joint_compliance.j2 = 8.72665e-07 rad/(N m)\n" in result.stdout
+    found = json.loads(run("sample_data/trace/truth.yaml", "--format", "json").stdout)["robot"]["coefficients"]
+    # The file has degrees.
+    assert {"name": "backlash.j3", "value": pytest.approx(np.deg2rad(-0.009)), "unit": "rad"} in found

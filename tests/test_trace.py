@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cache
 from typing import Any
 
@@ -136,6 +137,11 @@ def test_what_is_there_is_named_and_nothing_besides(which: str) -> None:
 def test_a_searched_order_is_found_off_the_grid() -> None:
     (finding,) = case("wave")[1].findings
     (line,) = finding.lines
+    # The truth is 2e-4 and -1e-4; three standard errors hold nearly always, and are a small part of the amplitude.
+    assert line.amplitude_std is not None
+    assert line.phase_std is not None
+    assert abs(line.amplitude - math.hypot(2e-4, 1e-4)) < 3 * line.amplitude_std < 0.3 * line.amplitude
+    assert abs(line.phase - math.atan2(-1, 2)) < 3 * line.phase_std < 0.3
     assert line.order == pytest.approx(12.5, abs=0.05)
     assert line.amplitude == pytest.approx(np.hypot(2e-4, 1e-4), rel=0.15)
     ((joint, low, high),) = finding.seen

@@ -135,7 +135,8 @@ def estimate(
         unaligned = pose_errors(data, commanded, chosen).figures()
         commanded = commanded_poses(data, alignment.robot)
     errors = pose_errors(data, commanded, chosen)
-    groups = data.repetitions()
+    repetitions = data.repetitions()
+    groups = None if repetitions is None else repetitions.repeated
     position, orientation = _statistics(groups, errors, confidence, seed)
     scale = scale or default_scale()
     graded = position, orientation
@@ -155,7 +156,7 @@ def estimate(
         worst_orientation=() if errors.rotation is None else _worst(data, errors, errors.rotation),
         targets=_by_target(data, errors),
         notes=_notes(data, robot, frame, chosen, commanded, alignment),
-        warnings=(*data.warnings, *_warnings(data, errors, alignment)),
+        warnings=(*data.warnings, *data.contradicted_ids(repetitions), *_warnings(data, errors, alignment)),
     )
 
 

@@ -121,7 +121,7 @@ def poses_of(
         data = checked(source, robot)
         if robot is not None and (wrong := _wrong_targets(data, robot)):
             raise InputError(wrong)
-        return data, record_of(data, kind)
+        return some_poses(data), record_of(data, kind)
     from robacc.io.robot_poses import read_robot_poses
 
     path = os.fspath(source)
@@ -131,7 +131,18 @@ def poses_of(
         data = read_poses(path, ordered=ordered)
     else:
         data = read_robot_poses(path, robot, ordered=ordered, attained=attained)
-    return data, InputFile.at(path, data.sha256 or "", kind)
+    return some_poses(data), InputFile.at(path, data.sha256 or "", kind)
+
+
+def some_poses(data: Measurements) -> Measurements:
+    """The poses, of which there must be one.
+
+    Raises:
+        InputError: There is none.
+    """
+    if data.n:
+        return data
+    raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
 
 
 def record_of(data: Measurements, kind: str) -> InputFile:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, ClassVar, Literal
 
-from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of
+from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of, some_poses
 from robacc.api.result import Made, Result, one_of, parts, within
 from robacc.errors import UsageError
 from robacc.io.poses_csv import pose_pieces, read_poses
@@ -50,7 +50,8 @@ class Simulated(Result, Simulation):
     def csv_pieces(self) -> Iterator[str]:
         """The same in pieces, for many poses."""
         source = self.made.inputs[0].name
-        head = [f"Simulated by robacc simulate from {source} with seed {self.plan.seed}; nothing was measured."]
+        made = f"with seed {self.plan.seed}, {_noise_told(self.plan)}"
+        head = [f"Simulated by robacc simulate from {source} {made}; nothing was measured."]
         wrong = self.outlier_lines
         head += [f"Outliers on lines {', '.join(map(str, wrong))}"] if wrong else []
         yield "".join(f"# {line}\n" for line in head)
@@ -183,6 +184,13 @@ def _check(plan: Plan, poses: int | None) -> None:
         raise UsageError("--sigma needs a noise above zero: --noise, and --noise-orientation unless --position-only")
 
 
+def _noise_told(plan: Plan) -> str:
+    """The noise along, and where there is some about, each axis, in words."""
+    sizes = [(plan.noise_position, "mm"), (plan.noise_orientation if plan.orientation else 0.0, "mrad")]
+    told = [f"{size * 1e3:.6g} {unit}" for size, unit in sizes if size > 0]
+    return f"noise {' and '.join(told)}" if told else "no noise"
+
+
 def _ends(temperature: float | tuple[float, float] | None) -> tuple[float, float] | None:
     if temperature is None:
         return None
@@ -203,4 +211,4 @@ def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurement
             limits=[joint.limits for joint in arm.variables],
             attained=False,
         )
-    return data, (record_of(data, "poses"),)
+    return some_poses(data), (record_of(data, "poses"),)

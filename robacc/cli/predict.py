@@ -55,7 +55,7 @@ def predict(
     ] = None,
     noise: Annotated[
         str | None,
-        typer.Option("--noise", metavar="P[,R]", help="Measuring noise along an axis: 0.02mm,0.01deg; bare m, rad."),
+        typer.Option("--noise", metavar="P[,R]", help="Measuring noise along, and about, an axis, as 0.02mm,0.01deg."),
     ] = None,
     confidence: ConfidenceOption = 0.95,
     per_pose: Annotated[

@@ -21,19 +21,21 @@ def show(
     Example: robacc show robot.yaml
     """
     from robacc import results
+    from robacc.api.inputs import needed_robot_of
     from robacc.cli.output import emit
-    from robacc.io.files import sha256_of
-    from robacc.io.robot_file import read_robot
+    from robacc.effects.specification import coefficients
     from robacc.report.console import console_for
     from robacc.report.robot import render_robot
     from robacc.robots.summary import robot_document, summarise
 
-    summary = summarise(read_robot(robot, base_link=base_link, tip_link=tip_link))
-    inputs = (results.InputFile.at(robot, sha256_of(robot), "robot"),)
+    arm, record = needed_robot_of(robot, base_link, tip_link)
+    summary = summarise(arm, coefficients(arm))
     options = {"base_link": base_link, "tip_link": tip_link}
     emit(
         form,
         output,
         table=lambda stream: console_for(stream).print(render_robot(summary)),
-        document=lambda: results.envelope("show", robot_document(summary), options=options, inputs=inputs, seed=None),
+        document=lambda: results.envelope(
+            "show", robot_document(summary), options=options, inputs=(record,), seed=None
+        ),
     )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from robacc.comparison.differences import Sample
 from robacc.comparison.subject import ErrorSet, Poses
 from robacc.geometry import Array
+from robacc.measurements import commanded_groups
 
 _SAME_JOINT = 1e-6
 """Joints this near, rad or m, are commanded alike: below any encoder's step, above what a file's digits lose."""
@@ -58,12 +59,8 @@ def _numbered(keys: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _own_keys(poses: Poses) -> NDArray[np.int64]:
     """Number of each row's commanded pose, by its id, else its joints, else its place, as measurements have it."""
-    if poses.pose is not None:
-        return np.unique(poses.pose, return_inverse=True)[1].astype(np.int64)
-    for values in (poses.q, poses.commanded):
-        if values is not None:
-            return np.unique(np.round(values, 9), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
-    return np.arange(poses.n, dtype=np.int64)
+    found = commanded_groups(poses.pose, poses.q if poses.q is not None else poses.commanded)
+    return np.arange(poses.n, dtype=np.int64) if found is None else found.numbers
 
 
 def _common_keys(first: Poses, second: Poses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:

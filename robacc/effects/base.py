@@ -172,7 +172,7 @@ def effect_class(name: str) -> type[Effect]:
         return REGISTRY[name]
     except KeyError:
         near = difflib.get_close_matches(name, REGISTRY, n=1)
-        hint = f", did you mean {near[0]!r}?" if near else ""
+        hint = f", did you mean {near[0]!r}?" if near else "."
         raise UsageError(f"no effect {name!r}{hint} The catalogue: {', '.join(REGISTRY)}") from None
 
 

@@ -13,7 +13,7 @@ from robacc.effects.base import Effect, Term, effect_class
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
+from robacc.robots.description import Robot, effect_key
 
 _SHOWN = 12
 """Coefficients that a message lists."""
@@ -41,15 +41,38 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
     if not robot.effects:
         return ()
     arm = Arm.of(robot)
-    known, problems = [], []
+    known: list[Known] = []
+    problems: list[Problem] = []
+    first: dict[tuple[Any, ...], str] = {}
     for i, entry in enumerate(robot.effects):
+        key = effect_key(i)
         try:
-            known.append(_read(arm, entry))
+            found = _read(arm, entry)
         except (ValueError, TypeError, UsageError) as error:
-            problems.append(Problem(str(error), column=f"effects[{i}]"))
+            problems.append(Problem(str(error), column=key))
+            continue
+        known.append(found)
+        if (same := first.setdefault(found.effect.key(), key)) != key:
+            message = f"is {found.effect} of {same} again, and the two would add up"
+            problems.append(Problem(message, column=key, fix="give one entry with the sum of the values"))
     if problems:
         raise InputError(problems)
     return tuple(known)
+
+
+def coefficients(robot: Robot) -> tuple[tuple[str, float, str], ...]:
+    """Name, value and unit of each coefficient that a robot file's effects give a value for; SI.
+
+    Raises:
+        InputError: as of :func:`known_effects`.
+    """
+    arm = Arm.of(robot)
+    return tuple(
+        (term.name, known.values[term.name], term.unit)
+        for known in known_effects(robot)
+        for term in known.effect.terms(arm, every_column(arm))
+        if term.name in known.values
+    )
 
 
 def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
@@ -60,7 +83,9 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
-    raw = entry.get("values", {})
+    if "values" not in entry:
+        raise ValueError(f"{effect} has no values, so it would do nothing; write values: {{name: number}}")
+    raw = entry["values"]
     if not isinstance(raw, Mapping):
         raise ValueError(f"values must be a mapping of name to number, found {raw!r}")
     values = {}
@@ -73,6 +98,8 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"values.{key} must be a finite number, found {value!r}")
         values[name] = value * _unit_size(terms[name], *arm.robot.effect_units)
+        if terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi:
+            raise ValueError(f"values.{key} is more than a turn; expected a small angle, found {value:g}")
     return Known(effect, values)
 
 

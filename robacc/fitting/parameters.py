@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.fitting.folding import fold
-from robacc.fitting.registration import frame_parameters
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.robots.description import Frame, Robot
 
+_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 CORRELATED = 0.9
 """Correlation beyond which two coefficients are named as hardly told apart."""
 
@@ -39,9 +40,14 @@ class Correlation:
 
 def parameters(found: Fit) -> tuple[Parameter, ...]:
     """Every coefficient. Frames are where they are in the measuring frame; the rest are differences from the file."""
-    frames = _frame_values(found)
+    fitted = _frames(found)
+    frames = {
+        f"{prefix}.{label}": value
+        for prefix, frame in fitted.items()
+        for label, value in zip(_COORDINATES, (*frame.xyz, *frame.rpy), strict=True)
+    }
     dropped = {one.name: one.why for one in found.dropped}
-    deviation = _deviations(found.covariance)
+    deviation = _deviations(_of_coordinates(found, fitted))
     result = []
     for i, (name, term) in enumerate(zip(found.names, found.terms, strict=True)):
         value = frames.get(name, float(found.theta[i]))
@@ -75,8 +81,24 @@ def _deviations(covariance: Array) -> Array:
     return result
 
 
-def _frame_values(found: Fit) -> dict[str, float]:
-    """Coordinates of base and tool where they were fitted."""
+def _of_coordinates(found: Fit, frames: Mapping[str, Frame]) -> Array:
+    """``(P, P)`` covariance with roll, pitch and yaw of frames in place of the turns about their own axes.
+
+    A frame's turns w are the rates of its angles times a matrix of roll and pitch, which is the identity only where
+    these are zero. A turn that the poses do not show stands still.
+    """
+    covariance = found.covariance.copy()
+    for prefix, frame in frames.items():
+        own = [found.names.index(f"{prefix}.{label}") for label in _COORDINATES[3:]]
+        block = np.nan_to_num(covariance[np.ix_(own, own)])
+        (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
+        rates = np.linalg.inv([[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]])
+        covariance[own, own] = np.diag(rates @ block @ rates.T) + 0.0 * covariance[own, own]  # NaN stays
+    return covariance
+
+
+def _frames(found: Fit) -> dict[str, Frame]:
+    """Base and tool where they were fitted, by the beginning of their coefficients' names."""
     free = {effect.name for effect in found.model.free}
     if not free & {"base_frame", "tool_frame"}:
         return {}
@@ -89,4 +111,4 @@ def _frame_values(found: Fit) -> dict[str, float]:
             frames |= {f"tool_frame.{name}": frame for name, frame in robot.targets.items()}
         else:
             frames["tool_frame"] = robot.tool
-    return {name: value for prefix, frame in frames.items() for name, value, _ in frame_parameters(prefix, frame)}
+    return frames

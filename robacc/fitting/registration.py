@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from robacc.effects import effect_class
 from robacc.errors import UsageError
 from robacc.fitting.folding import fold
+from robacc.fitting.parameters import Parameter, parameters
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Robot
 
 ALIGNABLE = ("base_frame", "tool_frame")
 
@@ -25,8 +26,8 @@ class Alignment:
     effects: tuple[str, ...]
     n_parameters: int
     """Numbers that were fitted: those the poses show."""
-    parameters: tuple[tuple[str, float, str], ...]
-    """Name, value and unit of the frames found: x, y, z (m), roll, pitch, yaw (rad)."""
+    parameters: tuple[Parameter, ...]
+    """Of the frames found: x, y, z (m), roll, pitch, yaw (rad)."""
     notes: tuple[str, ...]
     """What the poses could not show, in words."""
 
@@ -44,18 +45,5 @@ def align(robot: Robot, data: Measurements, what: Sequence[str]) -> Alignment:
     effects = tuple(name for name in ALIGNABLE if name in what)
     arm = Arm.of(robot)
     found = fit(Model.of(robot, [effect_class(name).default(arm, data) for name in effects]), data, Options())
-    registered = fold(found)
-    parameters = []
-    if "base_frame" in effects:
-        parameters += frame_parameters("base_frame", registered.base)
-    if "tool_frame" in effects:
-        for name, frame in registered.targets.items() or {"": registered.tool}.items():
-            parameters += frame_parameters(f"tool_frame.{name}" if name else "tool_frame", frame)
     notes = tuple(dropped.why for dropped in found.dropped)
-    return Alignment(registered, effects, int(found.identifiability.kept.size), tuple(parameters), notes)
-
-
-def frame_parameters(prefix: str, frame: Frame) -> list[tuple[str, float, str]]:
-    """A frame's six coordinates as named values."""
-    named = zip(("x", "y", "z", "roll", "pitch", "yaw"), (*frame.xyz, *frame.rpy), strict=True)
-    return [(f"{prefix}.{label}", value, "m" if label in "xyz" else "rad") for label, value in named]
+    return Alignment(fold(found), effects, int(found.identifiability.kept.size), parameters(found), notes)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.html.blocks import Block, Cell, Grid, Listing, Number, Section, Text, angle, interval, length
+from robacc.html.fit_sections import parameter_row
 from robacc.pictures.picture import Document
 from robacc.pictures.units import DEGREE, MILLIMETRE, Unit, length_unit
 from robacc.report.numbers import p_value, three_digits
@@ -99,7 +100,9 @@ def _pose(one: Mapping[str, Any]) -> list[Cell]:
 
 def _alignment(document: Document) -> Section:
     alignment = document["alignment"]
-    rows: list[Sequence[Cell]] = [
-        [one["name"], Number(f"{one['value']:.6g}", one["value"]), one["unit"]] for one in alignment["parameters"]
-    ]
-    return Section("Alignment", [Grid(("parameter", "value", "unit"), rows)])
+    rows = [parameter_row(one) for one in alignment["parameters"] if one["std"] is not None]
+    blocks: list[Block] = [Grid(("parameter", "value", "standard error", "unit"), rows)]
+    without = [[one["name"], str(one["why"])] for one in alignment["parameters"] if one["std"] is None]
+    if without:
+        blocks.append(Grid(("parameter without a number", "why"), without, words=True))
+    return Section("Alignment", blocks)

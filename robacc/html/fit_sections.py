@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from robacc.html.blocks import Block, Cell, Grid, Listing, Number, Section, Text, angle, length
+from robacc.html.blocks import Block, Cell, Grid, Listing, Number, Section, Text, angle, length, shown
 from robacc.pictures.errors_of import STAGE_MEANINGS
 from robacc.pictures.picture import Document
-from robacc.report.numbers import p_value, three_digits
+from robacc.pictures.units import DEGREE, MICRORADIAN, Unit
+from robacc.report.numbers import measured, p_value
 
 _STAGES = {"nominal": "as delivered", "before": "before", "after": "after"}
 _LIKE = 0.9999
@@ -56,12 +57,13 @@ def _findings(document: Document) -> Section:
         told: list[Sequence[Cell]] = [
             [
                 f"{effect_name(one)}, order {line['order']:g}",
-                _angle_size(line["amplitude_rad"]),
-                angle(line["phase_rad"]),
+                *_with_error(line["amplitude_rad"], line["amplitude_std_rad"], MICRORADIAN),
+                *_with_error(line["phase_rad"], line["phase_std_rad"], DEGREE),
             ]
             for one, line in lines
         ]
-        blocks.append(Grid(("periodic error", "amplitude", "phase"), told))
+        blocks.append(Text("A periodic error is amplitude × cos(order × q − phase), q the joint's commanded angle."))
+        blocks.append(Grid(("periodic error", "amplitude", "standard error", "phase", "standard error"), told))
     return Section("What was found", blocks)
 
 
@@ -71,8 +73,13 @@ def effect_name(one: Mapping[str, Any]) -> str:
     return f"{one['effect']} [{joints}]" if joints else str(one["effect"])
 
 
-def _angle_size(value: float) -> Number:
-    return Number(f"{three_digits(value * 1e6)} µrad", value)
+def _with_error(value: float, error: float | None, unit: Unit) -> tuple[Number, Number]:
+    """An angle and its standard error."""
+    if error is None:
+        return shown(value, unit), Number("–", None)
+    texts = measured(value * unit.factor, error * unit.factor)
+    first, second = (f"{text}{'' if unit is DEGREE else ' '}{unit.name}" for text in texts)
+    return Number(first, value), Number(second, error)
 
 
 def _alternative(finding: Mapping[str, Any], other: Mapping[str, Any]) -> str:
@@ -139,16 +146,18 @@ def _parameters(document: Document) -> Section:
     if not found and not without:
         return Section("Parameters", [Text("No parameter was fitted.")])
     note = "Each with its standard deviation, in SI units. They are added to the robot file's own values."
-    grid = Grid(("parameter", "value", "standard deviation", "unit"), [_parameter(one) for one in found])
+    grid = Grid(("parameter", "value", "standard deviation", "unit"), [parameter_row(one) for one in found])
     blocks: list[Block] = [Text(note), grid]
     if without:
         blocks.append(Grid(("parameter without a number", "why"), without, words=True))
     return Section("Parameters", blocks)
 
 
-def _parameter(one: Mapping[str, Any]) -> list[Cell]:
+def parameter_row(one: Mapping[str, Any]) -> list[Cell]:
+    """Name, value, standard error and unit of a coefficient that has them."""
     unit = "" if one["unit"] == "1" else str(one["unit"])
-    return [one["name"], Number(f"{one['value']:.4g}", one["value"]), Number(f"{one['std']:.2g}", one["std"]), unit]
+    value, error = measured(one["value"], one["std"])
+    return [one["name"], Number(value, one["value"]), Number(error, one["std"]), unit]
 
 
 def _identifiability(document: Document) -> Section:

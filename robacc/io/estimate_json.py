@@ -11,6 +11,7 @@ from robacc.accuracy.error_frames import Moments
 from robacc.accuracy.estimation import EstimateResult, WorstPose
 from robacc.accuracy.pose_errors import ErrorFrame
 from robacc.geometry import Array
+from robacc.io.parameter_json import parameters_document
 from robacc.io.pose_json import pose_document, robot_document, rounded
 from robacc.io.statistics_json import figures_document, grade_document, statistics_document
 from robacc.measurements import Measurements
@@ -101,9 +102,7 @@ def _alignment(result: EstimateResult) -> dict[str, Any] | None:
     return {
         "what": result.alignment.effects,
         "n_parameters": result.alignment.n_parameters,
-        "parameters": [
-            {"name": name, "value": value, "unit": unit} for name, value, unit in result.alignment.parameters
-        ],
+        "parameters": parameters_document(result.alignment.parameters),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,10 @@ from robacc.calibration import Calibration
 from robacc.fitting.elastic_form import BETTER, FormChoice
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.noise import LackOfFit
-from robacc.fitting.parameters import Parameter
 from robacc.fitting.solver import Fit
 from robacc.fitting.sparse_prior import Kind
 from robacc.geometry import Array
+from robacc.io.parameter_json import parameters_document
 from robacc.io.pose_json import curve_document, pose_document, robot_document
 from robacc.io.stage_json import Errors, stage_document
 from robacc.measurements import Measurements
@@ -42,7 +41,7 @@ def calibration_payload(
         "gain_m": _gain(found.gain),
         "n_folds": found.n_folds,
         "effects": [{"effect": e.name, "joints": list(e.joints), **e.settings()} for e in found.effects],
-        "parameters": _parameters(found.parameters),
+        "parameters": parameters_document(found.parameters),
         "shrinkage": [_kind(kind) for kind in found.drawn],
         "deflection": _deflection(found.deflection),
         "correlations": [{"first": c.first, "second": c.second, "correlation": c.value} for c in found.correlations],
@@ -85,7 +84,7 @@ def trace_payload(
             "p_value": found.unexplained.p_value,
             "hints": list(found.unexplained.hints),
         },
-        "parameters": _parameters(parameters(found.final)),
+        "parameters": parameters_document(parameters(found.final)),
         "candidates": [
             {"step": i, "action": step.action, "effect": step.chosen, "ranking": [_ranked(one) for one in step.ranking]}
             for i, step in enumerate(found.steps)
@@ -145,9 +144,16 @@ def _finding(one: Finding) -> dict[str, Any]:
         "held_out_before_m": one.held_out_before,
         "held_out_after_m": one.held_out_after,
         "chosen_again": {"folds": one.chosen_again[0], "of": one.chosen_again[1]},
-        "parameters": _parameters(one.parameters),
+        "parameters": parameters_document(one.parameters),
         "lines": [
-            {"order": line.order, "amplitude_rad": line.amplitude, "phase_rad": line.phase} for line in one.lines
+            {
+                "order": line.order,
+                "amplitude_rad": line.amplitude,
+                "amplitude_std_rad": line.amplitude_std,
+                "phase_rad": line.phase,
+                "phase_std_rad": line.phase_std,
+            }
+            for line in one.lines
         ],
         "seen": [{"joint": joint, "low": low, "high": high} for joint, low, high in one.seen],
         "curves": [curve_document(curve) for curve in one.curves],
@@ -211,13 +217,6 @@ def _gain(gain: Gain | None) -> dict[str, Any] | None:
         "high": _number(gain.high),
         "confidence": gain.confidence,
     }
-
-
-def _parameters(found: Sequence[Parameter]) -> list[dict[str, Any]]:
-    return [
-        {"name": p.name, "value": p.value, "std": p.std, "unit": p.unit, **({"why": p.why} if p.why else {})}
-        for p in found
-    ]
 
 
 def _kind(kind: Kind) -> dict[str, Any]:

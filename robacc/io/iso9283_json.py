@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from robacc.geometry import quaternion_from_rotation
+from robacc.io.parameter_json import parameters_document
 from robacc.io.statistics_json import interval_document
 from robacc.iso_9283.proposal import Proposal
 from robacc.iso_9283.records import Characteristic, Criterion, Figure, Iso9283Result
@@ -30,9 +31,7 @@ def payload(result: Iso9283Result) -> Document:
             {
                 "what": alignment.effects,
                 "n_parameters": alignment.n_parameters,
-                "parameters": [
-                    {"name": name, "value": value, "unit": unit} for name, value, unit in alignment.parameters
-                ],
+                "parameters": parameters_document(alignment.parameters),
             }
             for alignment in result.alignments
         ]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from robacc.io.parameter_json import parameters_document
 from robacc.io.pose_json import robot_document, rounded
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.comparison import Comparison
@@ -165,7 +166,7 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
         else {
             "what": alignment.effects,
             "degrees_of_freedom": evidence.n_aligned,
-            "parameters": [{"name": name, "value": value, "unit": unit} for name, value, unit in alignment.parameters],
+            "parameters": parameters_document(alignment.parameters),
         },
         "noise": {
             "position_m": noise.position,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import PurePath
 
 from robacc.errors import InputError, Problem, UsageError
@@ -45,4 +46,21 @@ def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, ti
         raise InputError(Problem("is a table, not a robot", name, fix=_EXPECTED))
     from robacc.robots.yamlspec import parse_robot
 
-    return parse_robot(text, name)
+    robot = parse_robot(text, name)
+    _check_effects(robot, text, name)
+    return robot
+
+
+def _check_effects(robot: Robot, text: str, file: str) -> None:
+    """Refuse effects that no command could apply, each with its line: later nobody knows the file any more."""
+    if not robot.effects:
+        return
+    from robacc.effects.specification import known_effects
+    from robacc.robots.yamlspec import effect_lines
+
+    try:
+        known_effects(robot)
+    except InputError as error:
+        lines = effect_lines(text, file)
+        placed = [replace(one, file=file, line=lines[one.column or ""]) for one in error.problems]
+        raise InputError(placed, total=error.total) from None

@@ -54,7 +54,9 @@ def without_interval(value: float, why: str) -> Estimate:
 
 
 def student(value: float, error: float, dof: float, method: str = STUDENT) -> Estimate:
-    """A number with a standard error on ``dof`` degrees of freedom; infinite for a normal one."""
+    """A number with a standard error on ``dof`` degrees of freedom; infinite for a normal one, none below one."""
+    if dof < 1:
+        return without_interval(value, ONE_VISIT)
 
     def at(confidence: float) -> Interval:
         below, _, bound = (

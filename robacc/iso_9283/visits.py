@@ -80,7 +80,8 @@ def visits_of(data: Measurements, commanded: Commanded | None, source: str, numb
     """
     if data.n == 0:
         raise InputError(Problem("has no measured poses", source))
-    groups = data.groups()
+    # By id even where the commands differ, which a warning says: in a cycle it is the command that went wrong.
+    groups = data.groups() if data.pose is None else np.unique(data.pose, return_inverse=True)[1]
     if data.target is not None:
         targets = np.unique(data.target, return_inverse=True)[1]
         groups = np.unique(groups * (targets.max() + 1) + targets, return_inverse=True)[1]

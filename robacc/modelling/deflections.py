@@ -97,7 +97,8 @@ class Deflections:
                 break
         else:
             raise EquilibriumError(
-                "the elastic equilibrium does not converge: a compliance is too large for the arm's weight"
+                "the elastic equilibrium does not converge: a compliance is too large for the arm's weight; "
+                "check its unit, and the masses, in the robot file"
             )
         return _moved(rigid, motions, previous)
 

@@ -27,8 +27,9 @@ class Unit(NamedTuple):
 MILLIMETRE = Unit("mm", 1e3)
 METRE = Unit("m", 1.0)
 DEGREE = Unit("°", 180.0 / math.pi)
+MICRORADIAN = Unit("µrad", 1e6)
 _LENGTHS = (Unit("µm", 1e6), MILLIMETRE)
-_ANGLES = (Unit("µrad", 1e6), Unit("mrad", 1e3), DEGREE)
+_ANGLES = (MICRORADIAN, Unit("mrad", 1e3), DEGREE)
 _OTHERS = {"1": "", "N m": "N m", "N": "N", "s": "s", "kg": "kg", "°C": "°C", "": ""}
 
 

@@ -10,7 +10,7 @@ from robacc.fitting.sparse_prior import Kind
 from robacc.measurements import Measurements
 from robacc.report.console import width_of, write_lines
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
-from robacc.report.numbers import p_value, three_digits
+from robacc.report.numbers import measured, p_value, three_digits
 from robacc.report.stages import deflection, gain_line, stages
 
 _IN_MM = 1e3
@@ -47,7 +47,7 @@ def _parts(result: Calibration, data: Measurements, poses: str, robot: str, fitt
 def _coefficients(result: Calibration) -> list[Line]:
     shown = [one for one in result.parameters if one.std is not None]
     rows = [
-        [one.name, f"{one.value:.6g}", f"{one.std:.2g}", "" if one.unit == "1" else one.unit] for one in shown[:_SHOWN]
+        [one.name, *measured(one.value, one.std or 0.0), "" if one.unit == "1" else one.unit] for one in shown[:_SHOWN]
     ]
     lines = columns(["name", "value", "standard error", "unit"], rows)
     return [*lines, Line(f"and {len(shown) - _SHOWN} more, all in the JSON")] if len(shown) > _SHOWN else lines
@@ -55,11 +55,14 @@ def _coefficients(result: Calibration) -> list[Line]:
 
 def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     noise, found = result.noise.noise, result.fit
-    source = {"file": "the file", "repeats": "repeats"}.get(noise.source, "the residual")
-    yield f"noise {three_digits(noise.position * _IN_MM)} mm along each axis, known from {source}"
+    source = {"file": "known from the file", "repeats": "known from repeats"}.get(noise.source)
+    size = f"noise {three_digits(noise.position * _IN_MM)} mm along each axis"
+    yield f"{size}, {source or 'estimated from the residual'}"
     if result.noise.p_value is not None:
         yield f"residual {result.noise.ratio:.3g} times that noise, lack of fit {p_value(result.noise.p_value)}"
-    yield f"chi-square {found.chi_square:.4g} on {found.degrees_of_freedom:.1f} degrees of freedom, as weighed"
+    if source is not None:
+        # Of rows weighed by their own residual it is the degrees of freedom again, whatever the model.
+        yield f"chi-square {found.chi_square:.4g} on {found.degrees_of_freedom:.1f} degrees of freedom, as weighed"
     indices = ", ".join(f"{name} {value:.3g}" for name, value in result.identifiability.observability().items())
     yield f"condition number {result.identifiability.condition:.3g}; observability {indices}"
     for kind in result.drawn:

@@ -33,6 +33,26 @@ def three_digits(value: float) -> str:
     return "0" if abs(value) < 1e-12 else f"{value:.2e}"
 
 
+def measured(value: float, error: float) -> tuple[str, str]:
+    """A value and its standard error: two digits of the error, the value to the same place (JCGM 100:2008, 7.2.6)."""
+    if not (error > 0.0 and math.isfinite(error) and math.isfinite(value)):
+        return f"{value + 0.0:.6g}", f"{error:g}"
+    shown = f"{error:.{_DIGITS_OF_UNCERTAINTY - 1}e}"
+    place = int(shown.partition("e")[2]) - (_DIGITS_OF_UNCERTAINTY - 1)
+    if 1e-4 <= abs(float(shown)) < 1e6:
+        shown = fixed(round(error, -place), max(-place, 0))
+    size = max(abs(value), error)
+    if 1e-4 <= size < 1e6:
+        # A double has no more than fifteen digits, however small the error of noise-free poses.
+        places = min(max(-place, 0), 14 - math.floor(math.log10(size)))
+        return fixed(round(value, -place), places), shown
+    digits = math.floor(math.log10(abs(value))) - place if value else -1
+    if digits < 0:
+        rounded = round(value * 10.0**-place)
+        return ("0" if rounded == 0 else f"{rounded * 10.0**place:.0e}"), shown
+    return f"{value:.{min(digits, 14)}e}", shown
+
+
 def exponent_of_thousand(size: float) -> int:
     """The power of ten, a multiple of three, that brings ``size`` to between 0.1 and 100, or 0 where it need not be."""
     if size <= 0.0 or not math.isfinite(size) or 0.05 <= size < 1e5:

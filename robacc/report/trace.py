@@ -10,13 +10,15 @@ from robacc.fitting.parameters import Parameter
 from robacc.report.console import width_of, write_lines
 from robacc.report.detection import draw_detection
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
-from robacc.report.numbers import p_value, three_digits
+from robacc.report.numbers import measured, p_value, three_digits
 from robacc.report.stages import deflection, gain_line, stages
 from robacc.tracing.findings import Finding
+from robacc.tracing.lines import Line as PeriodicLine
 from robacc.tracing.rivals import Alternative
 from robacc.tracing.trace import Trace
 
 _IN_MM = 1e3
+_IN_MICRORADIANS = 1e6
 _VERDICTS = {
     "clean": "clean: nothing beyond what is declared",
     "explained": "explained",
@@ -51,6 +53,8 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
     for number, finding in enumerate(result.findings, 1):
         yield from _finding(number, finding, width)
     yield from items(deflection(result.deflection), width)
+    if result.findings:
+        yield Line("± is one standard error", "dim")
     yield BLANK
     yield heading("4. Before and after")
     named = [("as delivered", result.nominal), ("declared fitted", result.before)]
@@ -119,9 +123,7 @@ def _finding(number: int, finding: Finding, width: int) -> Iterator[Line]:
     if finding.lines:
         shown = finding.lines[:_SHOWN_LINES]
         more = f", and {len(finding.lines) - len(shown)} weaker" if len(finding.lines) > len(shown) else ""
-        details.append(
-            "orders per turn: " + ", ".join(f"{x.order:g} ({x.amplitude * 1e6:.0f} µrad)" for x in shown) + more
-        )
+        details.append("orders per turn: " + ", ".join(map(_order, shown)) + more)
     else:
         details.extend(_parameter(one) for one in finding.parameters[:_SHOWN_PARAMETERS])
         if len(finding.parameters) > _SHOWN_PARAMETERS:
@@ -135,7 +137,14 @@ def _parameter(one: Parameter) -> str:
     unit = "" if one.unit == "1" else f" {one.unit}"
     if one.std is None:
         return f"{one.name}: no number, {one.why}"
-    return f"{one.name} = {one.value:.4g} ± {one.std:.2g}{unit}"
+    return f"{one.name} = {' ± '.join(measured(one.value, one.std))}{unit}"
+
+
+def _order(line: PeriodicLine) -> str:
+    amplitude = f"{line.amplitude * _IN_MICRORADIANS:.0f}"
+    if line.amplitude_std is not None:
+        amplitude = " ± ".join(measured(line.amplitude * _IN_MICRORADIANS, line.amplitude_std * _IN_MICRORADIANS))
+    return f"{line.order:g} ({amplitude} µrad)"
 
 
 def _alternative(other: Alternative) -> str:

@@ -97,6 +97,8 @@ class Robot:
     tool_tolerance: Mapping[str, float] = field(default_factory=dict)
     base_link: str | None = None
     tip_link: str | None = None
+    fitted_to: tuple[str, ...] = ()
+    """SHA-256 of each file of poses that its numbers were fitted to."""
 
     @property
     def variables(self) -> tuple[Joint, ...]:
@@ -112,3 +114,8 @@ class Robot:
     def has_masses(self) -> bool:
         """Whether the weight that loads the joints is known (every moved link from the first mass on has one)."""
         return any(joint.mass for joint in self.joints)
+
+
+def effect_key(i: int) -> str:
+    """The dotted key of an entry of the file's ``effects:``, for messages."""
+    return f"effects[{i}]"

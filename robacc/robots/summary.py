@@ -39,15 +39,16 @@ class Summary:
     """By target; the one target of a robot that names none is ``tool``."""
     moved_mass: float | None
     """kg, of all links that have a mass; None where none has."""
+    coefficients: tuple[tuple[str, float, str], ...] = ()
+    """Name, value and unit of each coefficient of the effects that the file lists; SI."""
 
 
-def summarise(robot: Robot) -> Summary:
-    """Reach and masses of a robot."""
+def summarise(robot: Robot, coefficients: tuple[tuple[str, float, str], ...] = ()) -> Summary:
+    """Reach and masses of a robot; ``coefficients`` are those of its effects, as who knows effects reads them."""
     targets = dict(robot.targets) or {"tool": robot.tool}
     masses = [joint.mass for joint in robot.joints if joint.mass is not None]
-    return Summary(
-        robot, {name: find_reach(robot, frame) for name, frame in targets.items()}, sum(masses) if masses else None
-    )
+    reach = {name: find_reach(robot, frame) for name, frame in targets.items()}
+    return Summary(robot, reach, sum(masses) if masses else None, coefficients)
 
 
 def find_reach(robot: Robot, target: Frame, samples: int = SAMPLES) -> Reach:
@@ -104,6 +105,8 @@ def robot_document(summary: Summary) -> dict[str, Any]:
             "targets": {name: _frame_document(frame) for name, frame in robot.targets.items()},
             "payload_com_m": None if robot.payload_com is None else list(robot.payload_com),
             "effects": [dict(effect) for effect in robot.effects],
+            "fitted_to": list(robot.fitted_to),
+            "coefficients": [{"name": n, "value": value, "unit": unit} for n, value, unit in summary.coefficients],
         },
         "n_joints": len(robot.variables),
         "joints": [_joint_document(joint) for joint in robot.joints],

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import yaml
 
-from robacc.robots.description import MAX_JOINTS, STANDARD_GRAVITY, Convention, Frame, Joint, Robot, Vector
+from robacc.robots.description import (
+    MAX_JOINTS,
+    STANDARD_GRAVITY,
+    Convention,
+    Frame,
+    Joint,
+    Robot,
+    Vector,
+    effect_key,
+)
 from robacc.robots.yamljoint import read_joint, resolve_mimics
 from robacc.robots.yamlnode import Section, Source, compose, found
 from robacc.robots.yamlunits import Units, complain_of_likely_units
@@ -21,6 +31,7 @@ FORMAT_VERSION = 1
 _TOP_KEYS = (
     "robacc",
     "name",
+    "fitted_to",
     "convention",
     "units",
     "gravity",
@@ -34,6 +45,7 @@ _TOP_KEYS = (
     "tip_link",
 )
 _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
+_DIGEST = re.compile("[0-9a-f]{64}")
 _MAX_GRAVITY = 50.0
 """m/s^2: five times the earth's; above it somebody wrote mm/s^2."""
 
@@ -84,6 +96,7 @@ def _read_robot(top: Section, units: Units, convention: Convention) -> Robot:
         tool_tolerance=tool_tolerance,
         base_link=_read_text(top, "base_link"),
         tip_link=_read_text(top, "tip_link"),
+        fitted_to=_read_digests(top),
     )
 
 
@@ -160,6 +173,19 @@ def _read_targets(top: Section, units: Units) -> dict[str, Frame]:
     return targets
 
 
+def _read_digests(top: Section) -> tuple[str, ...]:
+    node = top.get("fitted_to")
+    digests = []
+    for i, item in enumerate(top.source.items(node, "fitted_to", "SHA-256 of files of poses") if node else ()):
+        # Not read as text: digits alone are a number to YAML, and are written in quotes for that.
+        digest = item.value if isinstance(item, yaml.ScalarNode) else ""
+        if not _DIGEST.fullmatch(digest):
+            message = f"expected the SHA-256 of a file of poses, 64 digits 0 to f, found {found(item)}"
+            top.source.complain(item, f"fitted_to[{i}]", message, "--write-model writes it; leave it as it was")
+        digests.append(digest)
+    return tuple(digests)
+
+
 def _read_joints(top: Section, convention: Convention, units: Units) -> tuple[Joint, ...]:
     source = top.source
     node = top.require("joints")
@@ -198,7 +224,15 @@ def _read_effects(top: Section) -> tuple[Mapping[str, Any], ...]:
     effects: list[Mapping[str, Any]] = []
     for i, item in enumerate(top.source.items(node, "effects", "effects")):
         if isinstance(item, yaml.MappingNode):
-            effects.append(top.source.plain(item, f"effects[{i}]"))
+            effects.append(top.source.plain(item, effect_key(i)))
         else:
-            top.source.complain(item, f"effects[{i}]", f"expected keys with values, found {found(item)}")
+            top.source.complain(item, effect_key(i), f"expected keys with values, found {found(item)}")
     return tuple(effects)
+
+
+def effect_lines(document_text: str, file: str) -> dict[str, int]:
+    """The line of each entry of ``effects:``, by its dotted key; of a document that :func:`parse_robot` accepted."""
+    top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
+    node = top and top.get("effects")
+    items = node.value if isinstance(node, yaml.SequenceNode) else ()
+    return {effect_key(i): item.start_mark.line + 1 for i, item in enumerate(items)}

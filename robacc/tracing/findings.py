@@ -14,6 +14,7 @@ from robacc.errors import RobaccError
 from robacc.fitting.elastic_form import in_form
 from robacc.fitting.parameters import Parameter, parameters
 from robacc.fitting.solver import Fit
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.tracing.competition import Chosen
 from robacc.tracing.curves import Curve, curves
@@ -79,9 +80,11 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
         after = pose_figures(held.after[:, rows]).position.rms
     number = in_form(final.model.free, "equilibrium").index(effect)
     fitted = final.model.free[number]
-    own_parameters = tuple(p for p, owner in zip(parameters(final), final.owners, strict=True) if owner == number)
+    mine = [i for i, owner in enumerate(final.owners) if owner == number]
+    every = parameters(final)
+    own_parameters = tuple(every[i] for i in mine)
     folds_chosen = (held.chosen.get(effect.key(), 0), held.folds) if held is not None else (0, 0)
-    lines = _lines(loop, effect, one, own_parameters)
+    lines = _lines(loop, effect, one, own_parameters, final.covariance[np.ix_(mine, mine)])
     return Finding(
         effect.name,
         effect.joints,
@@ -108,11 +111,15 @@ def _first_seen(steps: Sequence[Step], effect: Effect) -> tuple[float, float, tu
     return float("nan"), float("nan"), ()
 
 
-def _lines(loop: Loop, effect: Effect, one: Chosen | None, own: Sequence[Parameter]) -> tuple[Line, ...]:
+def _lines(
+    loop: Loop, effect: Effect, one: Chosen | None, own: Sequence[Parameter], covariance: Array
+) -> tuple[Line, ...]:
     """The strong lines of a periodic error."""
     if not isinstance(effect, TransmissionError):
         return ()
-    return profile_lines(loop.selection, one) if effect.shrunk and one is not None else fitted_lines(effect, own)
+    if effect.shrunk and one is not None:
+        return profile_lines(loop.selection, one)
+    return fitted_lines(effect, own, covariance)
 
 
 def _seen(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.effects.transmission_error import TransmissionError
 from robacc.fitting.parameters import Parameter
+from robacc.geometry import Array
 from robacc.tracing.candidates import Candidate, Waves
 from robacc.tracing.competition import Chosen
 from robacc.tracing.selection import Selection
@@ -22,20 +23,39 @@ _WEAK = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One order of a periodic error: amplitude (rad) and phase of amplitude x cos(order q - phase)."""
+    """One order of a periodic error, amplitude x cos(order q - phase), q the joint's commanded angle; rad."""
 
     order: float
     amplitude: float
+    amplitude_std: float | None
+    """Standard error; None, as the phase's, where the poses do not show cosine and sine."""
     phase: float
+    phase_std: float | None
 
 
-def fitted_lines(effect: TransmissionError, own: Sequence[Parameter]) -> tuple[Line, ...]:
-    """The lines of an effect of few orders, strongest first, from its parameters: cosine and sine of each order."""
-    found = [
-        Line(order, math.hypot(cosine.value, sine.value), math.atan2(sine.value, cosine.value))
-        for order, cosine, sine in zip(effect.orders, own[::2], own[1::2], strict=True)
-    ]
+def fitted_lines(effect: TransmissionError, own: Sequence[Parameter], covariance: Array) -> tuple[Line, ...]:
+    """The lines of an effect of few orders, strongest first, from its parameters: cosine and sine of each order.
+
+    ``covariance`` ``(2 K, 2 K)`` is the parameters', NaN where one is not identified.
+    """
+    found = _lines(effect.orders, np.array([one.value for one in own]), covariance)
     return tuple(sorted(found, key=lambda line: -line.amplitude))
+
+
+def _lines(orders: Sequence[float], values: Array, covariance: Array) -> Iterator[Line]:
+    """Amplitudes and phases of cosines and sines in turn, their errors by the law of propagation (JCGM 100, 5.2.2)."""
+    for i, order in enumerate(orders):
+        pair = slice(2 * i, 2 * i + 2)
+        cosine, sine = (float(value) for value in values[pair])
+        amplitude = math.hypot(cosine, sine)
+        along, across = None, None
+        if amplitude > 0.0:
+            turned = np.array([[cosine, sine], [-sine, cosine]]) / amplitude
+            variance = np.diag(turned @ covariance[pair, pair] @ turned.T)
+            if np.all(variance >= 0.0):
+                along, across = (float(size) for size in np.sqrt(variance))
+                across /= amplitude
+        yield Line(order, amplitude, along, math.atan2(sine, cosine), across)
 
 
 def profile_lines(selection: Selection, one: Chosen) -> tuple[Line, ...]:
@@ -61,11 +81,13 @@ def profile_lines(selection: Selection, one: Chosen) -> tuple[Line, ...]:
         return ()
     # Columns are built as lines are found; the model without them is conditioned on once more, to see them all.
     columns = np.concatenate([line.columns for line in taken])
-    values = field.condition(others).least_squares(columns)
-    return tuple(
-        Line(float(line.candidate.effect.settings()["orders"][0]), math.hypot(c, s), math.atan2(s, c))
-        for line, c, s in zip(taken, values[::2], values[1::2], strict=True)
-    )
+    conditioned = field.condition(others)
+    values = conditioned.least_squares(columns)
+    left = max(conditioned.energy - float(values @ conditioned.moment[columns]), 0.0)
+    variance = left / max(conditioned.freedom - columns.size, 1.0)
+    covariance = np.asarray(variance * np.linalg.pinv(conditioned.block(columns), hermitian=True), dtype=np.float64)
+    orders = [float(line.candidate.effect.settings()["orders"][0]) for line in taken]
+    return tuple(_lines(orders, values, covariance))
 
 
 def _candidate(wave: Waves, order: float) -> Candidate:

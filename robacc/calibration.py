@@ -258,7 +258,7 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
 
 
 def _warnings(found: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
-    warnings = [*data.warnings, *getattr(data, "contradicted_ids", tuple)(), *rows_left_out(found, data), *frames_left(found, data)]
+    warnings = [*data.warnings, *data.contradicted_ids(), *rows_left_out(found, data), *frames_left(found, data)]
     warnings.extend(uncertainty_too_large(noise))
     count = int(found.identifiability.kept.size)
     spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count

@@ -26,9 +26,7 @@ _FEWEST = 30
 _MOST = 4000
 """Rows among which neighbours are sought."""
 _IN_TIME = "what is left of a pose is like that of the next one measured: something drifts, or jumped"
-_IN_SPACE = (
-    "what is left is alike where targets are near each other: it depends on the place, as nothing tried does"
-)
+_IN_SPACE = "what is left is alike where targets are near each other: it depends on the place, as nothing tried does"
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from robacc.simulation import Plan, simulate
 from robacc.tracing.evidence import judge
 from robacc.tracing.held_out import Held
 from robacc.tracing.loop import SEARCH, close_loop, refit
+from robacc.tracing.rivals import RIVAL
 from robacc.tracing.trace import Trace, _reproduced, trace
 
 NOISE = 2e-5
@@ -245,6 +246,48 @@ def test_an_instrument_metres_away_with_nothing_declared() -> None:
     registered = traced(arm("puma560").robot, away)
     assert not any("frames that do not agree" in text for text in registered.warnings)
     assert all("every arm deviates" not in hint for hint in registered.unexplained.hints)
+
+
+def test_an_effect_of_hundreds_of_times_the_noise_is_one_finding() -> None:
+    """Next to it the noise before it is no measure of what is plausible: it would be taken apart into several."""
+    large = measured("ur10", entry("gear_ratio", "shoulder_lift_joint", -2.4e-3), noise_position=5e-6)
+    found = traced(arm("ur10").robot, large)
+    assert named(found) == [("gear_ratio", ("shoulder_lift_joint",))]
+    assert found.verdict == "explained"
+
+
+def test_the_equal_of_a_large_effect_is_still_named() -> None:
+    """Where the finding stands at its full size a rival is judged short of what is curved in it."""
+    large = measured("panda", {"effect": "base_compliance", "values": {"value": 5e-5}}, noise_position=1e-5)
+    (finding,) = traced(arm("panda").robot, large).findings
+    stands_for = {finding.effect: 0.0, **{other.effect: other.evidence_lag for other in finding.alternatives}}
+    assert {"base_compliance", "lateral_compliance"} <= set(stands_for)
+    assert max(stands_for.values()) <= RIVAL
+
+
+def test_a_row_of_the_table_that_is_wrong_is_told_with_its_joint() -> None:
+    """Named whole, it is not the arm's whole geometry, of which idle rotations would be left out."""
+    row = {"j2.a": 8e-4, "j2.alpha": 6e-4, "j2.d": -5e-4}
+    wrong: Entry = {"effect": "link_geometry", "joints": ["j2"], "labels": ["d", "a", "alpha"], "values": row}
+    robot = arm("irb1600").robot
+    plan = Plan(100, seed=1, noise_position=NOISE, orientation=False)
+    data = simulate(dataclasses.replace(robot, effects=(wrong,)), plan).data
+    found = traced(robot, data, "base_frame,tool_frame")
+    assert {("link_geometry", ("j2",))} == set(named(found))
+    assert found.after.held_out is not None
+    assert found.after.held_out.position.rms < 1.2 * np.sqrt(3) * NOISE
+
+
+def test_what_is_left_is_held_against_its_neighbours() -> None:
+    """A tracker that was knocked half-way, and a scale that is wrong along one axis: neither is in the catalogue."""
+    data = measured("puma560", n=100)
+    knocked = data.position + np.where(np.arange(100) < 50, 0.0, 1e-4)
+    stretched = data.position * np.array([[1.0], [1.0], [1.0004]])
+    for position, word in ((knocked, "like that of the next one measured"), (stretched, "near each other")):
+        found = traced(arm("puma560").robot, dataclasses.replace(data, position=position))
+        assert found.verdict in ("unexplained", "partly_explained")
+        assert found.unexplained.p_value < 1e-4
+        assert any(word in hint for hint in found.unexplained.hints)
 
 
 def test_an_uncertainty_that_the_poses_refute_is_warned_of() -> None:

@@ -235,3 +235,22 @@ def test_a_mean_without_an_interval_has_the_digits_of_the_errors(tmp_path: Path)
     lines = run(str(path)).stdout.splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("mean vector"))
     assert [line.split()[:2] for line in lines[first + 1 : first + 4]] == [[axis, "0.000"] for axis in "xyz"]
+
+
+@pytest.mark.parametrize(
+    ("align", "frame", "tested"),
+    [
+        ("base_frame,tool_frame", "tool", (False, False)),
+        ("tool_frame", "base", (True, True)),
+        ("base_frame", "base", (False, True)),
+        ("base_frame", "tool", (True, True)),
+    ],
+)
+def test_a_mean_that_the_alignment_made_zero_is_not_tested(align: str, frame: str, tested: tuple[bool, bool]) -> None:
+    found = document(*SAMPLE, "--align", align, "--frame", frame)
+    parts = [found["position"], found["orientation"]]
+    assert tuple(part["tests"]["zero_mean"]["p_value"] is not None for part in parts) == tested
+    for part, is_tested in zip(parts, tested, strict=True):
+        unit = "m" if part is parts[0] else "rad"
+        if not is_tested:
+            assert np.linalg.norm(part[f"mean_{unit}"]) < 1e-6 * part[f"rms_{unit}"]

@@ -315,3 +315,18 @@ def test_the_interval_of_a_percentile_holds_the_percentile_found() -> None:
         assert interval.lower <= found.p95 <= interval.upper
         outside += not model.lower <= found.p95 <= model.upper
     assert outside > 0
+
+
+def test_a_mean_that_an_alignment_took_out_is_not_tested() -> None:
+    errors = gaussian(60)
+    centred = errors - errors.mean(axis=1, keepdims=True)
+    free, aligned = error_statistics(centred, "m"), error_statistics(centred, "m", aligned=True)
+    assert free.tests.zero_mean.p_value == pytest.approx(1.0)
+    assert aligned.tests.zero_mean.p_value is None
+    assert aligned.tests.zero_mean.why == "the alignment made it so"
+    assert aligned.assumption.endswith("with zero mean, which the alignment gave them")
+    assert aligned.intervals.rms == free.intervals.rms
+    # Rows that an alignment left out may keep the mean from zero, and that is told.
+    offset = error_statistics(errors + 3e-4, "m", aligned=True)
+    assert offset.tests.zero_mean.p_value is not None
+    assert "their mean is not zero" in offset.assumption

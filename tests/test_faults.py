@@ -152,6 +152,12 @@ def test_a_full_standard_output(command: str) -> None:
         ("{robacc} estimate nowhere.csv 2>&-", 3, ""),
         ("{estimate} --format json | head -1; exit ${{PIPESTATUS[0]}}", 141, ""),
         ("{robacc} show {samples}/robot.yaml | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} --help | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} trace --help | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} --version | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} estimate nowhere.csv 2>&1 | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} estimate --foo 2>&1 | true; exit ${{PIPESTATUS[0]}}", 141, ""),
     ],
 )
 def test_closed_streams_and_broken_pipes(line: str, status: int, told: str) -> None:

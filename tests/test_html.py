@@ -23,6 +23,7 @@ from pages import Element, parsed
 from typer.testing import CliRunner
 
 from robacc.cli.main import app
+from robacc.html.headline import headline_of
 from robacc.html.page import render, script_json
 from robacc.html.reproduce import command_line
 from robacc.pictures.catalogue import pictures_of
@@ -122,6 +123,13 @@ def test_orders_of_a_periodic_error_have_standard_errors() -> None:
     assert ">39.82°<" in made
     assert ">0.50°<" in made
     assert "amplitude × cos(order × q − phase)" in made
+
+
+def test_what_is_left_is_not_called_noise() -> None:
+    document = results.document("trace")
+    assert headline_of(document).story.endswith("and what is left has no structure.")
+    document["findings"] = []
+    assert headline_of(document).story.endswith("; what is left has no structure, and nothing was added.")
 
 
 def test_a_comparison_shows_its_ranking_and_every_difference(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.assumption import assumption_of
+from robacc.accuracy.assumption import assumption_of, with_imposed_mean
 from robacc.accuracy.error_intervals import mean_intervals, p95_interval, percentile95, rms_interval
 from robacc.errors import InputError
 from robacc.geometry import Array
@@ -30,6 +30,7 @@ def error_statistics(
     unit: Unit,
     *,
     groups: NDArray[Any] | None = None,
+    aligned: bool = False,
     confidence: float = 0.95,
     bootstrap: int = 2000,
     seed: int = 0,
@@ -41,6 +42,7 @@ def error_statistics(
         unit: ``"m"`` or ``"rad"``.
         groups: ``(N,)`` id of each error's commanded pose, of any type; equal ids are repetitions of one pose and
             are not counted as independent. None: each error is of a pose of its own.
+        aligned: An alignment to these errors took their mean out, so that there is nothing to test.
         confidence: Of every interval.
         bootstrap: Number of resamples where an interval needs them.
         seed: Of the resampling; the same seed gives the same limits.
@@ -52,6 +54,8 @@ def error_statistics(
     errors = _checked(errors)
     sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
     tests = assumption_tests(_pose_means(errors, sampling))
+    if aligned:
+        tests = with_imposed_mean(tests)
     assumption = assumption_of(tests, sampling)
     zero_mean_gaussian = assumption.shape and assumption.zero_mean and assumption.independent
     gaussian = assumption.shape and assumption.independent

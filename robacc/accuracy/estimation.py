@@ -30,7 +30,7 @@ from robacc.accuracy.pose_errors import (
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.statistics.records import ErrorStatistics
+from robacc.statistics.records import ErrorStatistics, Unit
 
 if TYPE_CHECKING:
     from robacc.accuracy.figures import ErrorFigures, PoseFigures
@@ -137,12 +137,13 @@ def estimate(
     errors = pose_errors(data, commanded, chosen)
     repetitions = data.repetitions()
     groups = None if repetitions is None else repetitions.repeated
-    position, orientation = _statistics(groups, errors, confidence, seed)
+    aligned = () if alignment is None else alignment.effects
+    position, orientation = _statistics(groups, errors, aligned, confidence, seed)
     scale = scale or default_scale()
     graded = position, orientation
     if scale.confidence != confidence:
         # A scale states the confidence it demonstrates at; the figures keep the one that was asked for.
-        graded = _statistics(groups, errors, scale.confidence, seed)
+        graded = _statistics(groups, errors, aligned, scale.confidence, seed)
     return EstimateResult(
         n_poses=data.n,
         commanded=commanded.source,
@@ -161,12 +162,18 @@ def estimate(
 
 
 def _statistics(
-    groups: NDArray[np.int64] | None, errors: PoseErrors, confidence: float, seed: int
+    groups: NDArray[np.int64] | None, errors: PoseErrors, aligned: Sequence[str], confidence: float, seed: int
 ) -> tuple[ErrorStatistics, ErrorStatistics | None]:
-    position = error_statistics(errors.position, "m", groups=groups, confidence=confidence, seed=seed)
+    def found(of: Array, unit: Unit, centred: bool) -> ErrorStatistics:
+        return error_statistics(of, unit, groups=groups, aligned=centred, confidence=confidence, seed=seed)
+
+    # Moving a frame along its axes takes out the mean along them. Turning the target takes out that of its rotations;
+    # turning the base moves the target too, and leaves some of theirs.
+    own = "tool_frame" if errors.frame == "tool" else "base_frame"
+    position = found(errors.position, "m", own in aligned)
     if errors.rotation is None:
         return position, None
-    return position, error_statistics(errors.rotation, "rad", groups=groups, confidence=confidence, seed=seed)
+    return position, found(errors.rotation, "rad", own == "tool_frame" and own in aligned)
 
 
 def check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> None:

@@ -66,9 +66,6 @@ class Commands(TyperGroup):
         except KeyboardInterrupt as interrupt:
             say_interrupted(*map(str, interrupt.args))
             raise typer.Exit(INTERRUPTED) from interrupt
-        except BrokenPipeError as broken:
-            _discard_output()
-            raise typer.Exit(BROKEN_PIPE) from broken
 
 
 class Checked(TyperCommand):
@@ -129,10 +126,13 @@ def main() -> None:
             # A terminal that cannot show "±" shows "?" instead of ending the program.
             stream.reconfigure(errors="replace")
     try:
-        typer.main.get_command(app)(prog_name="robacc")
+        _run()
     except KeyboardInterrupt:
         say_interrupted()
         sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        _discard_output()
+        sys.exit(BROKEN_PIPE)
     except OSError as error:
         if error.filename is not None:
             raise
@@ -140,6 +140,23 @@ def main() -> None:
         say_error(InputError(Problem(f"cannot be written: {str(error.strerror or error).lower()}", "standard output")))
         _discard_output()
         sys.exit(InputError.exit_status)
+
+
+def _run() -> None:
+    """Run the command that is asked for, help and version included, and write all of its output.
+
+    Raises:
+        SystemExit: always, with the status.
+        BrokenPipeError: whoever read standard output or the messages had enough.
+    """
+    try:
+        typer.main.get_command(app)(prog_name="robacc")
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):
+            # typer and rich end the program themselves then, with the status of a crash.
+            raise BrokenPipeError from end
+        sys.stdout.flush()
+        raise
 
 
 def _open_closed_streams() -> None:
@@ -154,5 +171,7 @@ def _open_closed_streams() -> None:
 
 
 def _discard_output() -> None:
-    """What is still buffered would fail again, loudly, when the interpreter closes the stream."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """What is still buffered would fail again, loudly, when the interpreter closes the streams."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for number in (1, 2):
+        os.dup2(nowhere, number)

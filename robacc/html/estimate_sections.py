@@ -68,7 +68,8 @@ def _axes(found: Mapping[str, Any], unit: str) -> Grid:
 
 
 def _tests(found: Mapping[str, Any]) -> Grid:
-    rows = [[test["method"], p_value(test["p_value"])] for test in found["tests"].values()]
+    tests = found["tests"].values()
+    rows = [[test["method"], test["why"] if test["p_value"] is None else p_value(test["p_value"])] for test in tests]
     return Grid(("test of an assumption", "result"), rows)
 
 

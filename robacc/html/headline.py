@@ -15,6 +15,8 @@ VERDICTS = {
     "partly_explained": ("partly explained", "open"),
     "unexplained": ("unexplained", "bad"),
 }
+_UNSTRUCTURED = "what is left has no structure"
+"""Not that it is noise: how large that is may not be known."""
 _GATES = {
     "pass": ("gate passed", "good"),
     "fail": ("gate failed", "bad"),
@@ -87,15 +89,13 @@ def _trace_story(document: Document) -> str:
     start = f"With what is declared the robot misses by {length(before['rms_m'])} (rms, {of})"
     names = [_effect(one) for one in document["findings"]]
     if not names:
-        rest = "that is within what noise explains, and nothing was added"
+        rest = f"{_UNSTRUCTURED}, and nothing was added"
         if document["unexplained"]["structured"]:
             rest = "there is structure in it, but no effect of the catalogue explains it"
         return f"{start}; {rest}."
     one = len(names) == 1
     told = f"the cause is {names[0]}" if one else f"the causes are {', '.join(names[:-1])} and {names[-1]}"
-    end = (
-        "something is left that nothing explains" if document["unexplained"]["structured"] else "what is left is noise"
-    )
+    end = "something is left that nothing explains" if document["unexplained"]["structured"] else _UNSTRUCTURED
     return f"{start}; {told}; with {'it' if one else 'them'} added it misses by {length(after['rms_m'])}, and {end}."
 
 

@@ -28,6 +28,8 @@ class AssumptionTest:
     dimension: int
     """Number of directions in which the errors scatter, 3 unless they are flat or collinear."""
     why: str | None = None
+    imposed: bool = False
+    """A fit to these very errors made it so, and there was nothing to test."""
 
 
 @dataclass(frozen=True, slots=True)

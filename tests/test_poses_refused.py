@@ -179,6 +179,12 @@ def test_unknown_targets(read: Reader) -> None:
         "3, target: found 'smr3x', expected a target of the robot file (smr1, smr3), of which smr3 is nearest"
     ]
     assert read(one_row(), target_names=("smr1",)).n == 1
+    # A robot with one tool: which of several targets it describes, nobody says.
+    assert complaints(read, text + "0,1,2,3,smr1\n", target_names=()) == [
+        "3, target: found several targets ('smr1', 'smr3x'), but the robot has one tool and no targets to tell them "
+        "apart; list each under targets: in the robot file, in place of tool, or keep the rows of one target"
+    ]
+    assert read(text.replace("smr3x", "smr1"), target_names=()).n == 2
     assert complaints(read, one_row(), target_names=("smr1", "smr3")) == [
         "1: column target is missing: the robot file has 2 targets (smr1, smr3); say in each row which one was measured"
     ]

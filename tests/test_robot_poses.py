@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import robacc
 from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.io.robot_file import read_robot
@@ -80,3 +82,22 @@ def test_poses_without_joints_are_left_to_the_command(tmp_path: Path) -> None:
     path = tmp_path / "commanded.csv"
     path.write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n2,2,3,2,2,3\n", encoding="utf-8")
     assert read_robot_poses(path, read_robot(str(ROBOT))).q is None
+
+
+def test_several_targets_want_a_robot_that_tells_them_apart(tmp_path: Path) -> None:
+    robot = read_robot(str(ROBOT))
+    header, first, second = POSES.read_text(encoding="utf-8").splitlines()[1:4]
+    path = tmp_path / "two.csv"
+    path.write_text(f"{header},target\n{first},smr1\n{second},smr2\n", encoding="utf-8")
+    found = CliRunner().invoke(app, ["estimate", str(path), "--robot", str(ROBOT)], catch_exceptions=False)
+    assert (found.exit_code, found.stdout) == (3, "")
+    assert (
+        f"error: {path}:3, target: found several targets ('smr1', 'smr2'), but the robot has one tool" in found.stderr
+    )
+    with pytest.raises(InputError, match=r"found several targets \(smr1, smr2\), but the robot has one tool"):
+        robacc.estimate(robacc.read_poses(path), robot=robot)
+    several = dataclasses.replace(robot, targets={"smr1": robot.tool})
+    with pytest.raises(InputError, match=r"found 'smr2', expected a target of the robot \(smr1\)"):
+        robacc.estimate(robacc.read_poses(path), robot=several)
+    path.write_text(f"{header},target\n{first},smr1\n{second},smr1\n", encoding="utf-8")
+    assert read_robot_poses(path, robot).n == 2

@@ -119,6 +119,8 @@ def poses_of(
         if ordered and not source.ordered:
             raise UsageError("ordered is of a file as it is read; use read_poses(path, ordered=True)")
         data = checked(source, robot)
+        if robot is not None and (wrong := _wrong_targets(data, robot)):
+            raise InputError(wrong)
         return data, record_of(data, kind)
     from robacc.io.robot_poses import read_robot_poses
 
@@ -187,6 +189,17 @@ def _joints(array: NDArray[Any], robot: Robot | None) -> tuple[int, ...]:
     if robot is not None:
         return (len(robot.variables),)
     return (array.shape[0],) if array.ndim == 2 else (1,)
+
+
+def _wrong_targets(data: Measurements, robot: Robot) -> Problem | None:
+    """What is wrong with the names of targets: each must be the robot's, and of a robot with one tool there is one."""
+    names = [] if data.target is None or data.q is None else np.unique(data.target).tolist()
+    if robot.targets:
+        unknown = [name for name in names if name not in robot.targets]
+        told = f"found {unknown[0]!r}, expected a target of the robot ({', '.join(robot.targets)})" if unknown else ""
+    else:
+        told = f"found several targets ({', '.join(names)}), but the robot has one tool" if len(names) > 1 else ""
+    return _problem(data, "target", told) if told else None
 
 
 def _numbers(data: Measurements, name: str, array: NDArray[Any]) -> list[Problem]:

@@ -102,8 +102,11 @@ class RowChecks:
         self.values = values
         self.log = log
 
-    def run(self, limits: Limits | None, target_names: Sequence[str], skip_limits: frozenset[str]) -> None:
-        """Every check; ``skip_limits`` are the joints whose unit is wrong, of which each row's complaint is noise."""
+    def run(self, limits: Limits | None, target_names: Sequence[str] | None, skip_limits: frozenset[str]) -> None:
+        """Every check; ``skip_limits`` are the joints whose unit is wrong, of which each row's complaint is noise.
+
+        ``target_names`` are as in :func:`robacc.io.poses_csv.read_poses`.
+        """
         for keys in (QUATERNION, COMMANDED_QUATERNION):
             self._quaternion(keys)
         for key, limit in zip(self.values.layout.joints(), limits or (), strict=False):
@@ -162,9 +165,14 @@ class RowChecks:
         describe: Callable[[int], str] = lambda i: f"found {value[i] * column.divisor:.10g}{unit}, {expected}"  # noqa: E731
         self.log.add_rows(bad, self.values.lines, column.name, describe)
 
-    def _targets(self, known: Sequence[str]) -> None:
+    def _targets(self, known: Sequence[str] | None) -> None:
         target = self.values.texts.get("target")
-        if target is None or not known:
+        if target is None or known is None:
+            return
+        if not known:
+            # With commanded poses in the file the robot's tool plays no part.
+            if self.values.layout.group(self.values.layout.joints()) is not None:
+                self._one_target(target)
             return
         bad = ~np.isin(target, known) & (target != "")
 
@@ -176,6 +184,15 @@ class RowChecks:
             return f"found {found}, expected a target of the robot file ({listing(known)}), of which {near} is nearest"
 
         self.log.add_rows(bad, self.values.lines, "target", describe)
+
+    def _one_target(self, target: NDArray[np.str_]) -> None:
+        """Of a robot with one tool: of several targets all but one would be taken for what they are not."""
+        names = list(dict.fromkeys(target[target != ""].tolist()))
+        if len(names) > 1:
+            shown = listing([clip(name) for name in names])
+            message = f"found several targets ({shown}), but the robot has one tool and no targets to tell them apart"
+            fix = "list each under targets: in the robot file, in place of tool, or keep the rows of one target"
+            self.log.add(message, int(self.values.lines[np.argmax(target == names[1])]), "target", fix)
 
 
 class UnitChecks:

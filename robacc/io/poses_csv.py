@@ -45,7 +45,7 @@ def read_poses(
     joint_names: Sequence[str] | None = None,
     joint_types: Sequence[str] | None = None,
     limits: Limits | None = None,
-    target_names: Sequence[str] = (),
+    target_names: Sequence[str] | None = None,
     ordered: bool = False,
     units_check: bool = True,
     attained: bool = True,
@@ -57,7 +57,8 @@ def read_poses(
         joint_names: The robot's joints in chain order, whose names are taken for ``q1 … qN``; None: no robot is known.
         joint_types: ``revolute`` or ``prismatic`` of each; None: a joint's unit may be an angle or a length.
         limits: Lowest and highest value of each joint (rad or m), None for a joint without.
-        target_names: The targets that the robot file has.
+        target_names: The targets that the robot file has, empty for a robot with one tool; None: no robot is known, and
+            any name will do.
         ordered: Rows are in the order measured, and the robot went straight from each to the next: direction and
             speed are derived for the joints whose columns are missing. The first row, to which nobody knows the way,
             and a row that repeats the joints of the one before get 0.
@@ -72,7 +73,7 @@ def read_poses(
         log = reader.log
         layout = read_layout(header, log, joint_names, joint_types, attained)
         values = _read_values(reader, layout)
-        _check_target_column(layout, target_names, reader, header.line)
+        _check_target_column(layout, target_names or (), reader, header.line)
         rows = RowChecks(values, log)
         rows.sizes()
         units = UnitChecks(values.complete() if log.total else values, log, header.line)

@@ -18,6 +18,8 @@ from robacc.effects import REGISTRY
 from robacc.io.poses_csv import read_poses
 from robacc.io.robot_file import read_robot
 from robacc.modelling.model import predict
+from robacc.robots.description import Frame
+from robacc.robots.yamlwrite import robot_to_yaml
 from robacc.simulation import Plan, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -83,6 +85,19 @@ def test_the_file_says_what_noise_is_in_it() -> None:
     both = ("--noise", "20um", "--noise-orientation", "0.02mrad")
     assert head(*both).endswith(", noise 0.02 mm and 0.02 mrad; nothing was measured.")
     assert head(*both, "--position-only").endswith(", noise 0.02 mm; nothing was measured.")
+
+
+def test_a_plan_names_no_target_and_all_are_measured_at_each_of_its_poses(tmp_path: Path) -> None:
+    robot = dataclasses.replace(read_robot(PUMA), targets={"a": Frame((0.05, 0.0, 0.1)), "b": Frame((0.0, 0.05, 0.1))})
+    file, plan, poses = tmp_path / "robot.yaml", tmp_path / "plan.csv", tmp_path / "poses.csv"
+    file.write_text(robot_to_yaml(robot), encoding="utf-8")
+    plan.write_text("q1,q2,q3,q4,q5,q6\n0.1,0.2,0.3,0.4,0.5,0.6\n0.2,0.2,0.3,0.4,0.5,0.6\n", encoding="utf-8")
+    assert run("simulate", file, "--at", plan, "-o", poses).exit_code == 0
+    data = read_poses(poses)
+    assert data.q is not None
+    assert data.target is not None
+    assert data.target.tolist() == ["a", "b", "a", "b"]
+    assert data.q[0].tolist() == [0.1, 0.1, 0.2, 0.2]
 
 
 def test_a_urdf_is_simulated_as_the_robot_file_is(tmp_path: Path) -> None:

@@ -7,27 +7,11 @@ import stat
 from pathlib import Path
 
 import pytest
+from robot_files import MINIMAL
 
 from robacc.errors import InputError, UsageError
 from robacc.io.files import read_text, sha256_of, write_text
 from robacc.io.robot_file import read_robot
-
-MINIMAL = """robacc: 1
-name: arm
-convention: standard
-units: {length: m, angle: rad}
-joints:
-  - name: one
-    type: revolute
-    theta: 0.1
-    d: 0.5
-    a: 0.2
-    alpha: -1.5
-    limits: [-1, 2]
-    mass: 2
-    com: [0, 0, 0.1]
-  - {type: prismatic, theta: 0.2, d: 0.1, a: 0, alpha: 0}
-"""
 
 
 def test_text_is_read_whatever_marks_its_encoding(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 from arms import arm
+from peer import by_scipy
 from scipy import stats
-from scipy.optimize import least_squares
 
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
@@ -20,7 +20,7 @@ from robacc.errors import InputError
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import observed_jacobian, residuals, weights
+from robacc.modelling.observation import observed_jacobian
 from robacc.robots.description import Frame, Robot
 from robacc.simulation import Plan, simulate
 
@@ -90,23 +90,8 @@ def test_the_solution_is_scipys(name: str) -> None:
     robot, _ = truth_for(name, effects(name, *SEVERAL), blank(name))
     data = simulate(robot, PLAN).data
     found = fit(Model.of(arm(name).robot, free), data, Options(robust=False, misfit=(NOISE, NOISE), tolerance=1e-13))
-    kept, bound, weight = found.identifiability.kept, found.model.bind(data), weights(data, NOISE, NOISE)
-    size = np.sqrt(np.diag(found.covariance))[kept]
-
-    def whole(x: np.ndarray) -> np.ndarray:
-        theta = np.zeros(len(bound.terms))
-        theta[kept] = x * size
-        return theta
-
-    def residual(x: np.ndarray) -> np.ndarray:
-        return (residuals(data, bound.poses(whole(x))) * weight).ravel()
-
-    def jacobian(x: np.ndarray) -> np.ndarray:
-        poses, columns = bound.linearise(whole(x))
-        seen = observed_jacobian(columns, residuals(data, poses)) * weight[:, None, :]
-        return -np.moveaxis(seen[:, kept], 1, 2).reshape(-1, kept.size) * size
-
-    peer = least_squares(residual, np.zeros(kept.size), jacobian, method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    kept = found.identifiability.kept
+    peer, size = by_scipy(found, data, NOISE, method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert kept.size > 30
     assert np.linalg.norm(found.theta[kept] - peer.x * size) <= 1e-9 * np.linalg.norm(found.theta[kept])
     # Standard errors are those of the Jacobian at the solution.

@@ -7,14 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 from arms import CONFIGURED, arm, circumstances
-from scipy.optimize import brentq, least_squares
+from peer import by_scipy
+from scipy.optimize import brentq
 
 from robacc.effects import REGISTRY
 from robacc.errors import UsageError
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import observed_jacobian, residuals, weights
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 from robacc.simulation import Plan, simulate
 
@@ -190,24 +190,8 @@ def test_the_fit_agrees_with_scipy_from_the_same_start(orientation: bool) -> Non
     model = Model.of(one.robot, [REGISTRY[name].default(one, data) for name in names])
     options = Options(robust=False, misfit=(2e-5, 2e-5), tolerance=1e-13)
     found = fit(model, data, options)
-    kept, bound, weight = found.identifiability.kept, found.model.bind(data), weights(data, 2e-5, 2e-5)
-    # scipy's steps are judged in units of the coefficients, which differ by 1e5: each gets its standard error for one.
-    size = np.sqrt(np.diag(found.covariance))[kept]
-
-    def theta(x: np.ndarray) -> np.ndarray:
-        whole = np.zeros(len(bound.terms))
-        whole[kept] = x * size
-        return whole
-
-    def residual(x: np.ndarray) -> np.ndarray:
-        return (residuals(data, bound.poses(theta(x))) * weight).ravel()
-
-    def jacobian(x: np.ndarray) -> np.ndarray:
-        poses, columns = bound.linearise(theta(x))
-        seen = -observed_jacobian(columns, residuals(data, poses)) * weight[:, None, :]
-        return np.moveaxis(seen[:, kept], 1, 2).reshape(-1, kept.size) * size
-
-    peer = least_squares(residual, np.zeros(kept.size), jacobian, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    kept = found.identifiability.kept
+    peer, size = by_scipy(found, data, 2e-5, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert kept.size > 20
     # 1e-9 of the parameters' own length, and no parameter off by more than a millionth of its standard error.
     assert np.linalg.norm(found.theta[kept] - peer.x * size) <= 1e-9 * np.linalg.norm(found.theta[kept])

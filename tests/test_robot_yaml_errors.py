@@ -6,52 +6,18 @@ import time
 from pathlib import Path
 
 import pytest
+from robot_files import MINIMAL, URDF_LIKE, edit
 
 from robacc.errors import MAX_PROBLEMS, InputError
 from robacc.robots.yamlspec import parse_robot
 
 PROJECT = Path(__file__).resolve().parents[1]
 
-MINIMAL = """robacc: 1
-name: arm
-convention: standard
-units: {length: m, angle: rad}
-joints:
-  - name: one
-    type: revolute
-    theta: 0.1
-    d: 0.5
-    a: 0.2
-    alpha: -1.5
-    limits: [-1, 2]
-    mass: 2
-    com: [0, 0, 0.1]
-  - {type: prismatic, theta: 0.2, d: 0.1, a: 0, alpha: 0}
-"""
-
-URDF_LIKE = """robacc: 1
-name: arm
-convention: urdf
-units: {length: mm, angle: deg}
-base_link: foot
-tip_link: hand
-joints:
-  - {name: stand, type: fixed, origin: {xyz: [0, 0, 100]}, link: foot2, mass: 1}
-  - {name: turn, type: continuous, origin: {rpy: [0, 90, 0]}, axis: [0, 0, 2], offset: 10, tolerance: {offset: 1, x: 1}}
-  - {name: slide, type: prismatic, axis: [1, 0, 0], offset: 5, limits: [0, 100], tolerance: {offset: 1}}
-  - {name: copy, type: prismatic, axis: [1, 0, 0], mimic: {joint: turn, multiplier: 2, offset: 3}}
-"""
-
 
 def problem(text: str) -> str:
     with pytest.raises(InputError) as caught:
         parse_robot(text, "arm.yaml")
     return str(caught.value)
-
-
-def edit(text: str, old: str, new: str) -> str:
-    assert text.count(old) == 1, f"{old!r} is there {text.count(old)} times"
-    return text.replace(old, new)
 
 
 BAD = [

@@ -204,6 +204,7 @@ def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurement
     if isinstance(at, Measurements):
         data = checked(at, arm)
     else:
+        # Not by read_robot_poses: a plan names no target, each is visited at every pose.
         data = read_poses(
             at,
             joint_names=arm.variable_names,

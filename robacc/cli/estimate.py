@@ -18,6 +18,7 @@ from robacc.cli.options import (
     OutputOption,
     ReportOption,
     RobotOption,
+    ScaleOption,
     SeedOption,
     TipLinkOption,
 )
@@ -44,9 +45,7 @@ def estimate(
         FrameName | None,
         typer.Option("--frame", help="Axes of the errors: the commanded target's, or the measuring frame's."),
     ] = None,
-    scale: Annotated[
-        str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML); default is the package's own.")
-    ] = None,
+    scale: ScaleOption = None,
     confidence: ConfidenceOption = 0.95,
     per_pose: Annotated[
         str | None, typer.Option("--per-pose", metavar="FILE", help="Write each pose's error there, as CSV.")

@@ -58,6 +58,9 @@ JunitOption = Annotated[
 ReportOption = Annotated[
     str | None, typer.Option("--report", metavar="FILE", help="Write the result there, as one HTML page.")
 ]
+ScaleOption = Annotated[
+    str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML); default is the package's own.")
+]
 SeedOption = Annotated[
     int, typer.Option("--seed", metavar="N", min=0, help="Seed of everything drawn at random, bootstrap included.")
 ]

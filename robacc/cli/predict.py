@@ -16,6 +16,7 @@ from robacc.cli.options import (
     OrderedOption,
     OutputOption,
     ReportOption,
+    ScaleOption,
     SeedOption,
     TipLinkOption,
 )
@@ -39,9 +40,7 @@ def predict(
     tolerances: Annotated[
         str | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances (YAML) that go before the robot's.")
     ] = None,
-    scale: Annotated[
-        str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML); default is the package's own.")
-    ] = None,
+    scale: ScaleOption = None,
     allocate: Annotated[
         str | None, typer.Option("--allocate", metavar="GRADE", help="Find tolerances that would reach this grade.")
     ] = None,

@@ -13,13 +13,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from arms import arm
-from scipy.optimize import least_squares
+from peer import by_scipy
 
 from robacc.effects import REGISTRY
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.modelling.observation import observed_jacobian, residuals, weights
 from robacc.simulation import Plan, simulate
 
 pytestmark = pytest.mark.slow
@@ -40,25 +39,11 @@ def problem(n: int) -> tuple[Model, Measurements]:
 
 
 def peer(found: Fit, data: Measurements) -> np.ndarray:
-    """scipy's trust region from the registered start, on the coefficients that poses tell apart, well scaled."""
-    kept, bound, weight = found.identifiability.kept, found.model.bind(data), weights(data, NOISE, NOISE)
-    size = np.sqrt(np.diag(found.covariance))[kept]
-
-    def whole(x: np.ndarray) -> np.ndarray:
-        theta = np.zeros(len(bound.terms))
-        theta[kept] = x * size
-        return theta
-
-    def residual(x: np.ndarray) -> np.ndarray:
-        return (residuals(data, bound.poses(whole(x))) * weight).ravel()
-
-    def jacobian(x: np.ndarray) -> np.ndarray:
-        poses, columns = bound.linearise(whole(x))
-        seen = observed_jacobian(columns, residuals(data, poses))[:, kept] * weight[:, None, :]
-        return -np.moveaxis(seen, 1, 2).reshape(-1, kept.size) * size
-
-    solution = least_squares(residual, np.zeros(kept.size), jacobian, method="trf")
-    return whole(solution.x)
+    """All coefficients by scipy's trust region, at its own tolerances."""
+    solution, size = by_scipy(found, data, NOISE, method="trf")
+    theta = np.zeros(found.theta.size)
+    theta[found.identifiability.kept] = solution.x * size
+    return theta
 
 
 def fastest(work: Callable[[], object], times: int) -> float:

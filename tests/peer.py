@@ -1,0 +1,36 @@
+"""scipy's answer to the problem that a fit has solved."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+
+from robacc.fitting.solver import Fit
+from robacc.measurements import Measurements
+from robacc.modelling.observation import observed_jacobian, residuals, weights
+
+
+def by_scipy(found: Fit, data: Measurements, noise: float, **options: Any) -> tuple[OptimizeResult, np.ndarray]:
+    """The coefficients that the poses tell apart, from the registered start with the exact Jacobian, and their units.
+
+    scipy judges its steps in units of the coefficients, which differ by 1e5: each gets its standard error for one.
+    """
+    kept, bound, weight = found.identifiability.kept, found.model.bind(data), weights(data, noise, noise)
+    size = np.sqrt(np.diag(found.covariance))[kept]
+
+    def whole(x: np.ndarray) -> np.ndarray:
+        theta = np.zeros(len(bound.terms))
+        theta[kept] = x * size
+        return theta
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        return (residuals(data, bound.poses(whole(x))) * weight).ravel()
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        poses, columns = bound.linearise(whole(x))
+        seen = observed_jacobian(columns, residuals(data, poses))[:, kept] * weight[:, None, :]
+        return -np.moveaxis(seen, 1, 2).reshape(-1, kept.size) * size
+
+    return least_squares(residual, np.zeros(kept.size), jacobian, **options), size

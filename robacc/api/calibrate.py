@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from robacc.api.fitted_to import fitted_to, met_again
 from robacc.api.fitting import Fitted, Given, given, listed
 from robacc.api.inputs import StrPath, path_of
 from robacc.api.result import Made, parts, within
@@ -121,4 +123,6 @@ def calibrate(
         "base_link": base_link,
         "tip_link": tip_link,
     }
+    warnings = (*found.warnings, *met_again(asked.robot, asked.inputs))
+    found = dataclasses.replace(found, robot=fitted_to(found.robot, asked.inputs), warnings=warnings)
     return Calibrated(**parts(found), given=asked, made=Made(options, asked.inputs, seed))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from robacc.accuracy.estimation import EstimateResult
 from robacc.accuracy.estimation import estimate as estimated
 from robacc.accuracy.pose_errors import ErrorFrame
+from robacc.api.fitted_to import met_again
 from robacc.api.inputs import StrPath, poses_of, robot_of, scale_of
 from robacc.api.result import Made, Result, names, one_of, parts, within
 from robacc.measurements import Measurements
@@ -99,6 +101,9 @@ def estimate(
     grades, scale_record = scale_of(scale)
     what = names(align)
     found = estimated(data, arm, frame=frame, what=what, scale=grades, confidence=confidence, seed=seed)
+    seen = met_again(arm, (record,))
+    notes = (*found.notes, *(["the robot file was fitted to these same poses"] if seen else []))
+    found = dataclasses.replace(found, notes=notes, warnings=(*found.warnings, *seen))
     options = {
         "align": list(what),
         "frame": found.errors.frame,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from robacc.api.fitted_to import met_again
 from robacc.api.inputs import STDIN, StrPath, path_of, poses_of, robot_of
 from robacc.api.result import Made, Result, names, parts, within
 from robacc.errors import UsageError
@@ -86,6 +88,8 @@ def iso9283(
         windows=drift_windows,
         rated_load=rated_load,
     )
+    seen = met_again(arm, [record for _, record in read])
+    found = dataclasses.replace(found, warnings=(*found.warnings, *seen))
     options = {
         "align": list(what),
         "rated_load": rated_load,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from robacc.accuracy.grade_scale import default_scale
+from robacc.api.fitted_to import met_again
 from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of, scale_of
 from robacc.api.result import Made, Result, names, parts, within
 from robacc.errors import UsageError
@@ -52,6 +53,7 @@ class Predicted(Result, Prediction):
         """What looks wrong."""
         found = [warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings]
         hint = None if self.comparison is None else self.comparison.hint
+        found.extend(met_again(self.robot, [one for one in self.made.inputs if one.kind == "against"]))
         return tuple(found) if hint is None else (*found, hint)
 
     def payload(self) -> dict[str, Any]:

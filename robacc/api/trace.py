@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from robacc.api.fitted_to import fitted_to, met_again
 from robacc.api.fitting import Fitted, Given, given, listed
 from robacc.api.inputs import StrPath
 from robacc.api.result import Made, parts, within
@@ -105,4 +107,6 @@ def trace(
         "base_link": base_link,
         "tip_link": tip_link,
     }
+    warnings = (*found.warnings, *met_again(asked.robot, asked.inputs))
+    found = dataclasses.replace(found, robot=fitted_to(found.robot, asked.inputs), warnings=warnings)
     return Traced(**parts(found), given=asked, made=Made(options, asked.inputs, seed))

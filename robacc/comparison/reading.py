@@ -222,6 +222,11 @@ def _made(found: Document, command: str, figures: Mapping[str, Figure]) -> Itera
         apart = found.at("poses_apart") is not None
         held = "poses of their own" if apart else f"{found.at('n_folds')} folds"
         yield "held out", held if found.at("after.held_out") is not None else "nothing (figures of poses fitted)"
+    fitted = found.at("robot.fitted_to")
+    if isinstance(fitted, list):
+        inputs = [one for one in found.at("inputs") or () if isinstance(one, Mapping)]
+        seen = any(one.get("sha256") in fitted for one in inputs if one.get("kind") == "poses")
+        yield "robot file", "fitted to these very poses" if seen else "not fitted to these poses"
     targets = found.at("poses.target")
     if isinstance(targets, list):
         yield "targets", ", ".join(sorted({str(one) for one in targets}))

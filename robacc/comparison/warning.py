@@ -13,6 +13,7 @@ _CONSEQUENCES = {
     "frame": "lengths can be compared, components cannot, and are left out",
     "alignment": "an alignment takes out part of the error that the other result still has",
     "held out": "figures of poses fitted are better than those of poses held out",
+    "robot file": "errors of the poses that it was fitted to are smaller than those of others",
     "confidence": "their intervals are not alike",
 }
 

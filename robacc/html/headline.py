@@ -157,8 +157,11 @@ def _estimate(document: Document) -> Headline:
     aligned = "nothing aligned"
     if alignment is not None:
         aligned = f"{' and '.join(alignment['what'])}, {alignment['n_parameters']} parameters"
+    robot = document.get("robot") or {}
+    modelled = robot.get("effects") or robot.get("fitted_to")
+    misses = "The model misses where the arm came" if modelled else "The arm misses where it was sent"
     story = (
-        f"The arm misses where it was sent by {length(position['rms_m'])} (rms over {document['n_poses']} poses), 95 % "
+        f"{misses} by {length(position['rms_m'])} (rms over {document['n_poses']} poses), 95 % "
         f"of the poses within {length(position['p95_m'])}. That is grade {grade['grade']}, {proven}."
     )
     return Headline(

@@ -33,6 +33,8 @@ def robot_document(robot: Robot | None, q: Array | None) -> dict[str, Any] | Non
     return {
         "name": robot.name,
         "joints": [{"name": joint.name, "type": joint.type} for joint in robot.variables],
+        "effects": list(dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)),
+        "fitted_to": list(robot.fitted_to),
         "outline": outline,
     }
 

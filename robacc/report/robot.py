@@ -118,7 +118,7 @@ def _facts(summary: Summary) -> list[str]:
     effects = ", ".join(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
     lines.append(f"effects  {effects or 'none'}")
     lines += [f"         {name} = {value:.6g}{f' {unit}' * bool(unit)}" for name, value, unit in summary.coefficients]
-    lines += [f"fitted   to the poses of SHA-256 {digest}" for digest in robot.fitted_to]
+    lines += [f"fitted   to the poses of SHA-256 {digest[:16]}…" for digest in robot.fitted_to]
     return lines
 
 

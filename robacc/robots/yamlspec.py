@@ -31,7 +31,6 @@ FORMAT_VERSION = 1
 _TOP_KEYS = (
     "robacc",
     "name",
-    "fitted_to",
     "convention",
     "units",
     "gravity",
@@ -43,6 +42,7 @@ _TOP_KEYS = (
     "effects",
     "base_link",
     "tip_link",
+    "fitted_to",
 )
 _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
 _DIGEST = re.compile("[0-9a-f]{64}")

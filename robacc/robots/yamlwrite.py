@@ -25,6 +25,7 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = ()) -> str:
     document: dict[str, Any] = {
         "robacc": 1,
         "name": robot.name,
+        **({"fitted_to": list(robot.fitted_to)} if robot.fitted_to else {}),
         "convention": robot.convention,
         "units": {"length": "m", "angle": "rad"},
         "gravity": _floats(robot.gravity),

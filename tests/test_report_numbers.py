@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from robacc.report.numbers import decimals, exponent_of_thousand, fixed, measured, p_value, three_digits
+from robacc.report.numbers import decimals, exponent_of_thousand, fixed, measured, odds, p_value, three_digits
 
 
 @pytest.mark.parametrize(
@@ -80,3 +80,12 @@ def test_rounding_a_value_costs_less_than_a_twentieth_of_its_error(value: float,
     shown, its_error = measured(value, error)
     assert abs(float(shown) - value) <= max(0.051 * error, 1e-14 * abs(value))
     assert float(its_error) == pytest.approx(error, rel=0.051)
+
+
+def test_odds_are_those_of_the_rival() -> None:
+    assert [odds(lag) for lag in (0.0, math.log(5), -math.log(20), 800.0)] == [
+        "1 to 1",
+        "1 to 5",
+        "20 to 1",
+        "1 to 1.01e+304",
+    ]

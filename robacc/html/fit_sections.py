@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from robacc.html.blocks import Block, Cell, Grid, Listing, Number, Section, Text
 from robacc.pictures.errors_of import STAGE_MEANINGS
 from robacc.pictures.picture import Document
 from robacc.pictures.units import DEGREE, MICRORADIAN, Unit
-from robacc.report.numbers import measured, p_value
+from robacc.report.numbers import measured, odds, p_value
 
 _STAGES = {"nominal": "as delivered", "before": "before", "after": "after"}
 _LIKE = 0.9999
@@ -85,10 +84,9 @@ def _with_error(value: float, error: float | None, unit: Unit) -> tuple[Number, 
 def _alternative(finding: Mapping[str, Any], other: Mapping[str, Any]) -> str:
     if other["likeness"] > _LIKE:
         return f"{effect_name(finding)} cannot be told from {effect_name(other)}"
-    odds = math.exp(min(max(other["evidence_lag_nats"], 0.0), 700.0))
     return (
         f"{effect_name(finding)}, or {effect_name(other)}: what it explains is {100 * other['likeness']:.0f} % alike, "
-        f"its odds 1 to {odds:.3g}"
+        f"its odds {odds(other['evidence_lag_nats'])}"
     )
 
 

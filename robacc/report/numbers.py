@@ -7,6 +7,8 @@ import math
 _MOST_DECIMALS = 9
 _DIGITS_OF_UNCERTAINTY = 2
 """Digits of an interval's half width that are shown (JCGM 100:2008, 7.2.6)."""
+_MOST_NATS = 700.0
+"""Beyond it the exponential overflows."""
 _DIGITS_WITHOUT = 3
 """Digits of a number of unknown uncertainty."""
 
@@ -80,3 +82,9 @@ def _places(size: float, digits: int) -> int:
     # Rounded first, so that 0.0996 counts as 0.10.
     exponent = math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
     return min(max(digits - 1 - exponent, 0), _MOST_DECIMALS)
+
+
+def odds(lag: float) -> str:
+    """Of a rival that is ``lag`` nats behind in evidence, against what it competes with; ahead where it is negative."""
+    ratio = f"{math.exp(min(abs(lag), _MOST_NATS)):.3g}"
+    return f"{ratio} to 1" if lag < 0 and ratio != "1" else f"1 to {ratio}"

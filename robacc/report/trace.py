@@ -10,7 +10,7 @@ from robacc.fitting.parameters import Parameter
 from robacc.report.console import width_of, write_lines
 from robacc.report.detection import draw_detection
 from robacc.report.layout import BLANK, Line, columns, heading, items, wrapped
-from robacc.report.numbers import measured, p_value, three_digits
+from robacc.report.numbers import measured, odds, p_value, three_digits
 from robacc.report.stages import deflection, gain_line, stages
 from robacc.tracing.findings import Finding
 from robacc.tracing.lines import Line as PeriodicLine
@@ -153,7 +153,7 @@ def _alternative(other: Alternative) -> str:
         return f"cannot be told from {other.effect}{joints} on these poses"
     return (
         f"might as well be {other.effect}{joints}: what it explains is {100 * other.likeness:.0f} % alike, "
-        f"its odds 1 to {math.exp(max(other.evidence_lag, 0.0)):.3g}"
+        f"its odds {odds(other.evidence_lag)}"
     )
 
 

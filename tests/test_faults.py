@@ -167,6 +167,30 @@ def test_closed_streams_and_broken_pipes(line: str, status: int, told: str) -> N
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="needs /dev/stdout")
+def test_pipes_that_have_a_name_are_written_to(tmp_path: Path) -> None:
+    plain = shell("{estimate} --format json").stdout
+    for line in ("{estimate} --format json -o /dev/stdout | cat", "{estimate} --format json -o >(cat) | cat"):
+        done = shell(line)
+        assert (done.returncode, done.stdout, done.stderr) == (0, plain, "")
+
+
+@pytest.mark.parametrize("option", ["-o", "--write-model", "--report"])
+def test_an_output_without_a_folder_is_refused_before_the_work(option: str, tmp_path: Path) -> None:
+    path = tmp_path / "none" / "x"
+    # The poses are not looked at: what is wrong with them would be said first.
+    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, str(path))
+    assert (done.returncode, done.stdout) == (3, "")
+    assert (
+        done.stderr == f"error: {path}: cannot be written: its folder does not exist\n  tip: create the folder first\n"
+    )
+    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, str(tmp_path))
+    assert done.stderr == f"error: {tmp_path}: is a folder; a file's name is needed to write to\n"
+    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, "")
+    long = {"-o": "--output"}.get(option, option)
+    assert (done.returncode, done.stderr) == (2, f"error: {long} names no file\n")
+
+
 def test_links_that_lead_nowhere(tmp_path: Path) -> None:
     dangling = tmp_path / "link.json"
     dangling.symlink_to(tmp_path / "missing" / "r.json")

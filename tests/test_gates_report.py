@@ -25,7 +25,7 @@ def judged(outcome: Outcome = "pass", name: str = "c", reason: str = "because", 
     decided = {"why": None, "lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "probability": 0.991}
     decided |= {key: more.pop(key) for key in list(more) if key in (*decided, "poses_to_decide", "poses_if_true")}
     criterion = Criterion(
-        name=name, key="position.rms", confidence=0.95, share=0.95, paired=None, reason=reason, **asked
+        name=name, key=more.pop("key", "position.rms"), confidence=0.95, share=0.95, paired=None, reason=reason, **asked
     )
     given = {"value": 0.8e-3, "found": None, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
     return Judged(criterion, Decision(outcome, **decided), "length", **{**given, **more})
@@ -51,6 +51,8 @@ def test_a_criterion_in_one_sentence() -> None:
     assert sentence(ALL.judged[2]).endswith(
         "; 900 poses in all would decide it with a probability of 90 %, 400 if the value found is the true one"
     )
+    visits = judged("inconclusive", key="iso9283.RP.max", poses_to_decide=900)
+    assert sentence(visits).endswith("; 900 visits in all would decide it with a probability of 90 %")
     assert "position.rms not there" in sentence(ALL.judged[3])
     against = judged(baseline="b.json", limit=0.0, value=-1e-4, baseline_value=9e-4, lower_bound=-2e-4, upper_bound=0.0)
     assert sentence(against).startswith(

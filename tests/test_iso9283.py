@@ -361,6 +361,12 @@ def test_one_visit_from_each_side_shows_no_scatter() -> None:
         assert figure.interval.why == "one visit shows no scatter"
 
 
+def test_which_poses_count_is_said() -> None:
+    told = "every criterion is the largest over all poses, or pairs of poses, that were measured"
+    assert any(note.startswith(told) for note in iso9283([random_cycles(0)]).notes)
+    assert not any(note.startswith(told) for note in iso9283([random_cycles(0, poses=1)]).notes)
+
+
 def test_a_command_that_moves_between_visits_is_warned_of() -> None:
     measured = random_cycles(0)
     moving = measured.commanded_position.copy()  # type: ignore[union-attr]

@@ -63,6 +63,16 @@ BAD = [
     ("name: arm", "effects: {backlash: 1}", "effects: expected a list of effects, found keys with values"),
     ("name: arm", "effects: [backlash]", "effects[0]: expected keys with values, found 'backlash'"),
     ("name: arm", "effects: [{a: 1, a: 2}]", "effects[0].a: is given twice"),
+    (
+        "theta: 0.2, d: 0.1",
+        "theta: 0.2, d: 162,5",
+        "joints[1].5: unknown key; write decimals with a point, as in 162.5",
+    ),
+    (
+        "theta: 0.2, d: 0.1",
+        'theta: 0.2, d: "162,5"',
+        "joints[1].d: expected a number, found '162,5'; write decimals with a point",
+    ),
     ("name: arm", "effects: [{a: .nan}]", "effects[0].a: expected a finite number, found .nan"),
     (
         "type: revolute",

@@ -166,9 +166,9 @@ def check_call(parameters: Mapping[str, Any]) -> None:
     """Refuse a call that would end badly before it computes anything: by its parameters' names and values.
 
     Raises:
-        UsageError: an output would overwrite an input or another output, standard input is named twice, ``--junit``
-            stands without ``--gate``, or ``--report`` without the libraries it takes.
-        InputError: the gate cannot be read.
+        UsageError: an output has no name, or would overwrite an input or another output, standard input is named twice,
+            ``--junit`` stands without ``--gate``, or ``--report`` without the libraries it takes.
+        InputError: the gate cannot be read, or an output is a folder or in one that does not exist.
     """
     from robacc.errors import UsageError
 
@@ -187,10 +187,20 @@ def check_call(parameters: Mapping[str, Any]) -> None:
         from robacc.io.gate_files import baseline_path, read_gate
 
         inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
+    _check_outputs(parameters, inputs)
+
+
+def _check_outputs(parameters: Mapping[str, Any], inputs: Sequence[str]) -> None:
+    from robacc.errors import UsageError
+    from robacc.io.files import target_of
+
+    several = len(_texts(parameters.get("poses"))) > 1
     written: dict[str, str] = {}
     for name in sorted(OUTPUTS & parameters.keys()):
         option = f"--{name.replace('_', '-')}"
         for path in _texts(parameters[name]):
+            if not path:
+                raise UsageError(f"{option} names no file")
             if path == "-":
                 other = written.setdefault(path, option)
                 if other != option:
@@ -201,6 +211,9 @@ def check_call(parameters: Mapping[str, Any]) -> None:
             other = written.setdefault(os.path.realpath(path), option)
             if other != option:
                 raise UsageError(f"{other} and {option} both name {path}; name two files")
+            # Of several files of poses each has a file of its own in a folder, which is made.
+            if not (several and (path.endswith(("/", os.sep)) or os.path.isdir(path))):
+                target_of(path)
 
 
 def _texts(value: Any) -> tuple[str, ...]:

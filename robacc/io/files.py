@@ -140,6 +140,26 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     _write(path, (data,))
 
 
+def target_of(path: str | os.PathLike[str]) -> Path:
+    """The file that writing to ``path`` makes or replaces, links followed.
+
+    What is there and no plain file is left as it is named: the link of ``/dev/stdout``, or of a shell's ``>(command)``,
+    names a pipe that no path leads to.
+
+    Raises:
+        InputError: It is a folder, or its folder does not exist.
+    """
+    name = os.fspath(path)
+    if os.path.exists(name) and not os.path.isfile(name) and not os.path.isdir(name):
+        return Path(name)
+    target = Path(os.path.realpath(name))
+    if target.is_dir():
+        raise InputError(Problem("is a folder; a file's name is needed to write to", name))
+    if not target.parent.is_dir():
+        raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
+    return target
+
+
 def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
     name = os.fspath(path)
     if name == STANDARD_STREAM:
@@ -148,11 +168,7 @@ def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
         sys.stdout.flush()
         return
     _READ.pop(name, None)
-    target = Path(os.path.realpath(name))
-    if target.is_dir():
-        raise InputError(Problem("is a folder; a file's name is needed to write to", name))
-    if not target.parent.is_dir():
-        raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
+    target = target_of(name)
     try:
         if target.exists() and not target.is_file():
             with target.open("wb") as stream:

@@ -181,6 +181,11 @@ def _notes(
     notes = [
         "RP says how closely visits of a pose agree with each other, and nothing of how near they are to it: that is AP"
     ]
+    if any(sum(pose.number == number for pose in poses) > 1 for number in range(len(files))):
+        notes.append(
+            "every criterion is the largest over all poses, or pairs of poses, that were measured; where the standard "
+            "prescribes fewer (for distances P2 to P4, for drift P1), the JSON result has their values, pose by pose"
+        )
     if robot is not None and any(data.commanded_position is not None for data in files):
         notes.append("commanded poses are the robot's; the files' cmd_ columns were not used")
     if robot is not None and robot.effects:

@@ -84,7 +84,7 @@ def probability(one: Judged) -> str | None:
 
 
 def poses_needed(one: Judged) -> str | None:
-    """How many poses would decide what is inconclusive, where that can be told."""
+    """How many poses, or visits of them, would decide what is inconclusive, where that can be told."""
     if one.outcome != "inconclusive":
         return None
     sure, plain = one.decision.poses_to_decide, one.decision.poses_if_true
@@ -92,7 +92,9 @@ def poses_needed(one: Judged) -> str | None:
         # Without bounds, or with no number of poses to reckon from, nothing is known of how close the value lies.
         close = plain is None and one.decision.why is None and one.n is not None
         return "the value lies so close to the limit that no number of poses will decide" if close else None
-    text = f"{sure} poses in all would decide it with a probability of {100 * ASSURANCE:.0f} %"
+    # A result by ISO 9283 counts every visit of its few commanded poses.
+    counted = "visits" if one.criterion.key.startswith("iso9283.") else "poses"
+    text = f"{sure} {counted} in all would decide it with a probability of {100 * ASSURANCE:.0f} %"
     return text if plain is None or plain == sure else f"{text}, {plain} if the value found is the true one"
 
 

@@ -20,6 +20,7 @@ MAX_LENGTH = 4 * 2**20
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """Decimal numbers only: YAML 1.1 would take 1e-4 for text, 010 for eight and 1:30 for ninety."""
+_POINT = "write decimals with a point, as in 162.5; a comma separates entries"
 _NOT_FINITE = re.compile(r"[-+]?\.?(inf(inity)?|nan)", re.IGNORECASE)
 
 
@@ -104,6 +105,9 @@ class Source:
                 values[key] = value
             else:
                 fix = nearest(key, known) or f"known here: {', '.join(known)}"
+                if is_null(value) and _NUMBER.fullmatch(key):
+                    # Between braces "d: 162,5" is a d of 162, and a key 5 with nothing behind it.
+                    fix = _POINT
                 self.complain(key_node, join(path, key), "unknown key", fix)
         return Section(self, node, path, values)
 
@@ -143,7 +147,8 @@ class Source:
             self.complain(node, path, f"expected a finite number, found {text}")
         else:
             quoted = isinstance(node, yaml.ScalarNode) and _NUMBER.fullmatch(str(node.value))
-            fix = "remove the quotes" if quoted else None
+            comma = isinstance(node, yaml.ScalarNode) and _NUMBER.fullmatch(str(node.value).replace(",", ".", 1))
+            fix = "remove the quotes" if quoted else _POINT if comma else None
             self.complain(node, path, f"expected a number, found {found(node)}", fix)
         return None
 

@@ -25,7 +25,7 @@ from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import Kind, drawn
-from robacc.fitting.warnings import frames_left, none_held_out, rows_left_out, uncertainty_too_large
+from robacc.fitting.warnings import frames_left, hardly_shown, none_held_out, rows_left_out, uncertainty_too_large
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -259,7 +259,7 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
 
 def _warnings(found: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
     warnings = [*data.warnings, *data.contradicted_ids(), *rows_left_out(found, data), *frames_left(found, data)]
-    warnings.extend(uncertainty_too_large(noise))
+    warnings.extend((*uncertainty_too_large(noise), *hardly_shown(found)))
     count = int(found.identifiability.kept.size)
     spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
     if spare < count:

@@ -30,6 +30,11 @@ from robacc.robots.arm import Arm
 
 _REWEIGHTINGS = 6
 """Times at most that weights and prior widths, and the rows left out, are found anew."""
+_FRAMES = frozenset({"base_frame", "tool_frame"})
+_BADLY_MADE = 3.0
+"""Times its usual size that a constant of a badly made arm is off: 3 mm or 3 mrad."""
+_HARDLY = 0.3
+"""A constant whose standard error is more than this part of that is hardly shown."""
 _FEWEST_TO_TRIM = 8
 """Poses below which none is left out: of so few a median does not tell which is the odd one."""
 
@@ -50,6 +55,8 @@ class Options:
     """``(P,)`` coefficients to start from; base and tool are then not registered in closed form first."""
     widths: Mapping[str, float] = field(default_factory=dict)
     """Prior widths to start from, by group; the usual size of a group's terms where it has none here."""
+    held: Mapping[str, float] = field(default_factory=dict)
+    """Prior standard deviations (m or rad), by coefficient, of constants that the poses are known to show hardly."""
     settled: float = 1e-3
     """Misfits that change by less than this share (prior widths by ten times it) are settled."""
 
@@ -92,6 +99,9 @@ class Fit:
     """``(K,)`` prior precision."""
     widths: dict[str, float] = field(default_factory=dict)
     """Prior width of each group, in units of its terms' weights."""
+    held: dict[str, float] = field(default_factory=dict)
+    """Constants of the arm that the poses hardly show, by coefficient: standard deviation (m or rad) of the prior that
+    holds each near the robot file's value."""
 
     @property
     def dropped(self) -> tuple[Dropped, ...]:
@@ -117,23 +127,25 @@ class Fit:
 def fit(model: Model, data: Measurements, options: Options = Options()) -> Fit:
     """Fit every free effect of ``model`` to ``data``.
 
-    Base and tool, where free, are first registered in closed form, from any start.
+    Base and tool, where free, are first registered in closed form, from any start. Constants of the arm that the poses
+    hardly show would drift by centimetres for what noise makes of it; they are held by a prior as wide as a badly made
+    arm is off. All others are as free as they were: an arm may be another than its file says.
 
     Raises:
         InputError: fewer components measured than coefficients to find.
         UsageError: the data lack what an effect needs.
     """
     names = {effect.name for effect in model.free}
-    if names & {"base_frame", "tool_frame"} and options.start is None:
+    if names & _FRAMES and options.start is None:
         robot = register(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
-    solver.solve()
+    solver.solve_held()
     if options.robust and data.n >= _FEWEST_TO_TRIM:
         for _ in range(_REWEIGHTINGS):
             if not solver.trim():
                 break
-            solver.solve()
+            solver.solve_held()
     return solver.result()
 
 
@@ -145,7 +157,8 @@ class _Solver:
         self.equations = Equations(model, data)
         terms = self.equations.terms
         self.kept = np.ones(data.n, dtype=bool)
-        self.priors = Priors(terms, options.priors, options.widths)
+        self.held = {term.name: options.held[term.name] for term in terms if term.name in options.held}
+        self.priors = self._priors()
         self.steps = 0
         # Without a known noise, from what the start misses; orientation against position as they stand.
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
@@ -182,6 +195,29 @@ class _Solver:
         if np.array_equal(self.outcome.theta, nominal):
             self.normal = normal.of(kept)
         return dataclasses.replace(found, kept=kept)
+
+    def _priors(self) -> Priors:
+        priors = Priors(self.equations.terms, self.options.priors, self.options.widths)
+        for i, term in enumerate(self.equations.terms):
+            if term.name in self.held:
+                priors.precision[i] = max(priors.precision[i], self.held[term.name] ** -2)
+        return priors
+
+    def solve_held(self) -> None:
+        """Solve, and again with a prior on every constant of the arm that turned out to be hardly shown."""
+        self.solve()
+        columns = self.equations.columns
+        found: dict[str, float] = {}
+        variance = np.diag(posterior(self.linear.gram, self.priors.precision[columns])) if columns.size else columns
+        for column, deviation in zip(columns, np.sqrt(variance), strict=True):
+            term, effect = self.equations.terms[column], self.model.free[self.equations.owners[column]]
+            width = _BADLY_MADE * term.typical
+            if effect.is_constant and effect.name not in _FRAMES and deviation > _HARDLY * width:
+                found[term.name] = width
+                self.priors.precision[column] = max(self.priors.precision[column], width**-2)
+        if found.keys() - self.held.keys():
+            self.held.update(found)
+            self.solve()
 
     def solve(self) -> None:
         """Gauss-Newton to convergence, then weights and prior widths again, until nothing changes."""
@@ -222,6 +258,9 @@ class _Solver:
         kept = misfits.plausible(self.outcome.residual, self.weight, self.kept, self.equations.columns.size)
         changed = not np.array_equal(kept, self.kept)
         self.kept = kept
+        if changed:
+            # Widths that such rows were part of may have gone to zero, from where no fixed point leads back.
+            self.priors = self._priors()
         return changed
 
     def result(self) -> Fit:
@@ -257,6 +296,7 @@ class _Solver:
             moment=linear.moment,
             precision=prior,
             widths=dict(self.priors.widths),
+            held=dict(self.held),
         )
 
     def _inflation(self, chi_square: float, freedom: float) -> float:

@@ -79,7 +79,7 @@ def drawn(found: Fit, data: Measurements, options: Options, effects: Sequence[st
     deviation = np.full(found.theta.size, np.inf) if options.priors is None else options.priors.copy()
     for one in result:
         deviation[kept[one.places]] = 1.0 / np.sqrt(one.precision)
-    start = dataclasses.replace(options, priors=deviation, start=found.theta, widths=found.widths)
+    start = dataclasses.replace(options, priors=deviation, start=found.theta, widths=found.widths, held=found.held)
     again = dataclasses.replace(fit(found.model, data, start), covariance=found.covariance)
     return again, tuple(
         Kind(unit, tuple(found.names[i] for i in kept[one.places]), tuple(one.probability.tolist()), one.width)

@@ -55,3 +55,15 @@ def uncertainty_too_large(noise: LackOfFit) -> tuple[str, ...]:
         f"the residual is only {noise.ratio:.2g} times the measuring uncertainty of the file's sigma columns, so they "
         "are too large (another unit, or k = 2), and so are the standard errors that rest on them",
     )
+
+
+def hardly_shown(found: Fit) -> tuple[str, ...]:
+    """Which constants of the arm were held near the robot file's values, and by how much."""
+    if not found.held:
+        return ()
+    names = sorted(found.held)
+    listed = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+    return (
+        f"these poses hardly show {listed}: held near the robot file's value by a prior of 3 mm or 3 mrad; poses of "
+        "more orientations would show them",
+    )

@@ -294,7 +294,7 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
     # A term's name does not depend on the poses, so one is enough to list them.
     one = data.subset(np.arange(1))
     start = [ended.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, one)]
-    return fit(model, data, dataclasses.replace(options, start=np.array(start), widths=like.widths))
+    return fit(model, data, dataclasses.replace(options, start=np.array(start), widths=like.widths, held=like.held))
 
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:

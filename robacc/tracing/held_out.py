@@ -52,6 +52,8 @@ class Held:
     chosen: dict[tuple[object, ...], int]
     """By the finding's key."""
     folds: int
+    found: tuple[dict[tuple[object, ...], tuple[Effect, ...]], ...] = ()
+    """For each fold, by the finding's key, what it has of it."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class _Fold:
     after: Array
     without: tuple[Array | None, ...]
     """For each finding of the whole loop, in its order; None where the rest cannot be fitted without it."""
-    chosen: tuple[bool, ...]
-    """Whether the fold chose it too."""
+    found: tuple[tuple[Effect, ...], ...]
+    """What the fold has of each: nothing where it did not choose it too."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +93,6 @@ def hold_out(
     assigned = folds(data, n_folds, seed)
     if assigned is None:
         return None
-    shape = loop.final.residual.shape
-    before, after = np.empty(shape), np.empty(shape)
-    without = {effect.key(): np.empty(shape) for effect in loop.effects}
-    chosen = {effect.key(): 0 for effect in loop.effects}
     masks = [rest for _, rest in parts(assigned)]
     try:
         done = _folds(_Work(loop, data, assigned, empirical))
@@ -102,15 +100,61 @@ def hold_out(
     except InputError:
         # What is left to learn from without a fold is too little for what is fitted.
         return None
+    return _joined(loop.effects, masks, results, loop.final.residual.shape)
+
+
+def _joined(
+    effects: Sequence[Effect], masks: Sequence[NDArray[np.bool_]], results: Sequence[_Fold], shape: tuple[int, ...]
+) -> Held:
+    """The folds' rows put together."""
+    before, after = np.empty(shape), np.empty(shape)
+    without = {effect.key(): np.empty(shape) for effect in effects}
     for rest, one in zip(masks, results, strict=True):
         before[:, rest], after[:, rest] = one.before, one.after
-        for effect, lacking, again in zip(loop.effects, one.without, one.chosen, strict=True):
-            chosen[effect.key()] += again
+        for effect, lacking in zip(effects, one.without, strict=True):
             if lacking is None:
                 without.pop(effect.key(), None)
             elif effect.key() in without:
                 without[effect.key()][:, rest] = lacking
-    return Held(before, after, without, chosen, len(masks))
+    found = tuple({e.key(): ones for e, ones in zip(effects, one.found, strict=True)} for one in results)
+    chosen = {effect.key(): sum(bool(one[effect.key()]) for one in found) for effect in effects}
+    return Held(before, after, without, chosen, len(masks), found)
+
+
+def reduced(
+    held: Held | None,
+    whole: Loop,
+    left: Loop,
+    data: Measurements,
+    holdout: Measurements | None,
+    n_folds: int,
+    seed: int,
+) -> Held | None:
+    """``held`` of the loop that is left of ``whole`` once findings were taken back.
+
+    A fold then keeps of its own choice what stands for a finding that is left: what is told of poses held out is of the
+    model that is told. Where nothing is left, that is what was declared.
+    """
+    if held is None or (left.effects and left.effects == whole.effects):
+        return held
+    if not left.effects:
+        return dataclasses.replace(held, after=held.before, without={})
+    if holdout is not None:
+        return _on(left, data, holdout)
+    assigned = folds(data, n_folds, seed)
+    assert assigned is not None  # or nothing was held out
+    masks = [rest for _, rest in parts(assigned)]
+    results = []
+    for number, (rest, found) in enumerate(zip(masks, held.found, strict=True)):
+        train, test = _parts(left, data, assigned, number)
+        again = [found[effect.key()] for effect in left.effects]
+        before = held.before[:, rest]
+        effects = frames_first(dict.fromkeys(effect for ones in again for effect in ones))
+        if effects:
+            results.append(_judged(_completed(left, effects, train), before, again, test))
+        else:
+            results.append(_Fold(before, before, tuple(before for _ in again), tuple(again)))
+    return _joined(left.effects, masks, results, held.before.shape)
 
 
 def _reported(one: _Fold, number: int, count: int, progress: Progress) -> _Fold:
@@ -150,24 +194,36 @@ def _shared_fold(number: int) -> _Fold:
 
 def _fold(work: _Work, number: int) -> _Fold:
     loop, data = work.loop, work.data
-    learn, rest = work.assigned != number, work.assigned == number
-    train, test = data.subset(np.flatnonzero(learn & loop.final.kept)), data.subset(np.flatnonzero(rest))
-    selection = choose(loop.scene, learn, empirical=work.empirical, most=_FOLD_POSES)
+    train, test = _parts(loop, data, work.assigned, number)
+    selection = choose(loop.scene, work.assigned != number, empirical=work.empirical, most=_FOLD_POSES)
     chosen = [(one, selection.refined(one)) for one in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
     like = loop.declared
     declared = refit(like, like.model.free, train, _options(like))
     declared, _ = in_shown_form(declared, like.model, train, _options(like))
-    complete = declared
-    if effects:
-        model = loop.declared.model.with_free(*effects)
-        complete = refit(loop.final, model.free, train, _options(loop.final))
-        if not complete.widths:
-            complete, _ = in_shown_form(complete, model, train, _options(loop.final))
+    complete = _completed(loop, effects, train) if effects else declared
+    return _judged(complete, held_out(declared, test), _again(loop.effects, selection, chosen), test)
+
+
+def _parts(
+    loop: Loop, data: Measurements, assigned: NDArray[np.int64], number: int
+) -> tuple[Measurements, Measurements]:
+    """What a fold learns from, without outliers, and what it is judged on."""
+    learn = (assigned != number) & loop.final.kept
+    return data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(assigned == number))
+
+
+def _completed(loop: Loop, effects: Sequence[Effect], train: Measurements) -> Fit:
+    """What is declared and ``effects``, fitted to a fold's poses."""
+    model = loop.declared.model.with_free(*effects)
+    complete = refit(loop.final, model.free, train, _options(loop.final))
+    return complete if complete.widths else in_shown_form(complete, model, train, _options(loop.final))[0]
+
+
+def _judged(complete: Fit, before: Array, again: Sequence[Sequence[Effect]], test: Measurements) -> _Fold:
     after = held_out(complete, test)
-    again = _again(loop.effects, selection, chosen)
     without = tuple(_lacking(complete, ones, test) if ones else after for ones in again)
-    return _Fold(held_out(declared, test), after, without, tuple(bool(ones) for ones in again))
+    return _Fold(before, after, without, tuple(tuple(ones) for ones in again))
 
 
 def _again(

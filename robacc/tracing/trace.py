@@ -25,7 +25,7 @@ from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, told
-from robacc.tracing.held_out import Held, Progress, hold_out
+from robacc.tracing.held_out import Held, Progress, hold_out, reduced
 from robacc.tracing.leftover import alike
 from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse, frames_first, refit
 from robacc.tracing.mistakes import refuse_mistake
@@ -105,9 +105,10 @@ def trace(
     """
     refuse_mistake(model.arm.robot, data)
     progress("searching", 0, n_folds + 1)
-    loop = close_loop(model, data, SEARCH, empirical=empirical)
-    held = hold_out(loop, data, holdout, n_folds, seed, empirical, progress)
-    loop = _reproduced(loop, held, data)
+    whole = close_loop(model, data, SEARCH, empirical=empirical)
+    held = hold_out(whole, data, holdout, n_folds, seed, empirical, progress)
+    loop = _reproduced(whole, held, data)
+    held = reduced(held, whole, loop, data, holdout, n_folds, seed)
     declared, form = in_shown_form(loop.declared, loop.declared.model, data, Options())
     final, form = _polished(loop, data) if loop.effects else (declared, form)
     noise = lack_of_fit(final, data)

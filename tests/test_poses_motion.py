@@ -55,3 +55,10 @@ def test_motion_is_that_of_each_step() -> None:
         step = q[:, k] - q[:, k - 1]
         np.testing.assert_array_equal(direction[:, k], np.sign(step))
         np.testing.assert_array_equal(speed[:, k], step / max(abs(step)))
+
+
+def test_a_direction_and_a_speed_that_contradict_each_other_are_warned_of(read: Reader) -> None:
+    head = "q1,x,y,z,dir_q1,speed_q1\n0,1,2,3,1,0.5\n0,1,2,4,0,0.5\n0,1,2,5,1,0\n"
+    assert read(head).warnings == ()
+    (told,) = read(head + "0,1,2,6,-1,0.5\n").warnings
+    assert "dir_q1 and speed_q1 say the opposite of each other at line 5: one of the two has the wrong sign" in told

@@ -23,10 +23,11 @@ from robacc.io.columns import (
     SIGMAS,
     TEXTS,
 )
+from robacc.io.copies import copies
 from robacc.io.layout import Layout, listing, read_layout
 from robacc.io.open_table import Table, open_table
 from robacc.io.plausibility import lengths_too_large
-from robacc.io.pose_checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values, copies
+from robacc.io.pose_checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values
 from robacc.measurements import Counted, Measurements, motion_between_rows
 
 _CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
@@ -183,7 +184,16 @@ def _motion(values: Values, ordered: bool, counted: Counted) -> tuple[tuple[Arra
             result.append(table)
             if derived is None:
                 warnings.append(f"no column {listing(missing)}: taken as 0, not moving")
-    return (result[0], result[1]), warnings
+    return (result[0], result[1]), [*warnings, *_opposite(values, counted)]
+
+
+def _opposite(values: Values, counted: Counted) -> Iterator[str]:
+    """A warning for each joint whose direction and speed, both as given, say the opposite of each other."""
+    for keys in zip(values.layout.joints("dir_"), values.layout.joints("speed_"), strict=True):
+        direction, speed = (values.one(key) for key in keys)
+        if direction is not None and speed is not None and (wrong := direction * speed < 0).any():
+            place = f"{counted} {values.lines[np.argmax(wrong)]}"
+            yield f"{' and '.join(keys)} say the opposite of each other at {place}: one of the two has the wrong sign"
 
 
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:

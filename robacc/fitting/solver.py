@@ -204,20 +204,46 @@ class _Solver:
         return priors
 
     def solve_held(self) -> None:
-        """Solve, and again with a prior on every constant of the arm that turned out to be hardly shown."""
+        """Solve, with a prior on every constant of the arm that the poses hardly show.
+
+        From a start that is near, such constants are held from the first step; else once everything else was found,
+        since the noise that a start far off seems to have would hold them all.
+        """
+        if self.held:
+            self._hold(self._spread_at_nominal())
         self.solve()
-        columns = self.equations.columns
-        found: dict[str, float] = {}
-        variance = np.diag(posterior(self.linear.gram, self.priors.precision[columns])) if columns.size else columns
-        for column, deviation in zip(columns, np.sqrt(variance), strict=True):
-            term, effect = self.equations.terms[column], self.model.free[self.equations.owners[column]]
-            width = _BADLY_MADE * term.typical
-            if effect.is_constant and effect.name not in _FRAMES and deviation > _HARDLY * width:
-                found[term.name] = width
-                self.priors.precision[column] = max(self.priors.precision[column], width**-2)
-        if found.keys() - self.held.keys():
-            self.held.update(found)
+        spread = np.sqrt(np.diag(posterior(self.linear.gram, self.priors.precision[self.equations.columns])))
+        drifted = np.abs(self.outcome.theta[self.equations.columns]) > self._widths()
+        if not (drifted.any() or np.any(spread > _HARDLY * self._widths())):
+            return
+        # What is free to drift goes to where it seems to be known: the nominal robot shows whether it is.
+        if self._hold(self._spread_at_nominal()):
+            if drifted.any():
+                # What went with it is as far off.
+                self.outcome, self.normal = self.equations.outcome(np.zeros(len(self.equations.terms))), None
             self.solve()
+
+    def _widths(self) -> Array:
+        """``(K,)`` by how much each of the coefficients kept is off on a badly made arm; inf if it is no constant."""
+        terms, owners, free = self.equations.terms, self.equations.owners, self.model.free
+        constant = [effect.is_constant and effect.name not in _FRAMES for effect in free]
+        return np.array(
+            [_BADLY_MADE * terms[i].typical if constant[owners[i]] else np.inf for i in self.equations.columns]
+        )
+
+    def _spread_at_nominal(self) -> Array:
+        """``(K,)`` standard errors of the coefficients kept, were the robot its file's."""
+        _, normal = self.equations.linearise(np.zeros(len(self.equations.terms)), self.weight * self.kept)
+        return np.sqrt(np.diag(posterior(normal.gram, self.priors.precision[self.equations.columns])))
+
+    def _hold(self, spread: Array) -> bool:
+        """Put a prior on constants whose standard errors are large; whether more of them have one now."""
+        before, widths = len(self.held), self._widths()
+        for place in np.flatnonzero(spread > _HARDLY * widths):
+            column, width = self.equations.columns[place], float(widths[place])
+            self.held[self.equations.terms[column].name] = width
+            self.priors.precision[column] = max(self.priors.precision[column], width**-2)
+        return len(self.held) > before
 
     def solve(self) -> None:
         """Gauss-Newton to convergence, then weights and prior widths again, until nothing changes."""

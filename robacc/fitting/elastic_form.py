@@ -58,7 +58,11 @@ def better_form(
     separation = float(np.linalg.norm(moved * found.weight[:, found.kept]))
     if separation < _TOLD_APART:
         return found, original, FormChoice("equilibrium", difference, separation, None)
-    other = fit(rigid, data, dataclasses.replace(options, start=found.theta, widths=found.widths))
+    start = dataclasses.replace(options, start=found.theta, widths=found.widths, held=found.held)
+    other = fit(rigid, data, start)
+    if other.held.keys() - found.held.keys():
+        # What one holds near its nominal value the other must hold too, or they are not of the same likelihood.
+        found = fit(found.model, data, dataclasses.replace(start, held=other.held))
     rows = found.kept & other.kept
     gain = 2.0 * (_log_likelihood(other, rows) - _log_likelihood(found, rows))
     if gain <= BETTER:

@@ -25,7 +25,14 @@ from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import Kind, drawn
-from robacc.fitting.warnings import frames_left, hardly_shown, none_held_out, rows_left_out, uncertainty_too_large
+from robacc.fitting.warnings import (
+    frames_left,
+    hardly_shown,
+    none_held_out,
+    rows_left_out,
+    told_apart,
+    uncertainty_too_large,
+)
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -42,8 +49,6 @@ _OVERFIT = 1.5
 """Held-out rms over the fitted one beyond which a warning says so."""
 _LEVERAGE = 0.5
 """A pose that decides more than this share of its own prediction is named."""
-_TOLD_APART = 1e3
-"""Condition number of the scaled columns beyond which a warning says that poses are too few or too much alike."""
 
 
 @dataclass(frozen=True)
@@ -264,11 +269,7 @@ def _warnings(found: Fit, data: Measurements, after: Stage, noise: LackOfFit) ->
     spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
     if spare < count:
         warnings.append(f"only {spare} more numbers measured than coefficients fitted: measure more poses")
-    if found.identifiability.condition > _TOLD_APART:
-        warnings.append(
-            f"condition number {found.identifiability.condition:.3g}: the poses are too few or too much alike to tell "
-            "some coefficients apart well"
-        )
+    warnings.extend(told_apart(found))
     if after.held_out is not None and after.held_out.position.rms > _OVERFIT * after.fitted.position.rms:
         warnings.append("poses held out are predicted much worse than those fitted: fewer effects or more poses")
     if after.held_out is None:

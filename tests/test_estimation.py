@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from arms import arm
 from scipy.spatial.transform import Rotation
 
 from robacc.accuracy.estimation import estimate
@@ -229,3 +230,21 @@ def test_usage_errors() -> None:
             estimate(data, confidence=wrong)
     with pytest.raises(InputError, match=r"no joint columns .* leave out --robot"):
         estimate(data, dh_robot())
+
+
+def test_a_correction_used_outside_the_range_it_was_learnt_in_is_warned_of() -> None:
+    one = arm("puma560")
+    correction = {"effect": "joint_correction", "joints": ["j3"], "drivers": ["j2"], "degree": 2}
+    correction |= {"range": [[-1.0, 1.0]], "values": {"j3.j2.T2": 1e-4}}
+    robot = dataclasses.replace(one.robot, effects=(correction,))
+    q = np.zeros((6, 5))
+    q[1] = [-1.5, -1.01, 0.0, 1.0, 1.2]
+    data = Measurements(position=np.zeros((3, 5)), q=q)
+    data = dataclasses.replace(data, position=predict(robot, data).translation)
+    found = [text for text in estimate(data, robot).warnings if "was learnt" in text]
+    assert found == [
+        "2 of 5 poses are outside the range in which joint_correction[j3] of the robot file was learnt: it is held "
+        "there as it is at the range's end, and says little of them"
+    ]
+    assert not any("learnt" in text for text in estimate(data.subset(np.arange(1, 4)), robot).warnings)
+    assert not any("learnt" in text for text in estimate(data, one.robot).warnings)

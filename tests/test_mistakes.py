@@ -40,7 +40,7 @@ def good(orientation: bool = True) -> Measurements:
 
 
 def joints(
-    change: Callable[[np.ndarray], np.ndarray], row: int | None = None
+    change: Callable[[np.ndarray], np.ndarray], row: int | list[int] | None = None
 ) -> Callable[[Measurements], Measurements]:
     def changed(data: Measurements) -> Measurements:
         assert data.q is not None
@@ -64,6 +64,11 @@ def scaled(factor: float) -> Callable[[Measurements], Measurements]:
     return lambda data: dataclasses.replace(data, position=data.position * factor)
 
 
+def axes(order: list[int], signs: list[int]) -> Callable[[Measurements], Measurements]:
+    """Of the positions alone, as a wrong export has them."""
+    return lambda data: dataclasses.replace(data, position=data.position[order] * np.array(signs)[:, None])
+
+
 def reordered(data: Measurements) -> Measurements:
     # The file holds x, y, z, w under the names qw, qx, qy, qz.
     assert data.rotation is not None
@@ -80,6 +85,10 @@ MISTAKES = {
     "up": (shifted(-1), "the measured poses seem shifted by one row up against the joints"),
     "mm": (scaled(1e3), "the positions seem to be in millimetres"),
     "um": (scaled(1e6), "the positions seem to be in micrometres"),
+    "mirrored": (axes([0, 1, 2], [1, -1, 1]), "the column y seems to have its sign turned round"),
+    "x and z": (axes([2, 1, 0], [1, 1, 1]), "the columns x and z seem exchanged"),
+    "q2 and q5": (joints(lambda two: two[::-1], [1, 4]), "the columns of joints j2 and j5 seem exchanged"),
+    "q5 and q6": (joints(lambda two: two[::-1], [4, 5]), "the columns of joints j5 and j6 seem exchanged"),
 }
 
 
@@ -87,6 +96,8 @@ MISTAKES = {
 @pytest.mark.parametrize("which", MISTAKES)
 def test_each_mistake_is_named(which: str, orientation: bool) -> None:
     change, name = MISTAKES[which]
+    if not orientation and which in ("mirrored", "x and z"):
+        name = "the positions seem to stand in a left-handed frame"
     found = find_mistake(arm("puma560").robot, change(good(orientation)))
     assert found is not None
     assert found.name == name

@@ -157,7 +157,12 @@ def estimate(
         worst_orientation=() if errors.rotation is None else _worst(data, errors, errors.rotation),
         targets=_by_target(data, errors),
         notes=_notes(data, robot, frame, chosen, commanded, alignment),
-        warnings=(*data.warnings, *data.contradicted_ids(repetitions), *_warnings(data, errors, alignment)),
+        warnings=(
+            *data.warnings,
+            *data.contradicted_ids(repetitions),
+            *_warnings(data, errors, alignment),
+            *_beyond_learnt(data, robot),
+        ),
     )
 
 
@@ -260,6 +265,26 @@ def _moves(data: Measurements) -> bool:
     """Whether the robot was sent to more than one place; the scatter at one says nothing of frames."""
     sent = data.q if data.q is not None else data.commanded_position
     return sent is not None and float(np.max(np.ptp(sent, axis=1), initial=0.0)) > _STILL
+
+
+def _beyond_learnt(data: Measurements, robot: Robot | None) -> tuple[str, ...]:
+    """Which corrections of the robot file are used outside the range that they were learnt in."""
+    if robot is None or all(entry.get("effect") != "joint_correction" for entry in robot.effects):
+        return ()
+    from robacc.effects.joint_correction import JointCorrection
+    from robacc.effects.specification import known_effects
+    from robacc.robots.arm import Arm
+
+    arm, found = Arm.of(robot), []
+    for known in known_effects(robot):
+        if isinstance(known.effect, JointCorrection):
+            count = int(np.count_nonzero(known.effect.beyond(arm, data)))
+            if count:
+                found.append(
+                    f"{count} of {data.n} poses are outside the range in which {known.effect} of the robot file was "
+                    "learnt: it is held there as it is at the range's end, and says little of them"
+                )
+    return tuple(found)
 
 
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:

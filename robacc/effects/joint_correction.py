@@ -8,12 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies, weight_needed
 from robacc.geometry import Array
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+
+_MARGIN = 0.01
+"""Share of a driver's range by which a pose may be outside it and still be said to be inside."""
 
 
 @register
@@ -82,6 +86,15 @@ class JointCorrection(Effect):
                 part = Part(motion, column)
                 terms.append(Term(f"{self.name}.{joint}.{by}.{label}", unit, 1e-4, (part,), group, 1.0 / size))
         return tuple(terms)
+
+    def beyond(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
+        """``(N,)`` poses at which a driver is outside the range that the correction was learnt in."""
+        found = np.zeros(data.n, dtype=bool)
+        for joint in self.joints:
+            for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):
+                value, margin = _driver(arm, data, joint, driver), _MARGIN * (high - low)
+                found |= (value < low - margin) | (value > high + margin)
+        return found
 
     def _basis(self, arm: Arm, data: Measurements, joint: str) -> Iterator[tuple[str, float, Array]]:
         columns = []

@@ -13,6 +13,10 @@ _NAMED = 10
 """Rows left out that are named; the rest are counted."""
 _FAR = 0.05
 """A residual of more than this fraction of the poses' own spread is no arm's: frames that were not fitted are."""
+_GROSS = 0.01
+"""The same where frames were fitted, which leave nothing of such a mistake to be explained by them."""
+_TOLD_APART = 1e3
+"""Condition number of the scaled columns beyond which a warning says that poses are too few or too much alike."""
 _SURE = 0.999
 """Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
 _SMALL = 0.7
@@ -34,16 +38,28 @@ def none_held_out(data: Measurements) -> str:
 
 
 def frames_left(declared: Fit, data: Measurements) -> tuple[str, ...]:
-    """That base and tool were not declared, where what is left looks like it."""
+    """That what is left of a fit is too much for an arm, and what it comes from."""
     names = {effect.name for effect in declared.model.free}
     absent = [name for name in ALIGNABLE if name not in names]
     position = data.position[:, declared.kept]
     spread = float(np.sum(np.var(position, axis=1)))
     left = float(np.mean(np.sum(np.square(declared.residual[:3, declared.kept]), axis=0)))
-    if not absent or left <= _FAR**2 * spread:
+    if left <= (_FAR if absent else _GROSS) ** 2 * spread:
+        return ()
+    cause, advice = "units, joint signs, exchanged columns or an instrument that was moved", ""
+    if absent:
+        cause, advice = "frames that do not agree", f"; declare {','.join(absent)}"
+    return (f"errors this large come from {cause} rather than from the arm{advice}",)
+
+
+def told_apart(found: Fit) -> tuple[str, ...]:
+    """That the poses tell some coefficients apart badly."""
+    condition = found.identifiability.condition
+    if condition <= _TOLD_APART:
         return ()
     return (
-        f"errors this large come from frames that do not agree rather than from the arm; declare {','.join(absent)}",
+        f"condition number {condition:.3g}: the poses are too few or too much alike to tell some coefficients apart "
+        "well",
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -89,7 +90,9 @@ def _suspects(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undo
     assert data.q is not None
     yield from _of_joints(robot, data, data.q)
     yield from _of_units(robot, data, data.q)
+    yield from _of_axes(robot, data)
     yield from _of_order(robot, data)
+    yield from _of_columns(robot, data, data.q)
 
 
 def _of_joints(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str, str, Undone]]:
@@ -125,6 +128,46 @@ def _of_units(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str,
             f"the positions seem to be in {unit}",
             "give the unit in their names, as in x_mm",
             _with(robot, data, position=data.position * factor),
+        )
+
+
+def _of_axes(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Undone]]:
+    """The axes of the measured positions: a sign turned round, or two columns exchanged.
+
+    Without orientations all of these are the same left-handed frame, turned.
+    """
+    if data.rotation is None:
+        yield (
+            "the positions seem to stand in a left-handed frame",
+            "look for a column whose sign is turned round, or two that are exchanged",
+            _with(robot, data, position=data.position * np.array([[-1.0], [1.0], [1.0]])),
+        )
+        return
+    for i, axis in enumerate("xyz"):
+        yield (
+            f"the column {axis} seems to have its sign turned round",
+            "measure in a right-handed frame, or turn the column round",
+            _with(robot, data, position=data.position * np.where(np.arange(3) == i, -1.0, 1.0)[:, None]),
+        )
+    for first, second in ((0, 1), (0, 2), (1, 2)):
+        order = np.arange(3)
+        order[[first, second]] = second, first
+        yield (
+            f"the columns {'xyz'[first]} and {'xyz'[second]} seem exchanged",
+            "name them after what they hold",
+            _with(robot, data, position=data.position[order]),
+        )
+
+
+def _of_columns(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str, str, Undone]]:
+    """Two joint columns exchanged."""
+    for (i, first), (j, second) in itertools.combinations(enumerate(robot.variables), 2):
+        exchanged = q.copy()
+        exchanged[[i, j]] = q[[j, i]]
+        yield (
+            f"the columns of joints {first.name} and {second.name} seem exchanged",
+            "name them after what they hold",
+            _with(robot, data, q=exchanged),
         )
 
 

@@ -18,7 +18,14 @@ from robacc.fitting.forms import in_shown_form
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options
-from robacc.fitting.warnings import frames_left, hardly_shown, none_held_out, rows_left_out, uncertainty_too_large
+from robacc.fitting.warnings import (
+    frames_left,
+    hardly_shown,
+    none_held_out,
+    rows_left_out,
+    told_apart,
+    uncertainty_too_large,
+)
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
@@ -142,6 +149,7 @@ def trace(
             *frames_left(declared, data),
             *uncertainty_too_large(noise),
             *hardly_shown(final),
+            *told_apart(declared),
         ),
         residuals=shown.residuals,
         apart=shown.apart,

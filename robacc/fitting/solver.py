@@ -53,6 +53,8 @@ class Options:
     """A step that changes the whitened prediction by less than this share of the residual is the last."""
     start: Array | None = None
     """``(P,)`` coefficients to start from; base and tool are then not registered in closed form first."""
+    kept: NDArray[np.bool_] | None = None
+    """``(N,)`` rows to start from; all of them where None."""
     widths: Mapping[str, float] = field(default_factory=dict)
     """Prior widths to start from, by group; the usual size of a group's terms where it has none here."""
     held: Mapping[str, float] = field(default_factory=dict)
@@ -156,7 +158,7 @@ class _Solver:
         self.model, self.data, self.options = model, data, options
         self.equations = Equations(model, data)
         terms = self.equations.terms
-        self.kept = np.ones(data.n, dtype=bool)
+        self.kept = np.ones(data.n, dtype=bool) if options.kept is None else options.kept.copy()
         self.held = {term.name: options.held[term.name] for term in terms if term.name in options.held}
         self.priors = self._priors()
         self.steps = 0

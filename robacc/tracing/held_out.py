@@ -6,6 +6,7 @@ Folds are independent of each other; where there are many poses they are shared 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import multiprocessing
 import os
 import signal
@@ -54,6 +55,8 @@ class Held:
     folds: int
     found: tuple[dict[tuple[object, ...], tuple[Effect, ...]], ...] = ()
     """For each fold, by the finding's key, what it has of it."""
+    taken: tuple[frozenset[Effect], ...] = ()
+    """For each fold everything that it chose."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ class _Fold:
     """For each finding of the whole loop, in its order; None where the rest cannot be fitted without it."""
     found: tuple[tuple[Effect, ...], ...]
     """What the fold has of each: nothing where it did not choose it too."""
+    taken: frozenset[Effect]
+    """Everything that it chose."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,8 @@ def hold_out(
         return None
     masks = [rest for _, rest in parts(assigned)]
     try:
-        done = _folds(_Work(loop, data, assigned, empirical))
+        work = functools.partial(_fold, _Work(loop, data, assigned, empirical))
+        done = _shared_out(work, range(len(masks)), data.n)
         results = [_reported(one, number, len(masks), progress) for number, one in enumerate(done)]
     except InputError:
         # What is left to learn from without a fold is too little for what is fitted.
@@ -118,7 +124,7 @@ def _joined(
                 without[effect.key()][:, rest] = lacking
     found = tuple({e.key(): ones for e, ones in zip(effects, one.found, strict=True)} for one in results)
     chosen = {effect.key(): sum(bool(one[effect.key()]) for one in found) for effect in effects}
-    return Held(before, after, without, chosen, len(masks), found)
+    return Held(before, after, without, chosen, len(masks), found, tuple(one.taken for one in results))
 
 
 def reduced(
@@ -144,16 +150,21 @@ def reduced(
     assigned = folds(data, n_folds, seed)
     assert assigned is not None  # or nothing was held out
     masks = [rest for _, rest in parts(assigned)]
-    results = []
-    for number, (rest, found) in enumerate(zip(masks, held.found, strict=True)):
-        train, test = _parts(left, data, assigned, number)
-        again = [found[effect.key()] for effect in left.effects]
+
+    def again(number: int) -> _Fold:
+        rest, found = masks[number], [held.found[number][effect.key()] for effect in left.effects]
+        effects = frames_first(dict.fromkeys(effect for ones in found for effect in ones))
         before = held.before[:, rest]
-        effects = frames_first(dict.fromkeys(effect for ones in again for effect in ones))
-        if effects:
-            results.append(_judged(_completed(left, effects, train), before, again, test))
-        else:
-            results.append(_Fold(before, before, tuple(before for _ in again), tuple(again)))
+        if frozenset(effects) == held.taken[number]:
+            without = (held.without.get(effect.key()) for effect in left.effects)
+            lacking = tuple(None if one is None else one[:, rest] for one in without)
+            return _Fold(before, held.after[:, rest], lacking, tuple(found), held.taken[number])
+        if not effects:
+            return _Fold(before, before, tuple(before for _ in found), tuple(found), frozenset())
+        train, test = _parts(left, data, assigned, number)
+        return _judged(_completed(left, effects, train), effects, before, found, test)
+
+    results = list(_shared_out(again, range(len(masks)), data.n))
     return _joined(left.effects, masks, results, held.before.shape)
 
 
@@ -162,15 +173,15 @@ def _reported(one: _Fold, number: int, count: int, progress: Progress) -> _Fold:
     return one
 
 
-_shared: _Work | None = None
+_shared: Callable[[int], _Fold] | None = None
 """The work of a pool's processes, which they inherit by fork: nothing of it is copied or pickled."""
 
 
-def _folds(work: _Work) -> Iterator[_Fold]:
-    numbers = range(int(work.assigned.max()) + 1)
+def _shared_out(work: Callable[[int], _Fold], numbers: Sequence[int], n: int) -> Iterator[_Fold]:
+    """The work of each fold in turn, shared by two processes where there are many poses."""
     alone = "fork" not in multiprocessing.get_all_start_methods() or (os.cpu_count() or 1) < 2
-    if alone or work.data.n < _SHARED_FROM:
-        yield from (_fold(work, number) for number in numbers)
+    if alone or n < _SHARED_FROM:
+        yield from map(work, numbers)
         return
     global _shared
     _shared = work
@@ -189,7 +200,7 @@ def _as_helper() -> None:
 
 def _shared_fold(number: int) -> _Fold:
     assert _shared is not None
-    return _fold(_shared, number)
+    return _shared(number)
 
 
 def _fold(work: _Work, number: int) -> _Fold:
@@ -202,7 +213,7 @@ def _fold(work: _Work, number: int) -> _Fold:
     declared = refit(like, like.model.free, train, _options(like))
     declared, _ = in_shown_form(declared, like.model, train, _options(like))
     complete = _completed(loop, effects, train) if effects else declared
-    return _judged(complete, held_out(declared, test), _again(loop.effects, selection, chosen), test)
+    return _judged(complete, effects, held_out(declared, test), _again(loop.effects, selection, chosen), test)
 
 
 def _parts(
@@ -220,10 +231,12 @@ def _completed(loop: Loop, effects: Sequence[Effect], train: Measurements) -> Fi
     return complete if complete.widths else in_shown_form(complete, model, train, _options(loop.final))[0]
 
 
-def _judged(complete: Fit, before: Array, again: Sequence[Sequence[Effect]], test: Measurements) -> _Fold:
+def _judged(
+    complete: Fit, effects: Sequence[Effect], before: Array, again: Sequence[Sequence[Effect]], test: Measurements
+) -> _Fold:
     after = held_out(complete, test)
     without = tuple(_lacking(complete, ones, test) if ones else after for ones in again)
-    return _Fold(before, after, without, tuple(tuple(ones) for ones in again))
+    return _Fold(before, after, without, tuple(tuple(ones) for ones in again), frozenset(effects))
 
 
 def _again(

@@ -294,7 +294,10 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
     # A term's name does not depend on the poses, so one is enough to list them.
     one = data.subset(np.arange(1))
     start = [ended.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, one)]
-    return fit(model, data, dataclasses.replace(options, start=np.array(start), widths=like.widths, held=like.held))
+    # Rows that are no part of the rest were found out once; where they are the same rows they start left out.
+    kept = like.kept if options.robust and like.kept.size == data.n else None
+    begin = dataclasses.replace(options, start=np.array(start), kept=kept, widths=like.widths, held=like.held)
+    return fit(model, data, begin)
 
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:

@@ -19,6 +19,7 @@ from robacc.errors import InputError
 from robacc.fitting import misfit as misfits
 from robacc.fitting.closed_form import register
 from robacc.fitting.gauss_newton import minimise, posterior
+from robacc.fitting.held import FRAMES, HARDLY, badly_made, spread_at_nominal
 from robacc.fitting.identifiability import Dropped, Identifiability, identify
 from robacc.fitting.normal_equations import Equations, Normal
 from robacc.fitting.shrinkage import Priors
@@ -30,11 +31,6 @@ from robacc.robots.arm import Arm
 
 _REWEIGHTINGS = 6
 """Times at most that weights and prior widths, and the rows left out, are found anew."""
-_FRAMES = frozenset({"base_frame", "tool_frame"})
-_BADLY_MADE = 3.0
-"""Times its usual size that a constant of a badly made arm is off: 3 mm or 3 mrad."""
-_HARDLY = 0.3
-"""A constant whose standard error is more than this part of that is hardly shown."""
 _FEWEST_TO_TRIM = 8
 """Poses below which none is left out: of so few a median does not tell which is the odd one."""
 
@@ -138,7 +134,7 @@ def fit(model: Model, data: Measurements, options: Options = Options()) -> Fit:
         UsageError: the data lack what an effect needs.
     """
     names = {effect.name for effect in model.free}
-    if names & _FRAMES and options.start is None:
+    if names & FRAMES and options.start is None:
         robot = register(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
@@ -212,36 +208,23 @@ class _Solver:
         since the noise that a start far off seems to have would hold them all.
         """
         if self.held:
-            self._hold(self._spread_at_nominal())
+            self._hold(spread_at_nominal(self.equations, self.weight * self.kept, self.priors.precision))
         self.solve()
         spread = np.sqrt(np.diag(posterior(self.linear.gram, self.priors.precision[self.equations.columns])))
-        drifted = np.abs(self.outcome.theta[self.equations.columns]) > self._widths()
-        if not (drifted.any() or np.any(spread > _HARDLY * self._widths())):
+        widths = badly_made(self.equations, self.model)
+        drifted = np.abs(self.outcome.theta[self.equations.columns]) > widths
+        if not (drifted.any() or np.any(spread > HARDLY * widths)):
             return
-        # What is free to drift goes to where it seems to be known: the nominal robot shows whether it is.
-        if self._hold(self._spread_at_nominal()):
+        if self._hold(spread_at_nominal(self.equations, self.weight * self.kept, self.priors.precision)):
             if drifted.any():
                 # What went with it is as far off.
                 self.outcome, self.normal = self.equations.outcome(np.zeros(len(self.equations.terms))), None
             self.solve()
 
-    def _widths(self) -> Array:
-        """``(K,)`` by how much each of the coefficients kept is off on a badly made arm; inf if it is no constant."""
-        terms, owners, free = self.equations.terms, self.equations.owners, self.model.free
-        constant = [effect.is_constant and effect.name not in _FRAMES for effect in free]
-        return np.array(
-            [_BADLY_MADE * terms[i].typical if constant[owners[i]] else np.inf for i in self.equations.columns]
-        )
-
-    def _spread_at_nominal(self) -> Array:
-        """``(K,)`` standard errors of the coefficients kept, were the robot its file's."""
-        _, normal = self.equations.linearise(np.zeros(len(self.equations.terms)), self.weight * self.kept)
-        return np.sqrt(np.diag(posterior(normal.gram, self.priors.precision[self.equations.columns])))
-
     def _hold(self, spread: Array) -> bool:
         """Put a prior on constants whose standard errors are large; whether more of them have one now."""
-        before, widths = len(self.held), self._widths()
-        for place in np.flatnonzero(spread > _HARDLY * widths):
+        before, widths = len(self.held), badly_made(self.equations, self.model)
+        for place in np.flatnonzero(spread > HARDLY * widths):
             column, width = self.equations.columns[place], float(widths[place])
             self.held[self.equations.terms[column].name] = width
             self.priors.precision[column] = max(self.priors.precision[column], width**-2)

@@ -8,6 +8,10 @@ from typing import Literal
 
 from robacc.errors import UsageError
 
+SIGNIFICANT_DIGITS = 12
+"""Significant digits of every number that is written to a file: 1e-12 of an arm's reach is far below any instrument,
+and digits beyond them differ between processors."""
+
 Dimension = Literal["length", "angle"]
 
 UNITS: dict[Dimension, dict[str, float]] = {
@@ -53,3 +57,13 @@ def size(value: float | str, kind: Dimension, option: str) -> float:
         units = ", ".join(UNITS[kind])
         raise UsageError(f"{option}: {value!r} has no unit; write one behind it ({units}), as in {_EXAMPLE[kind]}")
     return found[0]
+
+
+def significant(value: float) -> float:
+    """The number rounded to :data:`SIGNIFICANT_DIGITS`; -0.0 becomes 0.0, NaN and infinities stay."""
+    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0
+
+
+def number_text(value: float) -> str:
+    """Shortest text of the number rounded to :data:`SIGNIFICANT_DIGITS`; reading it back gives :func:`significant`."""
+    return repr(significant(value))

@@ -40,7 +40,8 @@ def envelope(
 ) -> dict[str, Any]:
     """The whole document of a result: how it was made, then the keys of ``payload`` beside it.
 
-    There is no clock in it and no path of a machine: the same call on the same files gives the same bytes. ``options``
+    There is no clock in it and no path of a machine: on one machine the same call on the same files
+    gives the same bytes. ``options``
     are those that the figures depend on, by their names on the command line.
     """
     return {

@@ -19,7 +19,7 @@ DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS / "tools"))
 
 from generated import with_made_parts  # noqa: E402
-from transcripts import Ran, Session, agrees, blocks, brought_up_to_date, commands  # noqa: E402
+from transcripts import Ran, Session, agrees, blocks, brought_up_to_date, commands, same_line  # noqa: E402
 
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "pictures" not in path.parts)
 NAMES = [str(path.relative_to(DOCS)) for path in PAGES]
@@ -70,6 +70,24 @@ def test_a_page_that_shows_something_else_is_noticed(tmp_path: Path) -> None:
     assert not agrees((first,), output)
     assert not agrees((first, "…", rest[-1] + "?"), output)
     assert not agrees((first, *rest[1:]), output)
+
+
+@pytest.mark.parametrize(
+    ("shown", "actual", "same"),
+    [
+        ("rms 0.472 mm", "rms 0.473 mm", True),
+        ("rms 0.472 mm", "rms 0.474 mm", False),
+        ("joint_compliance.j2 = 8.736e-07 ± 3.0e-09", "joint_compliance.j2 = 8.735e-07 ± 3.1e-09", True),
+        ("value: 8.73598987455e-07", "value: 8.73598987459e-07", True),
+        ("value: 8.73598987455e-07", "value: 8.73599987455e-07", False),
+        ("5 of 5 folds", "4 of 5 folds", False),
+        ("x   9.99  y", "x  10.00  y", True),
+        ("joint_offset.j2", "joint_offset.j3", False),
+        ("rms 0.472 mm", "rms 0.472 um", False),
+    ],
+)
+def test_numbers_agree_within_their_last_digit(shown: str, actual: str, same: bool) -> None:
+    assert same_line(shown, actual) is same
 
 
 def test_a_failed_command_must_be_shown_as_failed(tmp_path: Path) -> None:

@@ -22,14 +22,25 @@ values = st.recursive(
 
 @given(st.dictionaries(st.text(), values))
 def test_reads_back_as_it_was(document: dict[str, object]) -> None:
-    assert json.loads(json_text(document)) == document
+    assert json.loads(json_text(document)) == to_twelve_digits(document)
+
+
+def to_twelve_digits(value: object) -> object:
+    """Round as the decimal text of a number with twelve significant digits says, which is independent of the code."""
+    if isinstance(value, dict):
+        return {key: to_twelve_digits(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [to_twelve_digits(item) for item in value]
+    return float(f"{value:.11e}") if isinstance(value, float) else value
 
 
 @pytest.mark.parametrize("shape", [(0,), (3,), (0, 3), (2, 3), (9000, 3), (2, 3, 3)])
-def test_arrays_read_back_exactly(shape: tuple[int, ...]) -> None:
-    array = np.random.default_rng(0).normal(size=shape)
+def test_arrays_read_back_to_twelve_digits(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    array = rng.normal(size=shape) * 10.0 ** rng.integers(-30, 30, size=shape)
     read = json.loads(json_text({"a": {"b": array, "c": 1}}))["a"]
-    np.testing.assert_array_equal(np.array(read["b"]).reshape(shape), array)
+    expected = np.array([float(f"{value:.11e}") for value in array.ravel()]).reshape(shape)
+    np.testing.assert_array_equal(np.array(read["b"]).reshape(shape), expected)
 
 
 def test_long_arrays_come_in_pieces() -> None:

@@ -43,7 +43,9 @@ class Fitted(Result):
 
         source = self.given.names["poses"]
         origin = "arrays" if source is None else PurePath(source).name
-        return robot_to_yaml(self.robot, (f"written by robacc {__version__} {self.command} from {origin}",))
+        return robot_to_yaml(
+            self.robot, (f"written by robacc {__version__} {self.command} from {origin}",), rounded=True
+        )
 
     def write_model(self, path: StrPath) -> None:
         """Write :meth:`model_yaml` to a file, whole or not at all; every call and command takes it as a robot.

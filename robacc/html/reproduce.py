@@ -17,8 +17,8 @@ def reproduce(document: Document) -> Section:
     """The last part of every result."""
     blocks: list[Block] = [
         Text(
-            f"Made by robacc {document['robacc']} (schema {document['schema']}). The same call on the same files gives "
-            "the same bytes."
+            f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the "
+            "same files gives the same bytes."
         ),
         Command(command_line(document)),
     ]

@@ -15,6 +15,7 @@ from robacc.io.parameter_json import parameters_document
 from robacc.io.pose_json import pose_document, robot_document, rounded
 from robacc.io.statistics_json import figures_document, grade_document, statistics_document
 from robacc.measurements import Measurements
+from robacc.quantities import number_text
 from robacc.robots.description import Robot
 
 
@@ -89,7 +90,7 @@ def per_pose_csv(result: EstimateResult, data: Measurements) -> str:
 
 def _error_columns(names: tuple[str, ...], errors: Array) -> dict[str, Iterable[str]]:
     size = np.sqrt(np.einsum("in,in->n", errors, errors))
-    return {name: map(repr, values.tolist()) for name, values in zip(names, (*errors, size), strict=True)}
+    return {name: map(number_text, values.tolist()) for name, values in zip(names, (*errors, size), strict=True)}
 
 
 def _quoted(text: str) -> str:

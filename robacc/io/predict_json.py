@@ -15,6 +15,7 @@ from robacc.prediction.comparison import Comparison
 from robacc.prediction.components import Components
 from robacc.prediction.consistency import ChiSquare
 from robacc.prediction.predicting import PredictedErrors, Prediction, Share
+from robacc.quantities import number_text
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Robot
 
@@ -65,7 +66,7 @@ def per_pose_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
     where = prediction.configurations
     header = ["pose", *joint_names]
     columns: list[list[str]] = [[where.label(i) for i in range(where.n)]]
-    columns += [[repr(value) for value in row] for row in where.q.tolist()]
+    columns += [[number_text(value) for value in row] for row in where.q.tolist()]
     for errors in (prediction.position, prediction.orientation):
         unit = errors.unit
         header += [f"rms_{unit}", f"radius95_{unit}"]
@@ -74,7 +75,7 @@ def per_pose_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
             for j, second in list(enumerate("xyz"))[i:]:
                 header.append(f"v_{first}{second}_{unit}2")
                 rows.append(errors.covariance[i, j])
-        columns += [[repr(value) for value in row.tolist()] for row in rows]
+        columns += [[number_text(value) for value in row.tolist()] for row in rows]
     lines = [",".join(header), *(",".join(row) for row in zip(*columns, strict=True))]
     return "\n".join(lines) + "\n"
 

@@ -1,4 +1,4 @@
-"""A result as JSON text: the same bytes for the same result, and never NaN, which JSON does not have.
+"""A result as JSON text: numbers with twelve significant digits, and never NaN, which JSON does not have.
 
 Keys keep their order. A list of numbers stands on one line, a list of lists or records has one a line, so that a
 result can be read and compared with ordinary tools. Arrays are written in pieces, without a Python object for each of
@@ -15,6 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.quantities import SIGNIFICANT_DIGITS, significant
+
+_LARGEST_EXACT_POWER = 22
+"""10^22 is the largest power of ten that a double holds exactly."""
 _ROWS_AT_ONCE = 4096
 """Rows of an array made into text at a time: some MB of Python objects at most."""
 
@@ -68,8 +72,8 @@ def _is_nested(value: Any) -> bool:
 def _scalar(value: Any) -> str:
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return "null"
+    if isinstance(value, float):
+        return _text(significant(value)) if math.isfinite(value) else "null"
     return _text(value)
 
 
@@ -96,8 +100,28 @@ def _array(array: NDArray[Any], indent: str) -> Iterator[str]:
 
 def _dumps(array: NDArray[Any]) -> str:
     """An array's rows on one line; what is not finite is null."""
-    if array.dtype.kind == "f" and not np.all(np.isfinite(array)):
+    if array.dtype.kind == "f":
         finite = np.isfinite(array)
-        array = array.astype(object)
-        array[~finite] = None
+        array = significant_array(array)
+        if not np.all(finite):
+            array = array.astype(object)
+            array[~finite] = None
     return _text(array.tolist())
+
+
+def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
+    """Round each finite number of an array to :data:`SIGNIFICANT_DIGITS` significant digits, -0.0 to 0.0.
+
+    Both an integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
+    number and is written with no more digits than that. Numbers that need a larger power go one by one.
+    """
+    values = np.asarray(array, dtype=np.float64)
+    size = np.abs(np.where(np.isfinite(values), values, 0.0))
+    with np.errstate(divide="ignore"):
+        places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
+    exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+    power = 10.0 ** np.where(exact, places, 0.0)
+    result = np.where(exact, np.rint(values * power) / power, values) + 0.0
+    others = ~exact & (size > 0.0)
+    result[others] = [significant(value) for value in values[others].tolist()]
+    return result

@@ -1,4 +1,4 @@
-"""A robot written back as a robot file: m and rad, every digit kept."""
+"""Write a robot as a robot file, in m and rad."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from typing import Any
 
 import yaml
 
+from robacc.quantities import significant
 from robacc.robots.description import Frame, Joint, Robot
 
 
-def robot_to_yaml(robot: Robot, comments: Sequence[str] = ()) -> str:
-    """The robot file of a robot; reading it gives the same numbers, bit for bit.
+def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool = False) -> str:
+    """Return the robot file of a robot; reading it gives the same numbers, bit for bit.
 
     Args:
         robot: What to write. Its effects are written as they are.
         comments: Lines put at the top, each behind a ``#``.
+        rounded: Write numbers that were estimated with the digits that mean something (see
+            :data:`robacc.quantities.SIGNIFICANT_DIGITS`); reading them gives the same numbers to 1e-12 of their size.
 
     Raises:
         ValueError: The robot's effects are in units other than m and rad.
@@ -44,9 +47,19 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = ()) -> str:
     document["joints"] = [_joint(joint, robot.convention == "urdf") for joint in robot.joints]
     if robot.effects:
         document["effects"] = [_plain(effect) for effect in robot.effects]
+    if rounded:
+        document = _rounded(document)
     head = "".join(f"# {line}\n" for comment in comments for line in comment.splitlines())
     # default_flow_style None: what holds no further list or mapping stands on one line.
     return head + yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    return significant(value) if isinstance(value, float) else value
 
 
 def _frame(frame: Frame, tolerance: Mapping[str, float]) -> dict[str, Any]:

@@ -11,37 +11,37 @@ import numpy as np
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
 from robacc.chain import BLOCK
+from robacc.diagnostics.data_mistakes import refuse_mistake
+from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
 from robacc.errors import InputError
-from robacc.fitting.crossfit import folds, held_out, parts
-from robacc.fitting.elastic_form import FormChoice, better_form, in_form
-from robacc.fitting.folding import fold
+from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.cross_validation import folds, held_out, parts
+from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.parameters import Correlation, Parameter, correlations, parameters
+from robacc.fitting.parameters import Correlation, FittedParameter, correlations, parameters
 from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
-from robacc.fitting.sparse_prior import Kind, drawn
+from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal
 from robacc.fitting.warnings import (
-    frames_left,
-    hardly_shown,
-    none_held_out,
-    rows_left_out,
-    told_apart,
-    uncertainty_too_large,
+    condition_warning,
+    frames_warning,
+    no_held_out_warning,
+    outliers_warning,
+    sigma_warning,
+    weak_parameters_warning,
 )
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.curves import Curve, curves
-from robacc.tracing.held_out import Progress
-from robacc.tracing.loop import close_loop
-from robacc.tracing.mistakes import refuse_mistake
+from robacc.tracing.cross_validation import Progress
+from robacc.tracing.loop import search
 
 _CONSTANTS = ("joint_offset", "link_geometry")
 """Effects that the robot file has a value of, for each of their coefficients."""
@@ -64,11 +64,11 @@ class Calibration:
     """With base and tool registered, where they are among what is fitted; else as delivered."""
     after: Stage
     gain: Gain | None
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FittedParameter, ...]
     """Standard errors are of the data alone, drawn or not."""
-    drawn: tuple[Kind, ...]
+    shrunk: tuple[ShrunkKind, ...]
     """Constants drawn to the robot file's values."""
-    deflection: FormChoice | None
+    deflection: DeflectionChoice | None
     """At which pose the moments of elastic effects are taken; None where none is fitted."""
     correlations: tuple[Correlation, ...]
     identifiability: Identifiability
@@ -80,7 +80,7 @@ class Calibration:
     """Of every pose, those left out as outliers too."""
     apart: Residuals | None
     """Of the poses of ``holdout``, where there are such."""
-    curves: tuple[tuple[Effect, Curve], ...]
+    partial_residuals: tuple[tuple[Effect, PartialResidual], ...]
     """For each effect that is no constant, the residual along it over what drives it, without and with it."""
 
 
@@ -122,7 +122,7 @@ def calibrate(
     told = before_and_after(robot, data, registered, found, held, holdout)
     noise = lack_of_fit(found, data)
     return Calibration(
-        robot=fold(found),
+        robot=apply_fit(found),
         effects=effects,
         fit=found,
         noise=noise,
@@ -131,7 +131,7 @@ def calibrate(
         after=told.after,
         gain=told.gain,
         parameters=parameters(found),
-        drawn=kinds,
+        shrunk=kinds,
         deflection=deflection,
         correlations=correlations(found),
         identifiability=found.identifiability,
@@ -140,7 +140,9 @@ def calibrate(
         warnings=_warnings(found, data, told.after, noise),
         residuals=told.residuals,
         apart=told.apart,
-        curves=tuple((e, curve) for e in effects if not e.is_constant for curve in curves(e, found, data)),
+        partial_residuals=tuple(
+            (e, curve) for e in effects if not e.is_constant for curve in partial_residuals(e, found, data)
+        ),
     )
 
 
@@ -173,7 +175,7 @@ class _Plan:
         effects = build(fixed, model.arm, data)
         if searched:
             build([request for request in self.requests if _searched(request)], model.arm, data)
-            loop = close_loop(Model.of(self.robot, effects), data, only=searched)
+            loop = search(Model.of(self.robot, effects), data, only=searched)
             effects = (*effects, *loop.effects)
         return effects
 
@@ -193,17 +195,17 @@ class _Plan:
 
 def _fitted(
     plan: _Plan, effects: tuple[Effect, ...], data: Measurements, options: Options
-) -> tuple[Fit, tuple[Kind, ...], FormChoice | None]:
+) -> tuple[Fit, tuple[ShrunkKind, ...], DeflectionChoice | None]:
     """The fit of all effects, elastic ones in the form that the data show.
 
     With priors as they stand, else without what is idle in the arm's constants.
     """
     model, options = Model.of(plan.robot, effects), plan.with_priors(options, effects, data)
-    found, model, form = better_form(fit(model, data, options), model, data, options)
+    found, model, form = choose_deflection(fit(model, data, options), model, data, options)
     if plan.priors:
         return found, (), form
     found = without_idle_rotations(found, model, data, options)
-    return (*drawn(found, data, options, plan.whole), form) if plan.shrink else (found, (), form)
+    return (*shrink_to_nominal(found, data, options, plan.whole), form) if plan.shrink else (found, (), form)
 
 
 def _searched(request: Request) -> bool:
@@ -237,7 +239,7 @@ def _hold_out(
         for number, (learn, rest) in enumerate(parts(assigned), 1):
             progress("cross-fitting", number, n_folds + 1)
             train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
-            chosen = plan.effects(train) if again else in_form(effects, "equilibrium")
+            chosen = plan.effects(train) if again else with_deflection(effects, "equilibrium")
             before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)
             after[:, rest] = held_out(_fitted(plan, chosen, train, search)[0], test)
     except InputError:
@@ -263,15 +265,15 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
 
 
 def _warnings(found: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
-    warnings = [*data.warnings, *data.contradicted_ids(), *rows_left_out(found, data), *frames_left(found, data)]
-    warnings.extend((*uncertainty_too_large(noise), *hardly_shown(found)))
+    warnings = [*data.warnings, *data.contradicted_ids(), *outliers_warning(found, data), *frames_warning(found, data)]
+    warnings.extend((*sigma_warning(noise), *weak_parameters_warning(found)))
     count = int(found.identifiability.kept.size)
     spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
     if spare < count:
         warnings.append(f"only {spare} more numbers measured than coefficients fitted: measure more poses")
-    warnings.extend(told_apart(found))
+    warnings.extend(condition_warning(found))
     if after.held_out is not None and after.held_out.position.rms > _OVERFIT * after.fitted.position.rms:
         warnings.append("poses held out are predicted much worse than those fitted: fewer effects or more poses")
     if after.held_out is None:
-        warnings.append(none_held_out(data))
+        warnings.append(no_held_out_warning(data))
     return tuple(warnings)

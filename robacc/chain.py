@@ -61,7 +61,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class JointDrive:
     """Joint variable ``joint`` added to the scalar of motion ``motion`` with a coefficient (sign or mimic ratio)."""
 
     motion: int
@@ -102,7 +102,7 @@ class Chain:
     """A serial arm as elementary motions. Immutable; every method is a pure function of its arguments."""
 
     motions: tuple[Motion, ...]
-    drives: tuple[Drive, ...]
+    drives: tuple[JointDrive, ...]
     n_joints: int
     """Number of joint variables."""
     bodies: tuple[Body, ...] = ()

@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
+
+Counted = Literal["line", "row"]
+"""What places in a file are counted in."""
 
 MAX_PROBLEMS = 20
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.errors import Counted
 from robacc.geometry import Array, Poses
-
-Counted = Literal["line", "row"]
-"""What places in a file are counted in."""
 
 _BLOCK = 16384
 """Poses hashed at a time: the working arrays of a block stay in the cache."""

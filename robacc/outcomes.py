@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from robacc.errors import Problem
 
 if TYPE_CHECKING:
-    from robacc.gates.judging import GateOutcome
+    from robacc.gates.evaluate import GateOutcome
 
 
 @dataclass(frozen=True, slots=True)
-class Headline:
+class EstimateHeadline:
     """The figures of an estimate that stand in a table of many."""
 
     n_poses: int
@@ -34,7 +34,7 @@ class FileOutcome:
     """No two alike: the file's, with as many of its folders as it takes."""
     exit_status: int
     """That of the command on this file alone."""
-    headline: Headline | None = None
+    headline: EstimateHeadline | None = None
     problems: tuple[Problem, ...] = ()
     n_problems: int = 0
     """Those found, of which ``problems`` are the first."""

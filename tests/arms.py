@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from robacc.io.robot_file import read_robot
 from robacc.measurements import Measurements
+from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.urdf import parse_urdf, robot_to_urdf

@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 @pytest.fixture
 def read(tmp_path: Path) -> Reader:
     """Reads text or bytes as a file called poses.csv."""
-    from robacc.io.poses_csv import read_poses
+    from robacc.poses.csv_file import read_poses
 
     def reader(text: str | bytes, **options: Any) -> Measurements:
         path = tmp_path / "poses.csv"

@@ -25,8 +25,8 @@ from robacc.modelling.model import Model
 from robacc.modelling.observation import observed_jacobian
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
-from robacc.simulation import Plan, simulate
-from robacc.tracing.candidates import named_candidates, waves
+from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.candidates import named_candidates, order_grids
 from robacc.tracing.detection import noncentrality_at_limit
 from robacc.tracing.selection import FALSE_ALARM
 from robacc.tracing.trace import Trace
@@ -204,7 +204,7 @@ def _erring(robot: Robot, rng: np.random.Generator, offsets: bool, lengths: bool
 def _forms(kind: Kind, one: Arm, data: Measurements) -> Iterator[tuple[Effect, float]]:
     """Forms of the kind with the log of their prior probability in the trace."""
     if kind.effect == "transmission_error" and kind.settings[0]["orders"][0] > 2:
-        for wave in waves(one, data):
+        for wave in order_grids(one, data):
             for settings in kind.settings:
                 (order,) = settings["orders"]
                 if wave.orders[0] <= order <= wave.orders[-1]:

@@ -29,7 +29,7 @@ def results() -> str:
         shown = every[:-1] if name == "check" else every
         own = {key: value for key, value in schema["properties"].items() if key not in shown}
         what = schema["description"].split(" Lengths in m")[0]
-        parts += [f"## robacc.{name}/1", _prose(what), _table(own, schema["required"])]
+        parts += [f"## {schema['title']}", _prose(what), _table(own, schema["required"])]
         shared |= schema["$defs"]
     parts += ["## Shared parts", "Parts that stand in several places or results."]
     for name in sorted(set(shared) - set(_SHAPES)):

@@ -33,7 +33,7 @@ from robacc.measurements import Measurements
 from robacc.statistics.records import ErrorStatistics, Unit
 
 if TYPE_CHECKING:
-    from robacc.accuracy.figures import ErrorFigures, PoseFigures
+    from robacc.accuracy.figures import ErrorMetrics, PoseMetrics
     from robacc.fitting.registration import Alignment
     from robacc.robots.description import Robot
 
@@ -72,7 +72,7 @@ class TargetErrors:
 
     name: str
     n_poses: int
-    position: ErrorFigures
+    position: ErrorMetrics
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class EstimateResult:
     orientation: ErrorStatistics | None
     grade: Grade
     alignment: Alignment | None
-    unaligned: PoseFigures | None
+    unaligned: PoseMetrics | None
     """Before the alignment, where there was one."""
     worst_position: tuple[WorstPose, ...]
     """The :data:`N_WORST` poses with the largest position errors, the largest first."""
@@ -224,10 +224,10 @@ def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ..
     names, index = np.unique(data.target, return_inverse=True)
     if names.size < 2:
         return ()
-    from robacc.accuracy.figures import pose_figures
+    from robacc.accuracy.figures import pose_metrics
 
     return tuple(
-        TargetErrors(str(name), int(np.sum(index == i)), pose_figures(errors.position[:, index == i]).position)
+        TargetErrors(str(name), int(np.sum(index == i)), pose_metrics(errors.position[:, index == i]).position)
         for i, name in enumerate(names)
     )
 

@@ -10,7 +10,7 @@ from robacc.geometry import Array
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorFigures:
+class ErrorMetrics:
     """Of the error's length over poses, m or rad."""
 
     rms: float
@@ -21,24 +21,24 @@ class ErrorFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseFigures:
+class PoseMetrics:
     """Of position and, where it was measured, orientation."""
 
-    position: ErrorFigures
-    orientation: ErrorFigures | None
+    position: ErrorMetrics
+    orientation: ErrorMetrics | None
 
 
-def pose_figures(residual: Array) -> PoseFigures:
+def pose_metrics(residual: Array) -> PoseMetrics:
     """From residuals ``(3 or 6, N)``, m and rad."""
     turned = _figures(residual[3:]) if residual.shape[0] == 6 else None
-    return PoseFigures(_figures(residual[:3]), turned)
+    return PoseMetrics(_figures(residual[:3]), turned)
 
 
-def _figures(errors: Array) -> ErrorFigures:
+def _figures(errors: Array) -> ErrorMetrics:
     length = np.sqrt(np.sum(np.square(errors), axis=0))
     if length.size == 0:
-        return ErrorFigures(float("nan"), float("nan"), float("nan"), float("nan"))
-    return ErrorFigures(
+        return ErrorMetrics(float("nan"), float("nan"), float("nan"), float("nan"))
+    return ErrorMetrics(
         float(np.sqrt(np.mean(np.square(length)))),
         float(np.mean(length)),
         float(np.percentile(length, 95.0)),

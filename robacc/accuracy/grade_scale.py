@@ -23,7 +23,7 @@ _UNITS = {"length": {"m": 1.0, "mm": 1e-3}, "angle": {"rad": 1.0, "deg": math.pi
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class GradeStep:
     """One grade and the limits that its statistic must meet."""
 
     grade: str
@@ -45,7 +45,7 @@ class Scale:
     statistic: Statistic
     confidence: float
     """Of the upper bound that demonstrates a grade."""
-    steps: tuple[Step, ...]
+    steps: tuple[GradeStep, ...]
     otherwise: str
     """Grade of errors that meet no step."""
 
@@ -75,13 +75,13 @@ def load_scale(text: str, file: str) -> Scale:
     Raises:
         InputError: With every problem found, each with its line and key.
     """
-    from robacc.robots.yamlnode import compose
+    from robacc.io.yaml_nodes import compose
 
     return _scale_of(compose(text, file), file)
 
 
 def _scale_of(root: yaml.Node | None, file: str) -> Scale:
-    reader = _Reader(file)
+    reader = _GradeScaleReader(file)
     scale = _read(reader, root)
     if scale is None or reader.problems:
         raise InputError(reader.problems)
@@ -89,7 +89,7 @@ def _scale_of(root: yaml.Node | None, file: str) -> Scale:
 
 
 @dataclass(frozen=True, slots=True)
-class _Reader:
+class _GradeScaleReader:
     """Takes values from YAML nodes, which know their lines, and collects what is wrong with them."""
 
     file: str
@@ -163,7 +163,7 @@ def _join(key: str, name: str) -> str:
     return f"{key}.{name}" if key else name
 
 
-def _read(reader: _Reader, root: yaml.Node | None) -> Scale | None:
+def _read(reader: _GradeScaleReader, root: yaml.Node | None) -> Scale | None:
     top = reader.mapping(root, "", _KEYS)
     if not top:
         return None
@@ -183,7 +183,7 @@ def _read(reader: _Reader, root: yaml.Node | None) -> Scale | None:
     return Scale(name, cast("Statistic", statistic), confidence, tuple(steps), otherwise)
 
 
-def _read_units(reader: _Reader, node: yaml.Node | None, root: yaml.Node | None) -> tuple[float, float]:
+def _read_units(reader: _GradeScaleReader, node: yaml.Node | None, root: yaml.Node | None) -> tuple[float, float]:
     """Metres and radians per unit of the file."""
     if node is None:
         reader.report(root, "units", "this key is missing", "for example units: {length: mm, angle: deg}")
@@ -197,14 +197,14 @@ def _read_units(reader: _Reader, node: yaml.Node | None, root: yaml.Node | None)
 
 
 def _read_steps(
-    reader: _Reader, node: yaml.Node | None, root: yaml.Node | None, factors: tuple[float, float]
-) -> list[Step]:
+    reader: _GradeScaleReader, node: yaml.Node | None, root: yaml.Node | None, factors: tuple[float, float]
+) -> list[GradeStep]:
     from yaml import SequenceNode
 
     if not isinstance(node, SequenceNode) or not node.value:
         reader.report(node or root, "steps", "a list of at least one step is expected here")
         return []
-    steps: list[Step] = []
+    steps: list[GradeStep] = []
     for index, item in enumerate(node.value):
         key = f"steps[{index}]"
         fields = reader.mapping(item, key, _STEP_KEYS)
@@ -217,13 +217,13 @@ def _read_steps(
             orientation = reader.positive(fields["orientation"], f"{key}.orientation", item)
         if letter is None or position is None:
             continue
-        step = Step(letter, position * factors[0], None if orientation is None else orientation * factors[1])
+        step = GradeStep(letter, position * factors[0], None if orientation is None else orientation * factors[1])
         _compare(reader, item, key, step, steps)
         steps.append(step)
     return steps
 
 
-def _compare(reader: _Reader, node: yaml.Node, key: str, step: Step, before: list[Step]) -> None:
+def _compare(reader: _GradeScaleReader, node: yaml.Node, key: str, step: GradeStep, before: list[GradeStep]) -> None:
     """Report a step that does not follow from the ones before it."""
     if step.grade in [other.grade for other in before]:
         reader.report(node, f"{key}.grade", f"the grade {step.grade!r} stands here twice")

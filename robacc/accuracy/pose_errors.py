@@ -24,7 +24,7 @@ from robacc.geometry import Array, log_between, rotate_back, transpose
 from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
-    from robacc.accuracy.figures import PoseFigures
+    from robacc.accuracy.figures import PoseMetrics
     from robacc.robots.description import Robot
 
 ErrorFrame = Literal["tool", "base"]
@@ -63,11 +63,11 @@ class PoseErrors:
     rotation: Array | None
     """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is not known."""
 
-    def figures(self) -> PoseFigures:
+    def figures(self) -> PoseMetrics:
         """Root mean square, mean, 95th percentile and maximum of the lengths."""
-        from robacc.accuracy.figures import pose_figures
+        from robacc.accuracy.figures import pose_metrics
 
-        return pose_figures(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
+        return pose_metrics(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
 
 
 def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.figures import PoseFigures
+from robacc.accuracy.figures import PoseMetrics
 from robacc.geometry import Array
 from robacc.statistics.distributions import normal_quantile
 
@@ -16,8 +16,8 @@ from robacc.statistics.distributions import normal_quantile
 class Stage:
     """One stage of before and after."""
 
-    fitted: PoseFigures
-    held_out: PoseFigures | None
+    fitted: PoseMetrics
+    held_out: PoseMetrics | None
     """None where there were too few poses to hold any out."""
 
 
@@ -44,7 +44,7 @@ class Gain:
 
 
 @dataclass(frozen=True, slots=True)
-class Stages:
+class BeforeAfter:
     """All that is said of before and after."""
 
     nominal: Stage

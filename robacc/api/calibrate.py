@@ -30,7 +30,7 @@ class Calibrated(Fitted, Calibration):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys; arrays stay arrays."""
-        from robacc.io.fit_json import calibration_payload
+        from robacc.documents.fit import calibration_payload
 
         return calibration_payload(self, self.given.data, self.given.robot, self.given.apart, self.made.seed or 0)
 

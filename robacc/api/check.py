@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 from robacc.api.inputs import StrPath
 from robacc.api.result import Made, Result, parts
 from robacc.api.stored import stored
-from robacc.gates.judging import GateOutcome, judge
-from robacc.io.gate_files import read_gate
-from robacc.io.read_result import StoredResult, understood
+from robacc.documents.gate_files import read_gate
+from robacc.documents.read_result import StoredResult, understood
+from robacc.gates.evaluate import GateOutcome, judge
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -24,7 +24,7 @@ class Checked(Result, GateOutcome):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys."""
-        from robacc.io.gate_json import gate_document
+        from robacc.documents.gate import gate_document
 
         keys = ("schema", "robacc", "command", "inputs")
         return {"result": {key: self.result.document.get(key) for key in keys}, "gate": gate_document(self)}

@@ -11,19 +11,19 @@ from typing import Any, ClassVar
 from robacc.api.inputs import STDIN, StrPath, path_of, scale_of
 from robacc.api.result import Made, Result, parts, within
 from robacc.api.stored import stored
-from robacc.comparison.comparing import Comparison
+from robacc.comparison.compared_result import ComparedResult
+from robacc.comparison.comparing import ResultComparison
 from robacc.comparison.comparing import compare as compared
 from robacc.comparison.reading import subject
-from robacc.comparison.subject import Subject
+from robacc.documents.envelope import InputFile
+from robacc.documents.read_result import StoredResult
 from robacc.errors import InputError, Problem, UsageError
-from robacc.io.read_result import StoredResult
-from robacc.results import InputFile
 
 Source = StrPath | Result | StoredResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Compared(Result, Comparison):
+class Compared(Result, ResultComparison):
     """Results side by side, with what they were read from."""
 
     command: ClassVar[str] = "compare"
@@ -31,7 +31,7 @@ class Compared(Result, Comparison):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys."""
-        from robacc.io.compare_json import payload
+        from robacc.documents.compare import payload
 
         return payload(self)
 
@@ -91,7 +91,7 @@ def compare(
     return Compared(**parts(found), made=Made(options, (*inputs, *scale_record), seed))
 
 
-def _load(results: Sequence[Source]) -> tuple[list[Subject], list[InputFile]]:
+def _load(results: Sequence[Source]) -> tuple[list[ComparedResult], list[InputFile]]:
     """What is to be compared, and the record of its files; what is wrong with any of them is said at once.
 
     Raises:
@@ -103,7 +103,7 @@ def _load(results: Sequence[Source]) -> tuple[list[Subject], list[InputFile]]:
     if [path_of(one) for one in results].count(STDIN) > 1:
         raise UsageError("standard input can be read once")
     problems: list[Problem] = []
-    subjects: list[Subject] = []
+    subjects: list[ComparedResult] = []
     inputs: list[InputFile] = []
     for source, name in zip(results, _names(results), strict=True):
         try:
@@ -142,7 +142,7 @@ def _path(source: Source) -> str:
     return source.command if isinstance(source, Result) else os.fspath(source)
 
 
-def _named(baseline: str | None, results: Sequence[Source], subjects: Sequence[Subject]) -> str | None:
+def _named(baseline: str | None, results: Sequence[Source], subjects: Sequence[ComparedResult]) -> str | None:
     """The baseline's short name, which may be given as its path."""
     paths = [_path(one) for one in results]
     return subjects[paths.index(baseline)].name if baseline in paths else baseline

@@ -34,7 +34,7 @@ class Estimate(Result, EstimateResult):
         """The result's own keys; arrays stay arrays."""
         from robacc.accuracy.error_frames import position_moments
         from robacc.accuracy.pose_errors import commanded_poses
-        from robacc.io.estimate_json import payload, pose_payload
+        from robacc.documents.estimate import payload, pose_payload
 
         aligned = self.robot if self.alignment is None else self.alignment.robot
         moments = position_moments(self.data, commanded_poses(self.data, aligned))
@@ -42,7 +42,7 @@ class Estimate(Result, EstimateResult):
 
     def per_pose_csv(self) -> str:
         """A row a pose: its line, its ids, the error vector and its length, in m and rad."""
-        from robacc.io.estimate_json import per_pose_csv
+        from robacc.documents.estimate import per_pose_csv
 
         return per_pose_csv(self, self.data)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from robacc.results import InputFile
+from robacc.documents.envelope import InputFile
 from robacc.robots.description import Robot
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of
 from robacc.api.result import Result
+from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
-from robacc.results import InputFile
 from robacc.robots.description import Robot
 from robacc.version import __version__
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
-from robacc.results import InputFile
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def needed_robot_of(
         text = robot_to_yaml(in_si(source))
         return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot")
     from robacc.io.files import sha256_of
-    from robacc.io.robot_file import read_robot
+    from robacc.modelling.robot_file import read_robot
 
     arm = read_robot(source, base_link=base_link, tip_link=tip_link)
     return arm, InputFile.at(os.fspath(source), sha256_of(source), "robot")
@@ -122,11 +122,11 @@ def poses_of(
         if robot is not None and (wrong := _wrong_targets(data, robot)):
             raise InputError(wrong)
         return some_poses(data), record_of(data, kind)
-    from robacc.io.robot_poses import read_robot_poses
+    from robacc.diagnostics.robot_poses import read_robot_poses
 
     path = os.fspath(source)
     if robot is None:
-        from robacc.io.poses_csv import read_poses
+        from robacc.poses.csv_file import read_poses
 
         data = read_poses(path, ordered=ordered)
     else:
@@ -149,7 +149,7 @@ def record_of(data: Measurements, kind: str) -> InputFile:
     """Of the file that the poses are from; else of the CSV that they would make."""
     if data.sha256 is not None:
         return InputFile.at(STDIN if data.source in (None, "<stdin>") else str(data.source), data.sha256, kind)
-    from robacc.io.poses_csv import format_poses
+    from robacc.poses.csv_file import format_poses
 
     return InputFile("arrays", sha256(format_poses(data).encode()).hexdigest(), kind)
 

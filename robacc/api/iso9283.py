@@ -26,7 +26,7 @@ class Iso9283(Result, Iso9283Result):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys; arrays stay arrays."""
-        from robacc.io.iso9283_json import payload
+        from robacc.documents.iso9283 import payload
 
         return payload(self)
 

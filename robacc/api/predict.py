@@ -13,18 +13,18 @@ from robacc.accuracy.grade_scale import default_scale
 from robacc.api.fitted_to import met_again
 from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of, scale_of
 from robacc.api.result import Made, Result, names, parts, within
+from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.allocation import allocate as allocated
-from robacc.prediction.comparison import Comparison, Noise, compare_with_measured
+from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
 from robacc.prediction.configurations import Configurations, configurations_of, sampled_configurations
 from robacc.prediction.parameters import NORMAL, uncertain_parameters
 from robacc.prediction.predicting import Prediction, predict_accuracy, step_limits
 from robacc.quantities import size
-from robacc.results import InputFile
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Predicted(Result, Prediction):
     """As its file describes it."""
     allocation: Allocation | None
     """Tolerances that would reach the grade that was asked for."""
-    comparison: Comparison | None
+    comparison: MeasuredComparison | None
     """What measured poses say of the prediction."""
     planned: Measurements | None
     """The poses predicted at, where they were given."""
@@ -58,13 +58,13 @@ class Predicted(Result, Prediction):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys; arrays stay arrays."""
-        from robacc.io.predict_json import payload, pose_payload
+        from robacc.documents.predict import payload, pose_payload
 
         return {**payload(self, self.allocation, self.comparison), **pose_payload(self, self.robot)}
 
     def per_pose_csv(self) -> str:
         """A row a pose: where, its joint variables, and what is predicted there (m, rad, tool frame)."""
-        from robacc.io.predict_json import per_pose_csv
+        from robacc.documents.predict import per_pose_csv
 
         return per_pose_csv(self, self.robot.variable_names)
 

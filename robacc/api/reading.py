@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 
 from robacc.api.inputs import StrPath, checked, in_si, poses_of
-from robacc.io.read_result import StoredResult
-from robacc.io.robot_file import read_robot
+from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
+from robacc.modelling.robot_file import read_robot
 from robacc.robots.description import Robot
 
 __all__ = ["read_poses", "read_result", "read_robot", "write_poses", "write_robot"]
@@ -44,7 +44,7 @@ def write_poses(path: StrPath, data: Measurements) -> None:
         InputError: An array is not what it should be, or the file cannot be written.
     """
     from robacc.io.files import write_pieces
-    from robacc.io.poses_csv import pose_pieces
+    from robacc.poses.csv_file import pose_pieces
 
     write_pieces(path, pose_pieces(checked(data)))
 
@@ -70,6 +70,6 @@ def read_result(path: StrPath) -> StoredResult:
     Raises:
         InputError: The file cannot be read, or holds no result of this version of the schema.
     """
-    from robacc.io.read_result import read_result as read
+    from robacc.documents.read_result import read_result as read
 
     return read(os.fspath(path))

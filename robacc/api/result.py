@@ -9,12 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from robacc.documents.envelope import InputFile, envelope
 from robacc.errors import UsageError
-from robacc.results import InputFile, envelope
 
 if TYPE_CHECKING:
-    from robacc.gates.judging import GateOutcome
-    from robacc.io.gate_files import LoadedGate
+    from robacc.documents.gate_files import LoadedGate
+    from robacc.gates.evaluate import GateOutcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +69,14 @@ class Result(ABC):
                 inputs=self.made.inputs,
                 seed=self.made.seed,
             )
-        from robacc.io.gate_files import read_gate
+        from robacc.documents.gate_files import read_gate
 
         return self.gated(read_gate(os.fspath(gate)))[0]
 
     def gated(self, gate: LoadedGate) -> tuple[dict[str, Any], GateOutcome]:
         """The document with what a gate says of it under ``gate``, and that by itself."""
-        from robacc.gates.judging import judge
-        from robacc.io.gate_json import gate_document
+        from robacc.documents.gate import gate_document
+        from robacc.gates.evaluate import judge
 
         inputs = (*self.made.inputs, *gate.records)
         document = envelope(self.command, self.payload(), options=self.made.options, inputs=inputs, seed=self.made.seed)
@@ -89,7 +89,7 @@ class Result(ABC):
         Raises:
             InputError: The gate cannot be read.
         """
-        from robacc.io.result_json import json_text
+        from robacc.io.json_text import json_text
 
         return json_text(self.document(gate=gate))
 

@@ -6,16 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+from robacc.documents.envelope import schema_version
 from robacc.errors import UsageError
-from robacc.results import SCHEMA_VERSION
 
 _FOLDER = Path(__file__).parents[1] / "schemas"
 
 
 def schema_names() -> tuple[str, ...]:
     """The commands whose results have a schema."""
-    ending = f"-{SCHEMA_VERSION}.json"
-    return tuple(sorted(path.name[len("robacc.") : -len(ending)] for path in _FOLDER.glob(f"robacc.*{ending}")))
+    return tuple(sorted(path.stem.removeprefix("robacc.").rpartition("-")[0] for path in _FOLDER.glob("robacc.*.json")))
 
 
 def schema_text(name: str) -> str:
@@ -26,7 +25,7 @@ def schema_text(name: str) -> str:
     """
     if name not in schema_names():
         raise UsageError(f"no schema {name!r}; there are {', '.join(schema_names())}")
-    return (_FOLDER / f"robacc.{name}-{SCHEMA_VERSION}.json").read_text(encoding="utf-8")
+    return (_FOLDER / f"robacc.{name}-{schema_version(name)}.json").read_text(encoding="utf-8")
 
 
 def schema(name: str) -> dict[str, Any]:

@@ -11,14 +11,14 @@ from typing import Any, ClassVar, Literal
 
 from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of, some_poses
 from robacc.api.result import Made, Result, one_of, parts, within
+from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
-from robacc.io.poses_csv import pose_pieces, read_poses
 from robacc.measurements import Measurements
+from robacc.poses.csv_file import pose_pieces, read_poses
 from robacc.quantities import size
-from robacc.results import InputFile
 from robacc.robots.description import Robot
-from robacc.simulation import Plan, Simulation
-from robacc.simulation import simulate as simulated
+from robacc.simulation.simulate import Plan, Simulation
+from robacc.simulation.simulate import simulate as simulated
 
 _FIRST_ROW = 4
 """Two comments and the header stand above the rows of a file with outliers."""

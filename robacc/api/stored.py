@@ -8,7 +8,7 @@ from hashlib import sha256
 
 from robacc.api.inputs import StrPath
 from robacc.api.result import Result
-from robacc.io.read_result import StoredResult, read_result
+from robacc.documents.read_result import StoredResult, read_result
 
 
 def stored(source: StrPath | Result | StoredResult) -> StoredResult:

@@ -30,7 +30,7 @@ class Traced(Fitted, Trace):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys; arrays stay arrays."""
-        from robacc.io.fit_json import trace_payload
+        from robacc.documents.fit import trace_payload
 
         return trace_payload(self, self.given.data, self.given.robot, self.given.apart, self.made.seed or 0)
 

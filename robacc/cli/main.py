@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from robacc.errors import InputError, Problem, RobaccError
-from robacc.report.console import say_error, say_interrupted
+from robacc.render.text.console import say_error, say_interrupted
 from robacc.version import __version__
 
 COMMANDS = {
@@ -68,7 +68,7 @@ class Commands(TyperGroup):
             raise typer.Exit(INTERRUPTED) from interrupt
 
 
-class Checked(TyperCommand):
+class CheckedCommand(TyperCommand):
     """A command whose call is looked over before it runs."""
 
     def invoke(self, ctx: Any) -> Any:
@@ -82,7 +82,7 @@ class Checked(TyperCommand):
 def _load(name: str) -> Any:
     """The command ``name`` from its own module."""
     single, own = typer.Typer(add_completion=False), name.replace("-", "_")
-    single.command(name, cls=Checked)(getattr(import_module(f"robacc.cli.{own}"), own))
+    single.command(name, cls=CheckedCommand)(getattr(import_module(f"robacc.cli.commands.{own}"), own))
     return typer.main.get_command(single)
 
 

@@ -18,7 +18,7 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.outcomes import FileOutcome, exit_status
 
 if TYPE_CHECKING:
-    from robacc.cli.pool import Died
+    from robacc.parallel import Died
 
 _SUFFIXES = {Format.table: ".txt", Format.json: ".json", Format.markdown: ".md", Format.github: ".txt"}
 """Of a file's result in a folder of results."""
@@ -144,15 +144,15 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
 
 def _jobs(paths: Sequence[str]) -> int:
     """A process a core, as far as there is work that is worth starting it."""
-    from robacc.cli.pool import usable_cores
+    from robacc.parallel import usable_cores
 
     work = sum(_OF_A_FILE + (os.path.getsize(path) if os.path.isfile(path) else 0) for path in paths)
     return max(1, min(usable_cores(), len(paths), 1 + work // _OF_A_PROCESS))
 
 
 def _run(tasks: Sequence[FileTask], jobs: int, folder: str | None) -> list[FileOutcome]:
-    from robacc.cli.pool import Died, each
     from robacc.cli.progress import progress_bar
+    from robacc.parallel import Died, each
 
     outcomes: dict[int, FileOutcome] = {}
     try:
@@ -179,7 +179,7 @@ def _of_dead(task: FileTask, died: Died) -> FileOutcome:
 
 def _say(outcomes: Sequence[FileOutcome]) -> None:
     """Warnings and errors of every file, in the files' order."""
-    from robacc.report.console import say_error, say_warnings
+    from robacc.render.text.console import say_error, say_warnings
 
     say_warnings(_warnings(outcomes))
     for one in outcomes:
@@ -191,8 +191,8 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     """The overview of all files, and what else is wanted of all of them together."""
     from robacc.cli.output import page_text, write
     from robacc.io.files import write_text
-    from robacc.report.many import draw_many, many_annotations
-    from robacc.report.markdown import markdown
+    from robacc.render.text.many import draw_many, many_annotations
+    from robacc.render.text.markdown import markdown
 
     asked = tasks[0].asked
 
@@ -200,7 +200,7 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
         draw_many(outcomes, asked.robot, asked.align, stream)
 
     if outlets.junit is not None:
-        from robacc.report.junit import junit_of_files
+        from robacc.render.text.junit import junit_of_files
 
         write_text(outlets.junit, junit_of_files("estimate", outcomes))
     if outlets.report is not None and not all(one.failed for one in outcomes):
@@ -225,9 +225,9 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
 
 def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder: str | None) -> Iterator[str]:
     """The JSON document of all files; with a folder the whole results are there, else in it."""
+    from robacc.documents.envelope import InputFile, envelope
+    from robacc.documents.many import entry, many_pieces, totals
     from robacc.io.files import sha256_of
-    from robacc.io.many_json import entry, many_pieces, totals
-    from robacc.results import InputFile, envelope
 
     asked = tasks[0].asked
     shared = ((asked.robot, "robot"), (asked.scale, "scale"), (tasks[0].gate, "gate"))
@@ -253,7 +253,7 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
 
 def _page(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask]) -> str:
     """The page of all results side by side."""
-    from robacc.html.page import render
+    from robacc.render.html.page import render
 
     done = [task for one, task in zip(outcomes, tasks, strict=True) if not one.failed and task.document is not None]
     return render(

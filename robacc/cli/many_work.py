@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 from robacc.cli.options import Format
 from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError
-from robacc.outcomes import FileOutcome, Headline
+from robacc.outcomes import EstimateHeadline, FileOutcome
 
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorFrame
     from robacc.api.estimate import Estimate
-    from robacc.gates.judging import GateOutcome
+    from robacc.gates.evaluate import GateOutcome
 
 
 class Asked(NamedTuple):
@@ -60,9 +60,9 @@ def estimate_one(task: FileTask) -> FileOutcome:
 
 
 def _written(task: FileTask, found: Estimate) -> FileOutcome:
+    from robacc.documents.gate_files import read_gate
     from robacc.io.files import write_pieces, write_text
-    from robacc.io.gate_files import read_gate
-    from robacc.io.result_json import json_pieces
+    from robacc.io.json_text import json_pieces
 
     outcome: GateOutcome | None = None
     document: Mapping[str, Any] = {}
@@ -99,7 +99,7 @@ def _write_result(
     from robacc.cli.output import with_gate, write_result
 
     def table(stream: TextIO) -> None:
-        from robacc.report.estimate import draw_estimate
+        from robacc.render.text.estimate import draw_estimate
 
         draw_estimate(found, task.path, task.asked.robot, stream)
 
@@ -113,9 +113,9 @@ def _write_result(
     )
 
 
-def _headline(found: Estimate) -> Headline:
+def _headline(found: Estimate) -> EstimateHeadline:
     position, orientation = found.position, found.orientation
-    return Headline(
+    return EstimateHeadline(
         found.n_poses,
         position.rms,
         position.p95,

@@ -13,7 +13,7 @@ from robacc.cli.options import OUTPUTS, Format, PlainFormat
 
 if TYPE_CHECKING:
     from robacc.api.result import Result
-    from robacc.gates.judging import GateOutcome
+    from robacc.gates.evaluate import GateOutcome
 
 
 class Outlets(NamedTuple):
@@ -38,14 +38,14 @@ def deliver(outlets: Outlets, found: Result, table: Callable[[TextIO], None]) ->
         InputError: a file cannot be written, or the gate cannot be read.
         typer.Exit: the gate was not passed: status 4 or 5.
     """
-    from robacc.report.console import say_warnings
+    from robacc.render.text.console import say_warnings
 
     say_warnings(found.warnings)
     if outlets.gate is None:
         document = cache(found.document)
         write_result(outlets, found.command, document=document, table=table, found=None, warnings=found.warnings)
         return
-    from robacc.io.gate_files import read_gate
+    from robacc.documents.gate_files import read_gate
 
     judged_document, outcome = found.gated(read_gate(outlets.gate))
     say_warnings(outcome.warnings)
@@ -78,7 +78,7 @@ def conclude(
 
     if outlets.junit is not None:
         from robacc.io.files import write_text
-        from robacc.report.junit import junit
+        from robacc.render.text.junit import junit
 
         write_text(outlets.junit, junit(command, found))
     every = (*warnings, *found.warnings)
@@ -90,7 +90,7 @@ def conclude(
 
 def with_gate(table: Callable[[TextIO], None] | None, found: GateOutcome, form: Format) -> Callable[[TextIO], None]:
     """Draws a result's report with its gate below; forms other than the table show the gate in a way of their own."""
-    from robacc.report.gate import draw_gate
+    from robacc.render.text.gate import draw_gate
 
     def shown(stream: TextIO) -> None:
         if table is not None:
@@ -130,11 +130,11 @@ def write_result(
 
         write_text(outlets.report, page_of_document(document()))
     if outlets.form is Format.markdown:
-        from robacc.report.markdown import markdown
+        from robacc.render.text.markdown import markdown
 
         write(outlets.output, (markdown(command, page_text(table), found, tuple(warnings)),))
     elif outlets.form is Format.github:
-        from robacc.report.annotations import github_annotations
+        from robacc.render.text.annotations import github_annotations
 
         write(outlets.output, (github_annotations(command, page_text(table), found, tuple(warnings)),))
     else:
@@ -152,7 +152,7 @@ def emit(
         InputError: the file cannot be written.
     """
     if form is PlainFormat.json:
-        from robacc.io.result_json import json_pieces
+        from robacc.io.json_text import json_pieces
 
         write(output, json_pieces(document()))
     elif output == "-":
@@ -175,7 +175,7 @@ def check_call(parameters: Mapping[str, Any]) -> None:
     if parameters.get("junit") is not None and parameters.get("gate") is None:
         raise UsageError("--junit writes the outcome of a gate, so it needs --gate")
     if parameters.get("report") is not None:
-        from robacc.pictures.extra import need
+        from robacc.render.plots.optional_dependencies import need
 
         need("matplotlib", "plotly", "jinja2")
     named = [one for name, value in parameters.items() if name not in OUTPUTS for one in _texts(value)]
@@ -184,7 +184,7 @@ def check_call(parameters: Mapping[str, Any]) -> None:
     inputs = [one for one in named if _is_file(one)]
     # A gate that comes through a pipe can be read once: later, when there is a result to judge.
     if (gate := parameters.get("gate")) is not None and not _is_stream(gate):
-        from robacc.io.gate_files import baseline_path, read_gate
+        from robacc.documents.gate_files import baseline_path, read_gate
 
         inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
     _check_outputs(parameters, inputs)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from robacc.io.read_result import StoredResult
+    from robacc.documents.read_result import StoredResult
 
 
 def page_of_results(results: Sequence[StoredResult]) -> str:
@@ -16,8 +16,8 @@ def page_of_results(results: Sequence[StoredResult]) -> str:
         InputError: a result is not what its command writes.
         UsageError: the extra ``report`` is not installed.
     """
-    from robacc.html.page import page_of, result_of
-    from robacc.io.read_result import understood
+    from robacc.documents.read_result import understood
+    from robacc.render.html.page import page_of, result_of
 
     laid_out = []
     for place, one in enumerate(results, 1):
@@ -31,8 +31,8 @@ def page_of_document(document: Mapping[str, Any]) -> str:
     """The page of a result that was just computed, from its JSON text as it would be stored."""
     import json
 
-    from robacc.html.page import render
-    from robacc.io.result_json import json_text
+    from robacc.io.json_text import json_text
+    from robacc.render.html.page import render
 
     return render([json.loads(json_text(document))], [str(document["command"])])
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 from robacc.accuracy.grade_scale import Scale
+from robacc.comparison.compared_result import ComparedFigure, ComparedResult, split_key
 from robacc.comparison.differences import RESAMPLED, VECTORIAL, Difference, difference
 from robacc.comparison.from_intervals import from_intervals
+from robacc.comparison.grade_status import Standing, chosen_scale, standings
 from robacc.comparison.pairing import Pairing, pair
 from robacc.comparison.ranking import decided, groups, letters
-from robacc.comparison.standing import Standing, chosen_scale, standings
-from robacc.comparison.subject import Figure, Subject, split_key
 from robacc.comparison.warning import made_differently, notes
 from robacc.errors import UsageError
 
@@ -29,7 +29,7 @@ class Row:
 
     key: str
     unit: str
-    figures: tuple[Figure, ...]
+    figures: tuple[ComparedFigure, ...]
     """Of the results, in their order."""
     differences: tuple[Difference | None, ...]
     """To the baseline; None at the baseline itself."""
@@ -90,10 +90,10 @@ class Paired:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ResultComparison:
     """What :func:`compare` found."""
 
-    subjects: tuple[Subject, ...]
+    subjects: tuple[ComparedResult, ...]
     baseline: str
     confidence: float
     rows: tuple[Row, ...]
@@ -108,7 +108,7 @@ class Comparison:
 
 
 def compare(
-    subjects: Sequence[Subject],
+    subjects: Sequence[ComparedResult],
     *,
     baseline: str | None = None,
     by: str | None = None,
@@ -116,7 +116,7 @@ def compare(
     scale: Scale | None = None,
     confidence: float = 0.95,
     seed: int = 0,
-) -> Comparison:
+) -> ResultComparison:
     """Hold results against each other.
 
     Args:
@@ -153,7 +153,7 @@ def compare(
     judged = None if wanted is None else scale or chosen_scale(subjects)
     found = () if judged is None or wanted is None else standings(subjects, judged, wanted, seed)
     tested = any(one is not None and one.p_value is not None for row in rows for one in row.differences)
-    return Comparison(
+    return ResultComparison(
         subjects=tuple(subjects),
         baseline=names[reference],
         confidence=confidence,
@@ -168,7 +168,7 @@ def compare(
     )
 
 
-def _shared(subjects: Sequence[Subject]) -> list[str]:
+def _shared(subjects: Sequence[ComparedResult]) -> list[str]:
     """Keys that every result has, in the first one's order; components only where their axes are the same."""
     frames = {subject.frame for subject in subjects}
     keys = [key for key in subjects[0].figures if all(key in other.figures for other in subjects[1:])]
@@ -179,7 +179,7 @@ def _shared(subjects: Sequence[Subject]) -> list[str]:
 class _Engine:
     """Differences between results, each pair's poses matched once."""
 
-    subjects: Sequence[Subject]
+    subjects: Sequence[ComparedResult]
     confidence: float
     seed: int
     _pairings: dict[tuple[int, int, str], Pairing] = field(init=False, default_factory=dict)

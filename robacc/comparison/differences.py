@@ -50,7 +50,7 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class ErrorSample:
     """The errors of one result, by commanded pose."""
 
     vectors: Array
@@ -117,7 +117,7 @@ RESAMPLED = frozenset({*SMOOTH, "p95"})
 
 
 def difference(
-    statistic: str, first: Sample, second: Sample, *, paired: bool, confidence: float = 0.95, seed: int = 0
+    statistic: str, first: ErrorSample, second: ErrorSample, *, paired: bool, confidence: float = 0.95, seed: int = 0
 ) -> Difference:
     """The ``statistic`` of ``second`` less that of ``first``.
 
@@ -142,14 +142,16 @@ def difference(
     return _smooth(statistic, first, second, paired, confidence, seed)
 
 
-def _plain(statistic: str, sample: Sample) -> float:
+def _plain(statistic: str, sample: ErrorSample) -> float:
     if statistic == "p95":
         lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
         return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
     return float(SMOOTH[statistic](sample.sums().sum(axis=1))[0])
 
 
-def _smooth(statistic: str, first: Sample, second: Sample, paired: bool, confidence: float, seed: int) -> Difference:
+def _smooth(
+    statistic: str, first: ErrorSample, second: ErrorSample, paired: bool, confidence: float, seed: int
+) -> Difference:
     parts = [_Part(SMOOTH[statistic], sample.sums()) for sample in (first, second)]
     value = parts[1].value - parts[0].value
     variances = _variances([part.influence(None)[1] for part in parts], paired)
@@ -232,7 +234,7 @@ def _counts(size: int, seed: int, stream: int) -> Array:
     return np.bincount(drawn.ravel(), minlength=DRAWS * size).reshape(DRAWS, size).astype(float)
 
 
-def _percentile(first: Sample, second: Sample, paired: bool, confidence: float, seed: int) -> Difference:
+def _percentile(first: ErrorSample, second: ErrorSample, paired: bool, confidence: float, seed: int) -> Difference:
     value = _plain("p95", second) - _plain("p95", first)
     sizes = [first.n_groups, second.n_groups]
     n = first.n_groups if paired else None
@@ -251,7 +253,7 @@ def _percentile(first: Sample, second: Sample, paired: bool, confidence: float, 
     return Difference(value, value - reach, value + reach, confidence, p_value, method, paired, n)
 
 
-def _resampled_percentile(sample: Sample, seed: int, stream: int) -> Array:
+def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:
     """95th percentiles of samples of poses drawn anew, ``(B,)``; repetitions of a pose are drawn together."""
     lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
     order = np.argsort(lengths, kind="stable")

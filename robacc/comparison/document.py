@@ -21,7 +21,7 @@ MOST_POSES = 10**8
 
 
 @dataclass(frozen=True, slots=True)
-class Document:
+class ResultDocument:
     """A result's document; a path's keys are joined by dots, and a step of digits counts in a list."""
 
     root: Mapping[str, Any]

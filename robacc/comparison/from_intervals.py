@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 
+from robacc.comparison.compared_result import ComparedFigure
 from robacc.comparison.differences import Difference
-from robacc.comparison.subject import Figure
 from robacc.statistics.distributions import normal_cdf, normal_quantile
 
 METHOD = "from the results' own intervals, taken as independent (Zou and Donner)"
 
 
-def from_intervals(first: Figure, second: Figure, confidence: float) -> Difference:
+def from_intervals(first: ComparedFigure, second: ComparedFigure, confidence: float) -> Difference:
     """``second`` less ``first``; ``confidence`` is what a difference without an interval is said to lack one of."""
     value = second.value - first.value
     limits = (first.lower, first.upper, second.lower, second.upper)

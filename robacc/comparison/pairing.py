@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.comparison.differences import Sample
-from robacc.comparison.subject import ErrorSet, Poses
+from robacc.comparison.compared_result import ComparedPoses, ErrorSet
+from robacc.comparison.differences import ErrorSample
 from robacc.geometry import Array
 from robacc.measurements import commanded_groups
 
@@ -24,8 +24,8 @@ _ENOUGH = 0.5
 class Pairing:
     """Two sets of errors as samples for :func:`robacc.comparison.differences.difference`."""
 
-    first: Sample
-    second: Sample
+    first: ErrorSample
+    second: ErrorSample
     paired: bool
     n_first: int
     """Commanded poses of the whole set."""
@@ -43,27 +43,27 @@ def pair(first: ErrorSet, second: ErrorSet) -> Pairing:
             samples = []
             for errors, key in zip((first, second), keys, strict=True):
                 rows = np.isin(key, both)
-                samples.append(Sample(errors.vectors[:, rows], np.searchsorted(both, key[rows])))
+                samples.append(ErrorSample(errors.vectors[:, rows], np.searchsorted(both, key[rows])))
             return Pairing(samples[0], samples[1], True, *sizes)
-    return Pairing(Sample(first.vectors, own[0]), Sample(second.vectors, own[1]), False, *sizes)
+    return Pairing(ErrorSample(first.vectors, own[0]), ErrorSample(second.vectors, own[1]), False, *sizes)
 
 
-def whole(errors: ErrorSet) -> Sample:
+def whole(errors: ErrorSet) -> ErrorSample:
     """A set of errors by its own commanded poses."""
-    return Sample(errors.vectors, _numbered(_own_keys(errors.poses)))
+    return ErrorSample(errors.vectors, _numbered(_own_keys(errors.poses)))
 
 
 def _numbered(keys: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.unique(keys, return_inverse=True)[1].astype(np.int64)
 
 
-def _own_keys(poses: Poses) -> NDArray[np.int64]:
+def _own_keys(poses: ComparedPoses) -> NDArray[np.int64]:
     """Number of each row's commanded pose, by its id, else its joints, else its place, as measurements have it."""
     found = commanded_groups(poses.pose, poses.q if poses.q is not None else poses.commanded)
     return np.arange(poses.n, dtype=np.int64) if found is None else found.numbers
 
 
-def _common_keys(first: Poses, second: Poses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
     """Numbers of commanded poses that mean the same in both; None where nothing says which are the same.
 
     Row by row where both have the same rows in the same order; else by the joints, or by the ids where they name the
@@ -92,13 +92,15 @@ def _close(first: Array | None, second: Array | None, tolerance: float) -> bool:
     )
 
 
-def _same_targets(first: Poses, second: Poses) -> bool:
+def _same_targets(first: ComparedPoses, second: ComparedPoses) -> bool:
     if first.target is None or second.target is None:
         return first.target is second.target
     return bool(np.array_equal(first.target, second.target))
 
 
-def _matched(first: Poses, second: Poses, one: Array, other: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _matched(
+    first: ComparedPoses, second: ComparedPoses, one: Array, other: Array
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     number = np.unique(np.concatenate((one, other), axis=1), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
     return number[: first.n], number[first.n :]
 
@@ -108,7 +110,7 @@ def _by_text(one: NDArray[np.str_], other: NDArray[np.str_]) -> tuple[NDArray[np
     return number[: one.size], number[one.size :]
 
 
-def _same_places(first: Poses, second: Poses) -> bool:
+def _same_places(first: ComparedPoses, second: ComparedPoses) -> bool:
     """Whether equal ids stand for equal commanded positions, where both say what those are."""
     if first.commanded is None or second.commanded is None or first.pose is None or second.pose is None:
         return True

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from robacc.accuracy.grade_scale import STATISTICS, Scale, Step
-from robacc.comparison.document import Document
-from robacc.comparison.subject import ErrorSet, Figure, Poses, Subject
+from robacc.accuracy.grade_scale import STATISTICS, GradeStep, Scale
+from robacc.comparison.compared_result import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
+from robacc.comparison.document import ResultDocument
 from robacc.errors import InputError, UsageError
 
 FITS = ("calibrate", "trace")
@@ -30,11 +30,11 @@ _STAGES = (
 of poses apart (None: it has none there)."""
 
 
-def subject(document: Mapping[str, Any], name: str, file: str, digest: str) -> Subject:
+def subject(document: Mapping[str, Any], name: str, file: str, digest: str) -> ComparedResult:
     """The subject of a result's document.
 
     Args:
-        document: As :func:`robacc.io.read_result.read_result` gives it.
+        document: As :func:`robacc.documents.read_result.read_result` gives it.
         name: Under which it is to appear.
         file: Its file, for messages.
         digest: SHA-256 of the file.
@@ -46,14 +46,14 @@ def subject(document: Mapping[str, Any], name: str, file: str, digest: str) -> S
     command = str(document["command"])
     if command not in COMPARED:
         raise UsageError(f"{file} is a result of {command}; compared are those of {', '.join(COMPARED)}")
-    found = Document(document, file)
+    found = ResultDocument(document, file)
     n = found.count("n_poses")
     figures, errors = dict(_figures(found, command)), dict(_errors(found, command, n))
     scale, scale_name = _scale(found)
     if not figures and not found.problems:
         found.report("position", "the figures of a result are expected here")
     made = dict(_made(found, command, figures))
-    result = Subject(
+    result = ComparedResult(
         name=name,
         command=command,
         version=str(document["robacc"]),
@@ -73,7 +73,7 @@ def subject(document: Mapping[str, Any], name: str, file: str, digest: str) -> S
     return result
 
 
-def _figures(found: Document, command: str) -> Iterator[tuple[str, Figure]]:
+def _figures(found: ResultDocument, command: str) -> Iterator[tuple[str, ComparedFigure]]:
     if command == "iso9283":
         yield from _iso9283(found)
         return
@@ -86,7 +86,7 @@ def _figures(found: Document, command: str) -> Iterator[tuple[str, Figure]]:
             yield from _further(found, quantity, unit)
 
 
-def _stages(found: Document) -> tuple[tuple[str, str, str, str, str | None], ...]:
+def _stages(found: ResultDocument) -> tuple[tuple[str, str, str, str, str | None], ...]:
     """The stages of a fit; without poses held out, the fitted figures stand in their place, and the result says so."""
     if found.at("after.held_out") is not None:
         return _STAGES
@@ -95,24 +95,24 @@ def _stages(found: Document) -> tuple[tuple[str, str, str, str, str | None], ...
     )
 
 
-def _lengths(found: Document, path: str, key: str, unit: str) -> Iterator[tuple[str, Figure]]:
+def _lengths(found: ResultDocument, path: str, key: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
     for name in _LENGTHS:
         yield from _one(found, path, f"{key}.{name}", f"{name}_{unit}", unit)
 
 
-def _one(found: Document, path: str, key: str, name: str, unit: str) -> Iterator[tuple[str, Figure]]:
+def _one(found: ResultDocument, path: str, key: str, name: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
     """The figure ``name`` of the mapping at ``path``, with its interval beside it."""
     value = found.number(f"{path}.{name}")
     if value is not None:
         yield key, _with_interval(found, value, unit, f"{path}.intervals.{name}")
 
 
-def _with_interval(found: Document, value: float, unit: str, path: str) -> Figure:
+def _with_interval(found: ResultDocument, value: float, unit: str, path: str) -> ComparedFigure:
     limits = (found.number(f"{path}.lower"), found.number(f"{path}.upper"), found.number(f"{path}.confidence"))
-    return Figure(value, unit, *limits)
+    return ComparedFigure(value, unit, *limits)
 
 
-def _further(found: Document, quantity: str, unit: str) -> Iterator[tuple[str, Figure]]:
+def _further(found: ResultDocument, quantity: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
     """What an estimate or a prediction has beside the lengths."""
     yield from _one(found, quantity, f"{quantity}.max_radius95", f"max_radius95_{unit}", unit)
     radius = f"{quantity}.radius95.fitted_mean"
@@ -132,17 +132,17 @@ def _further(found: Document, quantity: str, unit: str) -> Iterator[tuple[str, F
     for i, axis in enumerate("xyz"):
         variance = found.number(f"{quantity}.centred_covariance_{unit}2.{i}.{i}")
         if variance is not None:
-            yield f"{quantity}.sd_{axis}", Figure(max(variance, 0.0) ** 0.5, unit)
+            yield f"{quantity}.sd_{axis}", ComparedFigure(max(variance, 0.0) ** 0.5, unit)
 
 
-def _iso9283(found: Document) -> Iterator[tuple[str, Figure]]:
+def _iso9283(found: ResultDocument) -> Iterator[tuple[str, ComparedFigure]]:
     for symbol in ("AP", "RP", "vAP", "AD", "RD", "drift.AP", "drift.RP", "drift.barycentre", "exchangeability"):
         path = f"iso9283.{symbol}"
         yield from _one(found, path, f"{path}.max", "max_m", "m")
         yield from _one(found, f"{path}.orientation", f"{path}.orientation.max", "max_rad", "rad")
 
 
-def _errors(found: Document, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
+def _errors(found: ResultDocument, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
     if command == "estimate":
         poses = _poses(found, "poses", n)
         for quantity, unit in _QUANTITIES:
@@ -166,8 +166,8 @@ def _errors(found: Document, command: str, n: int) -> Iterator[tuple[str, ErrorS
                 yield f"{prefix}{quantity}", ErrorSet(vectors[:, rows], poses.subset(rows))
 
 
-def _poses(found: Document, path: str, n: int) -> Poses:
-    return Poses(
+def _poses(found: ResultDocument, path: str, n: int) -> ComparedPoses:
+    return ComparedPoses(
         n,
         found.matrix(f"{path}.q", n),
         found.matrix(f"{path}.commanded_m", n, 3),
@@ -176,7 +176,7 @@ def _poses(found: Document, path: str, n: int) -> Poses:
     )
 
 
-def _grade(found: Document) -> str | None:
+def _grade(found: ResultDocument) -> str | None:
     grade = found.text("grade.grade")
     if grade is None:
         return None
@@ -185,7 +185,7 @@ def _grade(found: Document) -> str | None:
     return f"{grade}, demonstrated" if found.at("grade.demonstrated") is True else f"{grade}, not demonstrated"
 
 
-def _scale(found: Document) -> tuple[Scale | None, str | None]:
+def _scale(found: ResultDocument) -> tuple[Scale | None, str | None]:
     """The scale that the result was graded on, where its document has it whole, and its name."""
     name, statistic = found.text("grade.scale"), found.text("grade.statistic")
     steps, otherwise = found.at("grade.steps"), found.text("grade.otherwise")
@@ -198,13 +198,13 @@ def _scale(found: Document) -> tuple[Scale | None, str | None]:
         if grade is None or position is None:
             found.report(f"grade.steps.{i}", "a grade and its limit of position are expected here")
             return None, name
-        read.append(Step(grade, position, found.number(f"grade.steps.{i}.orientation_rad")))
+        read.append(GradeStep(grade, position, found.number(f"grade.steps.{i}.orientation_rad")))
     if confidence is None or not 0.5 <= confidence < 1.0 or not read:
         return None, name
     return Scale(name, statistic, confidence, tuple(read), otherwise), name  # type: ignore[arg-type]
 
 
-def _made(found: Document, command: str, figures: Mapping[str, Figure]) -> Iterator[tuple[str, str]]:
+def _made(found: ResultDocument, command: str, figures: Mapping[str, ComparedFigure]) -> Iterator[tuple[str, str]]:
     """How the result was made, in words: what differs between two results is warned of."""
     yield "command", command
     yield "robacc version", str(found.root["robacc"])
@@ -232,7 +232,7 @@ def _made(found: Document, command: str, figures: Mapping[str, Figure]) -> Itera
         yield "targets", ", ".join(sorted({str(one) for one in targets}))
 
 
-def _alignment(found: Document, command: str) -> str:
+def _alignment(found: ResultDocument, command: str) -> str:
     if command in FITS:
         return "fitted with the model"
     what = found.at("alignment.what") if command != "iso9283" else found.at("alignment.0.what")

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from robacc.accuracy.grade_scale import Scale
-from robacc.comparison.standing import Standing
-from robacc.comparison.subject import Subject
+from robacc.comparison.compared_result import ComparedResult
+from robacc.comparison.grade_status import Standing
 
 _CONSEQUENCES = {
     "frame": "lengths can be compared, components cannot, and are left out",
@@ -38,7 +38,7 @@ class Match(Protocol):
         """Commanded poses of the second."""
 
 
-def made_differently(subjects: Sequence[Subject], matches: Sequence[tuple[str, str, Match]]) -> tuple[str, ...]:
+def made_differently(subjects: Sequence[ComparedResult], matches: Sequence[tuple[str, str, Match]]) -> tuple[str, ...]:
     """A line for each aspect in which the results are not alike."""
     lines = []
     for aspect in dict.fromkeys(aspect for subject in subjects for aspect in subject.made):
@@ -53,7 +53,7 @@ def made_differently(subjects: Sequence[Subject], matches: Sequence[tuple[str, s
     return (*lines, *_about_poses(subjects, matches))
 
 
-def _about_poses(subjects: Sequence[Subject], matches: Sequence[tuple[str, str, Match]]) -> Iterator[str]:
+def _about_poses(subjects: Sequence[ComparedResult], matches: Sequence[tuple[str, str, Match]]) -> Iterator[str]:
     with_errors = {subject.name for subject in subjects if "position" in subject.errors}
     for first, second, match in matches:
         if first not in with_errors or second not in with_errors:
@@ -68,7 +68,9 @@ def _about_poses(subjects: Sequence[Subject], matches: Sequence[tuple[str, str, 
             )
 
 
-def notes(subjects: Sequence[Subject], tested: bool, found: Sequence[Standing], scale: Scale | None) -> tuple[str, ...]:
+def notes(
+    subjects: Sequence[ComparedResult], tested: bool, found: Sequence[Standing], scale: Scale | None
+) -> tuple[str, ...]:
     """What holds of the whole comparison; ``tested`` says whether any difference has a p-value."""
     lines = []
     if tested:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from robacc.chain import BASE
 from robacc.effects.base import About, Term, register, weight_needed
-from robacc.effects.elastic import FORMS, Elastic
+from robacc.effects.elastic import DEFLECTIONS, Elastic
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -21,7 +21,7 @@ class BaseCompliance(Elastic):
     about = About(
         summary="the pedestal or floor gives way: the base tilts under the arm's moment about it",
         equation="turns of the base about x and y + c (m_x, m_y), the moment of the arm's weight about them at the "
-        f"deflected pose; {FORMS}",
+        f"deflected pose; {DEFLECTIONS}",
         unit="rad/(N m)",
         usual_size="1e-9 to 1e-6 rad/(N m)",
         needs="mass and com of the links",

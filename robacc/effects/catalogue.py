@@ -26,7 +26,7 @@ class Offer:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class CatalogueEntry:
     """One effect of the catalogue."""
 
     name: str
@@ -39,7 +39,7 @@ class Entry:
 
 def catalogue(
     name: str | None = None, robot: Robot | None = None, data: Measurements | None = None
-) -> tuple[Entry, ...]:
+) -> tuple[CatalogueEntry, ...]:
     """Every effect, or the one called ``name``; judged for ``robot``, and for its poses where they are given.
 
     Raises:
@@ -48,7 +48,9 @@ def catalogue(
     classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
     arm = None if robot is None else Arm.of(robot)
     return tuple(
-        Entry(cls.name, cls.about, cls.per_joint, cls.is_constant, None if arm is None else _offer(cls, arm, data))
+        CatalogueEntry(
+            cls.name, cls.about, cls.per_joint, cls.is_constant, None if arm is None else _offer(cls, arm, data)
+        )
         for cls in classes
     )
 
@@ -66,12 +68,12 @@ def _offer(cls: type[Effect], arm: Arm, data: Measurements | None) -> Offer:
     return Offer(None, joints, tuple((term.name, term.unit) for term in terms))
 
 
-def document(entries: tuple[Entry, ...]) -> dict[str, Any]:
+def document(entries: tuple[CatalogueEntry, ...]) -> dict[str, Any]:
     """The keys of ``robacc.effects/1``."""
     return {"effects": [_entry_document(entry) for entry in entries]}
 
 
-def _entry_document(entry: Entry) -> dict[str, Any]:
+def _entry_document(entry: CatalogueEntry) -> dict[str, Any]:
     found: dict[str, Any] = {"name": entry.name, **dataclasses.asdict(entry.about)}
     found |= {"per_joint": entry.per_joint, "is_constant": entry.is_constant}
     if entry.offer is not None:

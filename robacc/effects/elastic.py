@@ -9,9 +9,9 @@ from typing import Any, Literal
 from robacc.effects.base import Effect, Part
 from robacc.gravity.loads import Load
 
-Form = Literal["equilibrium", "rigid"]
+Deflection = Literal["equilibrium", "rigid"]
 
-FORMS = (
+DEFLECTIONS = (
     "deflection: rigid takes it at the undeflected pose, the first-order form that controllers and most of the "
     "literature use"
 )
@@ -27,7 +27,7 @@ class Elastic(Effect):
     millimetres.
     """
 
-    deflection: Form = field(default="equilibrium", kw_only=True)
+    deflection: Deflection = field(default="equilibrium", kw_only=True)
 
     def part(self, motion: int, loads: tuple[Load, ...]) -> Part:
         """The motion that gives way, under ``loads``."""
@@ -46,7 +46,7 @@ class Elastic(Effect):
         return cls(joints, deflection=form)
 
 
-def deflection_setting(name: str, settings: Mapping[str, Any]) -> tuple[Form, dict[str, Any]]:
+def deflection_setting(name: str, settings: Mapping[str, Any]) -> tuple[Deflection, dict[str, Any]]:
     """The setting ``deflection``, and the other settings.
 
     Raises:

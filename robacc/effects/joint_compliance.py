@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from robacc.effects.base import About, Effect, Term, register, weight_needed
-from robacc.effects.elastic import FORMS, Elastic, deflection_setting
+from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
 from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -29,7 +29,7 @@ class JointCompliance(Elastic):
     name = "joint_compliance"
     about = About(
         summary="the joint's gear gives way to the torque of the arm's own weight",
-        equation=f"theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose; {FORMS}",
+        equation=f"theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose; {DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint); masses unknown: the same times kg or kg m",
         usual_size="1e-7 to 1e-5 rad/(N m), large arms the stiffer",
         needs="mass and com of the links; without them the torque's base regressors are fitted",

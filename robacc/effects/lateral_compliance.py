@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robacc.effects.base import About, Term, register, weight_needed
-from robacc.effects.elastic import FORMS, Elastic
+from robacc.effects.elastic import DEFLECTIONS, Elastic
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.assembly import FLEXURES
@@ -20,7 +20,7 @@ class LateralCompliance(Elastic):
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the moment across it",
         equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the arm's moment of gravity about them "
-        f"at the deflected pose; {FORMS}",
+        f"at the deflected pose; {DEFLECTIONS}",
         unit="rad/(N m)",
         usual_size="1e-8 to 1e-5 rad/(N m)",
         needs="mass and com of the links",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robacc.effects.base import About, Term, needed, register
-from robacc.effects.elastic import FORMS, Elastic
+from robacc.effects.elastic import DEFLECTIONS, Elastic
 from robacc.gravity.loads import payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -20,7 +20,7 @@ class PayloadCompliance(Elastic):
     about = About(
         summary="the joint gives way to the payload, which was not the same at every pose",
         equation="theta_j + c_j tau_j, tau_j the payload's moment of gravity about the axis at the deflected pose; "
-        f"{FORMS}",
+        f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint)",
         usual_size="1e-7 to 1e-5 rad/(N m)",
         needs="payload_kg that varies; payload: com in the robot file (default: at the tool)",

@@ -47,7 +47,7 @@ class _Start:
     tools: dict[str, Poses]
 
 
-def register(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
+def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
     """The robot with its base, its tool (or each target's), or both, moved onto the measured poses in closed form.
 
     Raises:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from robacc.fitting.elastic_form import FormChoice, better_form
+from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection
 from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.solver import Fit, Options
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 
 
-def in_shown_form(found: Fit, original: Model, data: Measurements, options: Options) -> tuple[Fit, FormChoice | None]:
+def choose_form(
+    found: Fit, original: Model, data: Measurements, options: Options
+) -> tuple[Fit, DeflectionChoice | None]:
     """``found``, the fit of ``original``, or the fit in the form that ``data`` show; and the choice of it."""
-    found, model, choice = better_form(found, original, data, options)
+    found, model, choice = choose_deflection(found, original, data, options)
     return without_idle_rotations(found, model, data, options), choice

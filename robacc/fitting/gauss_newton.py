@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.errors import EquilibriumError
-from robacc.fitting.normal_equations import Equations, Normal, Outcome
+from robacc.fitting.normal_equations import NormalEquations, PoseEquations, Prediction
 from robacc.geometry import Array
 
 _STEPS = 40
@@ -33,23 +33,28 @@ _EXACT = 1e-15
 class Minimum:
     """Where Gauss-Newton ended."""
 
-    outcome: Outcome
-    normal: Normal
+    outcome: Prediction
+    normal: NormalEquations
     """The last linearisation: what stands at the minimum follows from it by one step, which is taken."""
     steps: int
 
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    outcome: Outcome
-    normal: Normal | None
+    outcome: Prediction
+    normal: NormalEquations | None
     cost: float
     share: float
     """Of the step that was proposed."""
 
 
 def minimise(
-    equations: Equations, begin: Outcome, normal: Normal | None, weight: Array, precision: Array, tolerance: float
+    equations: PoseEquations,
+    begin: Prediction,
+    normal: NormalEquations | None,
+    weight: Array,
+    precision: Array,
+    tolerance: float,
 ) -> Minimum:
     """Go from ``begin``, whose linearisation is ``normal`` where it is known already, to the minimum.
 
@@ -101,7 +106,7 @@ def posterior(gram: Array, prior: Array) -> Array:
     return inverse
 
 
-def _step(normal: Normal, prior: Array, damping: float = 0.0) -> Array:
+def _step(normal: NormalEquations, prior: Array, damping: float = 0.0) -> Array:
     scale = 1.0 / np.sqrt(np.diag(normal.gram) + prior)
     matrix = (normal.gram + np.diag(prior)) * scale[:, None] * scale + damping * np.eye(scale.size)
     step: Array = scale * np.linalg.solve(matrix, scale * (normal.gradient - prior * normal.theta))
@@ -124,8 +129,8 @@ def _expected(length: float, before: float | None) -> float:
 
 
 def _searched(
-    equations: Equations,
-    present: Outcome,
+    equations: PoseEquations,
+    present: Prediction,
     step: Array,
     limit: float,
     weight: Array,
@@ -140,7 +145,7 @@ def _searched(
         share = 0.5**halving
         theta = present.theta.copy()
         theta[columns] += step * share
-        normal: Normal | None = None
+        normal: NormalEquations | None = None
         try:
             if derivative:
                 outcome, normal = equations.linearise(theta, weight)
@@ -157,7 +162,7 @@ def _searched(
 
 
 def _damped(
-    equations: Equations, present: Outcome, normal: Normal, limit: float, weight: Array, prior: Array
+    equations: PoseEquations, present: Prediction, normal: NormalEquations, limit: float, weight: Array, prior: Array
 ) -> _Move | None:
     """The least damped of some Levenberg-Marquardt steps that lowers the cost; None where none does."""
     for damping in _DAMPINGS:

@@ -34,7 +34,7 @@ def estimate(data: Measurements, residual: Array, kept: NDArray[np.bool_], used:
     )
 
 
-def weigh(data: Measurements, misfit: tuple[float, float]) -> Array:
+def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
     """``(M, N)`` reciprocal standard deviations, the misfit at least :data:`_ROUNDING`.
 
     Data without any noise can so be weighed at all, and position with noise beside orientation without any is weighed
@@ -43,7 +43,7 @@ def weigh(data: Measurements, misfit: tuple[float, float]) -> Array:
     return weights(data, max(misfit[0], _ROUNDING), max(misfit[1], _ROUNDING))
 
 
-def plausible(residual: Array, weight: Array, kept: NDArray[np.bool_], coefficients: int) -> NDArray[np.bool_]:
+def inlier_mask(residual: Array, weight: Array, kept: NDArray[np.bool_], coefficients: int) -> NDArray[np.bool_]:
     """``(N,)`` rows that belong to the rest: a robust scale from the median, a limit far beyond any tail."""
     rows, n = residual.shape
     distance = np.square(residual * weight).mean(axis=0)

@@ -23,7 +23,7 @@ from robacc.modelling.observation import residuals
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Prediction:
     """What coefficients predict, and how far the measured poses are off."""
 
     theta: Array
@@ -42,7 +42,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Normal:
+class NormalEquations:
     """Least squares linearised at ``theta``, of the K coefficients sought: gram step = gradient."""
 
     theta: Array
@@ -60,9 +60,11 @@ class Normal:
         moment: Array = self.gradient + self.gram @ self.theta
         return moment
 
-    def of(self, columns: NDArray[np.int64]) -> Normal:
+    def of(self, columns: NDArray[np.int64]) -> NormalEquations:
         """Of some of the coefficients, the others where they are."""
-        return Normal(self.theta[columns], self.gram[np.ix_(columns, columns)], self.gradient[columns], self.energy)
+        return NormalEquations(
+            self.theta[columns], self.gram[np.ix_(columns, columns)], self.gradient[columns], self.energy
+        )
 
     def left(self, theta: Array) -> float:
         """Sum of whitened squares that the linearisation expects at ``theta`` ``(K,)``."""
@@ -70,7 +72,7 @@ class Normal:
         return float(self.energy - 2.0 * step @ self.gradient + step @ self.gram @ step)
 
 
-class Equations:
+class PoseEquations:
     """A model and measured poses, in blocks; the Jacobian of a single block is kept while coefficients stay."""
 
     def __init__(self, model: Model, data: Measurements) -> None:
@@ -88,7 +90,7 @@ class Equations:
         """Coefficients that are sought: all at first, then fewer."""
         self._known: tuple[Array, NDArray[np.int64], Poses, Array] | None = None
 
-    def outcome(self, theta: Array, *, ahead: bool = False) -> Outcome:
+    def outcome(self, theta: Array, *, ahead: bool = False) -> Prediction:
         """Predict; ``ahead`` where the Jacobian will be wanted at the same place.
 
         Raises:
@@ -98,7 +100,7 @@ class Equations:
             return self._outcome(theta, [self._linearised(theta, 0)[0]])
         return self._outcome(theta, [bound.poses(theta) for bound in self._bound])
 
-    def linearise(self, theta: Array, weight: Array) -> tuple[Outcome, Normal]:
+    def linearise(self, theta: Array, weight: Array) -> tuple[Prediction, NormalEquations]:
         """Predict, and sum the normal equations of the coefficients sought.
 
         Raises:
@@ -112,9 +114,9 @@ class Equations:
             predicted.append(poses)
             missed.append(residual)
             gram += rows @ rows.T
-        return Outcome(theta, tuple(predicted), _joined(missed)), self._normal(theta, gram)
+        return Prediction(theta, tuple(predicted), _joined(missed)), self._normal(theta, gram)
 
-    def factorise(self, theta: Array, weight: Array) -> tuple[Array, Normal]:
+    def factorise(self, theta: Array, weight: Array) -> tuple[Array, NormalEquations]:
         """R factor ``(R, P)`` of the whitened Jacobian of the coefficients sought, and the normal equations from it.
 
         Orthogonal factorisation keeps twice the digits that the normal matrix has.
@@ -125,13 +127,13 @@ class Equations:
             triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows)) if index else rows, mode="r"))
         return triangle[:, :-1], self._normal(theta, triangle.T @ triangle)
 
-    def _normal(self, theta: Array, gram: Array) -> Normal:
+    def _normal(self, theta: Array, gram: Array) -> NormalEquations:
         """From the Gram matrix of the Jacobian with the residual as its last column."""
-        return Normal(theta[self.columns], gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]))
+        return NormalEquations(theta[self.columns], gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]))
 
-    def _outcome(self, theta: Array, predicted: list[Poses]) -> Outcome:
+    def _outcome(self, theta: Array, predicted: list[Poses]) -> Prediction:
         missed = [residuals(part, poses) for part, poses in zip(self._parts, predicted, strict=True)]
-        return Outcome(theta, tuple(predicted), _joined(missed))
+        return Prediction(theta, tuple(predicted), _joined(missed))
 
     def _linearised(self, theta: Array, index: int) -> tuple[Poses, Array]:
         if self._known is not None and np.array_equal(self._known[0], theta):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.fitting.folding import fold
+from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.robots.description import Frame, Robot
@@ -18,7 +18,7 @@ CORRELATED = 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class FittedParameter:
     """One coefficient."""
 
     name: str
@@ -38,7 +38,7 @@ class Correlation:
     value: float
 
 
-def parameters(found: Fit) -> tuple[Parameter, ...]:
+def parameters(found: Fit) -> tuple[FittedParameter, ...]:
     """Every coefficient. Frames are where they are in the measuring frame; the rest are differences from the file."""
     fitted = _frames(found)
     frames = {
@@ -53,7 +53,7 @@ def parameters(found: Fit) -> tuple[Parameter, ...]:
         value = frames.get(name, float(found.theta[i]))
         known = bool(np.isfinite(deviation[i]))
         why = None if known else dropped.get(name, "not identifiable")
-        result.append(Parameter(name, value, float(deviation[i]) if known else None, term.unit, why))
+        result.append(FittedParameter(name, value, float(deviation[i]) if known else None, term.unit, why))
     return tuple(result)
 
 
@@ -102,7 +102,7 @@ def _frames(found: Fit) -> dict[str, Frame]:
     free = {effect.name for effect in found.model.free}
     if not free & {"base_frame", "tool_frame"}:
         return {}
-    robot: Robot = fold(found)
+    robot: Robot = apply_fit(found)
     frames: dict[str, Frame] = {}
     if "base_frame" in free:
         frames["base_frame"] = robot.base

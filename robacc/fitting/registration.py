@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from robacc.effects import effect_class
 from robacc.errors import UsageError
-from robacc.fitting.folding import fold
-from robacc.fitting.parameters import Parameter, parameters
+from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.parameters import FittedParameter, parameters
 from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -26,7 +26,7 @@ class Alignment:
     effects: tuple[str, ...]
     n_parameters: int
     """Numbers that were fitted: those the poses show."""
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FittedParameter, ...]
     """Of the frames found: x, y, z (m), roll, pitch, yaw (rad)."""
     notes: tuple[str, ...]
     """What the poses could not show, in words."""
@@ -46,4 +46,4 @@ def align(robot: Robot, data: Measurements, what: Sequence[str]) -> Alignment:
     arm = Arm.of(robot)
     found = fit(Model.of(robot, [effect_class(name).default(arm, data) for name in effects]), data, Options())
     notes = tuple(dropped.why for dropped in found.dropped)
-    return Alignment(fold(found), effects, int(found.identifiability.kept.size), parameters(found), notes)
+    return Alignment(apply_fit(found), effects, int(found.identifiability.kept.size), parameters(found), notes)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.fitting.gauss_newton import posterior
-from robacc.fitting.normal_equations import Normal
+from robacc.fitting.normal_equations import NormalEquations
 from robacc.geometry import Array
 
 _ROUNDS = 60
@@ -50,7 +50,7 @@ class Priors:
         return float(columns.size - prior @ np.diag(posterior(gram, prior)))
 
     def widen(
-        self, normal: Normal, columns: NDArray[np.int64], components: float, noise_known: bool, settled: float
+        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, settled: float
     ) -> bool:
         """Find the groups' widths, and where noise is not known its scale; whether one changed by ``settled``.
 

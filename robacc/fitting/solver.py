@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from robacc.effects.base import Term
 from robacc.errors import InputError
 from robacc.fitting import misfit as misfits
-from robacc.fitting.closed_form import register
+from robacc.fitting.closed_form import register_frames
 from robacc.fitting.gauss_newton import minimise, posterior
-from robacc.fitting.held import FRAMES, HARDLY, badly_made, spread_at_nominal
 from robacc.fitting.identifiability import Dropped, Identifiability, identify
-from robacc.fitting.normal_equations import Equations, Normal
+from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.shrinkage import Priors
+from robacc.fitting.weak_parameters import FRAMES, WEAK, prior_std, std_at_nominal
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -135,7 +135,7 @@ def fit(model: Model, data: Measurements, options: Options = Options()) -> Fit:
     """
     names = {effect.name for effect in model.free}
     if names & FRAMES and options.start is None:
-        robot = register(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
+        robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
     solver.solve_held()
@@ -152,7 +152,7 @@ class _Solver:
 
     def __init__(self, model: Model, data: Measurements, options: Options) -> None:
         self.model, self.data, self.options = model, data, options
-        self.equations = Equations(model, data)
+        self.equations = PoseEquations(model, data)
         terms = self.equations.terms
         self.kept = np.ones(data.n, dtype=bool) if options.kept is None else options.kept.copy()
         self.held = {term.name: options.held[term.name] for term in terms if term.name in options.held}
@@ -162,10 +162,10 @@ class _Solver:
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
         self.outcome = self.equations.outcome(start, ahead=not start.any())
         self.misfit = options.misfit or misfits.estimate(data, self.outcome.residual, self.kept, 0.0)
-        self.weight = misfits.weigh(data, self.misfit)
-        self.linear: Normal
+        self.weight = misfits.row_weights(data, self.misfit)
+        self.linear: NormalEquations
         """The last linearisation, once solved."""
-        self.normal: Normal | None = None
+        self.normal: NormalEquations | None = None
         """The linearisation where the coefficients stand, while weights and rows are those it was made with."""
         self.identifiability = self._identify()
 
@@ -208,14 +208,14 @@ class _Solver:
         since the noise that a start far off seems to have would hold them all.
         """
         if self.held:
-            self._hold(spread_at_nominal(self.equations, self.weight * self.kept, self.priors.precision))
+            self._hold(std_at_nominal(self.equations, self.weight * self.kept, self.priors.precision))
         self.solve()
         spread = np.sqrt(np.diag(posterior(self.linear.gram, self.priors.precision[self.equations.columns])))
-        widths = badly_made(self.equations, self.model)
+        widths = prior_std(self.equations, self.model)
         drifted = np.abs(self.outcome.theta[self.equations.columns]) > widths
-        if not (drifted.any() or np.any(spread > HARDLY * widths)):
+        if not (drifted.any() or np.any(spread > WEAK * widths)):
             return
-        if self._hold(spread_at_nominal(self.equations, self.weight * self.kept, self.priors.precision)):
+        if self._hold(std_at_nominal(self.equations, self.weight * self.kept, self.priors.precision)):
             if drifted.any():
                 # What went with it is as far off.
                 self.outcome, self.normal = self.equations.outcome(np.zeros(len(self.equations.terms))), None
@@ -223,8 +223,8 @@ class _Solver:
 
     def _hold(self, spread: Array) -> bool:
         """Put a prior on constants whose standard errors are large; whether more of them have one now."""
-        before, widths = len(self.held), badly_made(self.equations, self.model)
-        for place in np.flatnonzero(spread > HARDLY * widths):
+        before, widths = len(self.held), prior_std(self.equations, self.model)
+        for place in np.flatnonzero(spread > WEAK * widths):
             column, width = self.equations.columns[place], float(widths[place])
             self.held[self.equations.terms[column].name] = width
             self.priors.precision[column] = max(self.priors.precision[column], width**-2)
@@ -246,7 +246,7 @@ class _Solver:
         else:
             self._minimise()
 
-    def _minimise(self) -> Normal:
+    def _minimise(self) -> NormalEquations:
         weight = self.weight * self.kept
         precision, tolerance = self.priors.precision, self.options.tolerance
         found = minimise(self.equations, self.outcome, self.normal, weight, precision, tolerance)
@@ -261,12 +261,12 @@ class _Solver:
             return False
         before = self.misfit
         self.misfit = misfits.estimate(self.data, self.outcome.residual, self.kept, effective)
-        self.weight = misfits.weigh(self.data, self.misfit)
+        self.weight = misfits.row_weights(self.data, self.misfit)
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, before, strict=True))
 
     def trim(self) -> bool:
         """Leave out rows that are no part of the rest; whether they are others than before."""
-        kept = misfits.plausible(self.outcome.residual, self.weight, self.kept, self.equations.columns.size)
+        kept = misfits.inlier_mask(self.outcome.residual, self.weight, self.kept, self.equations.columns.size)
         changed = not np.array_equal(kept, self.kept)
         self.kept = kept
         if changed:

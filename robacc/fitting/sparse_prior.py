@@ -45,7 +45,7 @@ _SMALLEST = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ShrunkKind:
     """Constants of one unit, and which of them differ from the robot file's."""
 
     unit: str
@@ -56,7 +56,9 @@ class Kind:
     """By how much those do that differ, root mean square, in ``unit``."""
 
 
-def drawn(found: Fit, data: Measurements, options: Options, effects: Sequence[str]) -> tuple[Fit, tuple[Kind, ...]]:
+def shrink_to_nominal(
+    found: Fit, data: Measurements, options: Options, effects: Sequence[str]
+) -> tuple[Fit, tuple[ShrunkKind, ...]]:
     """The fit again with constants of ``effects`` drawn to the file's values, and the kinds of which that holds.
 
     Where it holds of none, ``found`` itself. The covariance is that of ``found``, without the prior.
@@ -82,7 +84,7 @@ def drawn(found: Fit, data: Measurements, options: Options, effects: Sequence[st
     start = dataclasses.replace(options, priors=deviation, start=found.theta, widths=found.widths, held=found.held)
     again = dataclasses.replace(fit(found.model, data, start), covariance=found.covariance)
     return again, tuple(
-        Kind(unit, tuple(found.names[i] for i in kept[one.places]), tuple(one.probability.tolist()), one.width)
+        ShrunkKind(unit, tuple(found.names[i] for i in kept[one.places]), tuple(one.probability.tolist()), one.width)
         for unit, one in zip(kinds, result, strict=True)
     )
 

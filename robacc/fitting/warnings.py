@@ -23,7 +23,7 @@ _SMALL = 0.7
 """… where the residual is also less than this part of it, which is more than rounding a sigma explains."""
 
 
-def rows_left_out(found: Fit, data: Measurements) -> tuple[str, ...]:
+def outliers_warning(found: Fit, data: Measurements) -> tuple[str, ...]:
     """Which rows took no part in the fit, where there are such."""
     if not found.outliers.size:
         return ()
@@ -31,13 +31,13 @@ def rows_left_out(found: Fit, data: Measurements) -> tuple[str, ...]:
     return (f"left out as no part of the rest: {found.outliers.size} row(s), on {data.counted}(s) {lines}",)
 
 
-def none_held_out(data: Measurements) -> str:
+def no_held_out_warning(data: Measurements) -> str:
     """That there were too few poses to hold any out."""
     poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
     return f"{poses} too few to hold any out: every figure is of poses that were fitted"
 
 
-def frames_left(declared: Fit, data: Measurements) -> tuple[str, ...]:
+def frames_warning(declared: Fit, data: Measurements) -> tuple[str, ...]:
     """That what is left of a fit is too much for an arm, and what it comes from."""
     names = {effect.name for effect in declared.model.free}
     absent = [name for name in ALIGNABLE if name not in names]
@@ -52,7 +52,7 @@ def frames_left(declared: Fit, data: Measurements) -> tuple[str, ...]:
     return (f"errors this large come from {cause} rather than from the arm{advice}",)
 
 
-def told_apart(found: Fit) -> tuple[str, ...]:
+def condition_warning(found: Fit) -> tuple[str, ...]:
     """That the poses tell some coefficients apart badly."""
     condition = found.identifiability.condition
     if condition <= _TOLD_APART:
@@ -63,7 +63,7 @@ def told_apart(found: Fit) -> tuple[str, ...]:
     )
 
 
-def uncertainty_too_large(noise: LackOfFit) -> tuple[str, ...]:
+def sigma_warning(noise: LackOfFit) -> tuple[str, ...]:
     """That the file's uncertainty cannot be, where the residual is far below it."""
     if noise.noise.source != "file" or noise.p_value is None or noise.p_value <= _SURE or noise.ratio >= _SMALL:
         return ()
@@ -73,7 +73,7 @@ def uncertainty_too_large(noise: LackOfFit) -> tuple[str, ...]:
     )
 
 
-def hardly_shown(found: Fit) -> tuple[str, ...]:
+def weak_parameters_warning(found: Fit) -> tuple[str, ...]:
     """Which constants of the arm were held near the robot file's values, and by how much."""
     if not found.held:
         return ()

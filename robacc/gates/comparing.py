@@ -7,9 +7,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from robacc.gates.confidence import LEVELS, Curve, difference
-from robacc.gates.criteria import Criterion
-from robacc.gates.evidence import Figure, Missing, Sample, figure, sample
+from robacc.gates.confidence import LEVELS, BoundCurve, difference
+from robacc.gates.criteria import GateCriterion
+from robacc.gates.lookup import GateFigure, GateSample, Missing, figure, sample
 from robacc.statistics.paired import paired_difference
 from robacc.statistics.records import Statistic
 
@@ -19,8 +19,8 @@ _PAIRABLE = ("rms", "mean_error", "p95", "max")
 
 
 def compared(
-    document: Mapping[str, Any], baseline: Mapping[str, Any], criterion: Criterion
-) -> tuple[Figure, Figure] | Missing:
+    document: Mapping[str, Any], baseline: Mapping[str, Any], criterion: GateCriterion
+) -> tuple[GateFigure, GateFigure] | Missing:
     """The difference, result minus baseline, and the baseline's figure; what is missing where there is none."""
     own = figure(document, criterion.key, criterion.confidence)
     if isinstance(own, Missing):
@@ -45,10 +45,10 @@ def compared(
         return Missing("paired: true takes the errors of every pose, which are not in both results")
     if curve is None and own.curve is not None and its.curve is not None:
         curve = difference(own.value, own.curve, its.value, its.curve)
-    return Figure(value, own.dimension, curve, n, own.statistic), its
+    return GateFigure(value, own.dimension, curve, n, own.statistic), its
 
 
-def _matched(one: Sample, other: Sample, paired: bool | None) -> tuple[Sample, Sample] | Missing | None:
+def _matched(one: GateSample, other: GateSample, paired: bool | None) -> tuple[GateSample, GateSample] | Missing | None:
     """The rows in use in both; None where the poses are not the same ones."""
     if paired is False:
         return None
@@ -64,16 +64,18 @@ def _matched(one: Sample, other: Sample, paired: bool | None) -> tuple[Sample, S
     return _rows(one, left), _rows(other, right)
 
 
-def _rows(of: Sample, chosen: Any) -> Sample:
+def _rows(of: GateSample, chosen: Any) -> GateSample:
     commanded = None if of.commanded is None else of.commanded[:, chosen]
-    return Sample(of.errors[:, chosen], of.groups[chosen], of.rows[chosen], commanded, of.file)
+    return GateSample(of.errors[:, chosen], of.groups[chosen], of.rows[chosen], commanded, of.file)
 
 
-def _paired(one: Sample, other: Sample, statistic: str, confidence: float, seed: int) -> tuple[float, Curve, int]:
+def _paired(
+    one: GateSample, other: GateSample, statistic: str, confidence: float, seed: int
+) -> tuple[float, BoundCurve, int]:
     levels = sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
     value, intervals = paired_difference(
         one.errors, other.errors, cast("Statistic", statistic), levels, groups=one.groups, seed=seed
     )
-    drawn = Curve.through(intervals)
-    curve = Curve(drawn.z, drawn.bounds, f"paired, {drawn.method}", drawn.why, drawn.exact)
+    drawn = BoundCurve.through(intervals)
+    curve = BoundCurve(drawn.z, drawn.bounds, f"paired, {drawn.method}", drawn.why, drawn.exact)
     return value, curve, int(np.unique(one.groups).size)

@@ -13,7 +13,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from robacc.statistics.confidence import Curve as ExactCurve
+from robacc.statistics.confidence import ConfidenceCurve as ExactCurve
 from robacc.statistics.distributions import normal_cdf, normal_quantile
 from robacc.statistics.intervals import Interval
 
@@ -26,7 +26,7 @@ _STEPS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class BoundCurve:
     """Bounds of a figure, from the lowest level to the highest; empty where no interval could be had."""
 
     z: tuple[float, ...]
@@ -40,7 +40,7 @@ class Curve:
     """The interval's own method read the other way round, where it is at hand; goes before the line between bounds."""
 
     @classmethod
-    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> Curve:
+    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> BoundCurve:
         """The curve through one-sided and two-sided bounds; ``centre`` is the bound at one half, where it is known."""
         points: dict[float, float] = {} if centre is None else {0.0: centre}
         method, why, exact = "none", None, None
@@ -128,7 +128,7 @@ class Curve:
         return abs(self.scale(outer) - self.scale(middle)) / reach
 
 
-def difference(value: float, one: Curve, baseline: float, other: Curve) -> Curve:
+def difference(value: float, one: BoundCurve, baseline: float, other: BoundCurve) -> BoundCurve:
     """The curve of ``value`` - ``baseline`` of two samples that have nothing to do with each other.
 
     Each bound is put together from the two samples' own by the method of variance estimates recovery (G. Y. Zou,
@@ -142,14 +142,14 @@ def difference(value: float, one: Curve, baseline: float, other: Curve) -> Curve
             reach = math.hypot(own - value, its - baseline)
             points[z] = value - baseline + math.copysign(reach, z) if z else value - baseline
     if not any(points):
-        return Curve((), (), "none", one.why or other.why or "one of the two results has no interval of it")
+        return BoundCurve((), (), "none", one.why or other.why or "one of the two results has no interval of it")
     rising = sorted(points.values())
     method = "two samples, bounds put together by variance estimates recovery"
-    return Curve(tuple(sorted(points)), tuple(rising), method, one.why or other.why)
+    return BoundCurve(tuple(sorted(points)), tuple(rising), method, one.why or other.why)
 
 
 def operating_curve(
-    limit: float, curve: Curve, error: float, passes: Callable[[float], float]
+    limit: float, curve: BoundCurve, error: float, passes: Callable[[float], float]
 ) -> tuple[tuple[float, float], ...]:
     """Probability to pass over the true value, with as many poses as there were.
 

@@ -24,7 +24,7 @@ RULES: dict[Rule, str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Criterion:
+class GateCriterion:
     """One condition on one figure of a result."""
 
     name: str
@@ -55,7 +55,7 @@ class Gate:
     """Named criteria, all of which must be met."""
 
     name: str
-    criteria: tuple[Criterion, ...]
+    criteria: tuple[GateCriterion, ...]
 
     @property
     def baselines(self) -> tuple[str, ...]:

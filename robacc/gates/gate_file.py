@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from robacc.errors import InputError, Problem
-from robacc.gates.criteria import RULES, Criterion, Gate, Rule
+from robacc.gates.criteria import RULES, Gate, GateCriterion, Rule
 from robacc.gates.keys import LARGER_IS_BETTER, Kind, is_known, kind_of, nearest_key
 from robacc.quantities import UNITS, Dimension, parse_quantity
 
 if TYPE_CHECKING:
     import yaml
 
-    from robacc.robots.yamlnode import Section, Source
+    from robacc.io.yaml_nodes import Source, YamlSection
 
 VERSION = "1"
 DEFAULT_CONFIDENCE = 0.95
@@ -42,7 +42,7 @@ def load_gate(text: str, file: str) -> Gate:
     Raises:
         InputError: With every problem found, each with its line and key.
     """
-    from robacc.robots.yamlnode import Source, compose
+    from robacc.io.yaml_nodes import Source, compose
 
     source = Source(file)
     top = source.section(compose(text, file), "", _TOP)
@@ -54,14 +54,14 @@ def load_gate(text: str, file: str) -> Gate:
     name = top.require("name")
     gate_name = None if name is None else source.text(name, "name")
     confidence = _probability(top, "confidence", DEFAULT_CONFIDENCE)
-    criteria: list[Criterion] = []
+    criteria: list[GateCriterion] = []
     nodes = top.require("criteria")
     items = () if nodes is None else source.items(nodes, "criteria", "criteria")
     if nodes is not None and not items and not source.problems:
         source.complain(nodes, "criteria", "a gate without a criterion would let everything pass")
     for index, node in enumerate(items):
         section = source.section(node, f"criteria[{index}]", _KEYS)
-        one = None if section is None else _Reader(section, confidence).criterion()
+        one = None if section is None else _GateFileReader(section, confidence).criterion()
         if one is None:
             continue
         if one.name in [other.name for other in criteria]:
@@ -72,10 +72,10 @@ def load_gate(text: str, file: str) -> Gate:
 
 
 @dataclass(frozen=True, slots=True)
-class _Reader:
+class _GateFileReader:
     """Reads one criterion."""
 
-    section: Section
+    section: YamlSection
     confidence: float
     """Where the criterion states none."""
 
@@ -91,7 +91,7 @@ class _Reader:
         node = self.section.get(key)
         return None if node is None else self.source.text(node, self.section.at(key))
 
-    def criterion(self) -> Criterion | None:
+    def criterion(self) -> GateCriterion | None:
         """The criterion; None, with complaints, where it cannot be read."""
         before = len(self.source.problems)
         node = self.section.require("key")
@@ -110,7 +110,7 @@ class _Reader:
         if len(self.source.problems) > before:
             return None
         name = self.text("name") or key
-        return Criterion(name, key, kind, limit, words, at_least, rule, confidence, share, baseline, paired, why)
+        return GateCriterion(name, key, kind, limit, words, at_least, rule, confidence, share, baseline, paired, why)
 
     def _reason(self) -> str:
         """Why the limit is what it is; a text of several lines becomes one."""
@@ -225,15 +225,15 @@ def _example(kind: Kind | None) -> str | None:
     return {"length": "as in 0.2 mm", "angle": "as in 0.1 deg", None: "as in 0.2 mm"}.get(kind)
 
 
-def _probability(section: Section, key: str, default: float) -> float:
+def _probability(section: YamlSection, key: str, default: float) -> float:
     return _between(section, key, default, 0.5, 1.0)
 
 
-def _risk(section: Section, key: str, default: float) -> float:
+def _risk(section: YamlSection, key: str, default: float) -> float:
     return _between(section, key, default, 0.0, 0.5)
 
 
-def _between(section: Section, key: str, default: float, low: float, high: float) -> float:
+def _between(section: YamlSection, key: str, default: float, low: float, high: float) -> float:
     """A number between two others, neither of them taken; ``default`` where there is none."""
     node: yaml.Node | None = section.get(key)
     if node is None:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 
-from robacc.gates.criteria import Criterion
-from robacc.gates.deciding import Decision, Outcome
+from robacc.gates.criteria import GateCriterion
+from robacc.gates.decision_rules import Decision, Outcome
 
 _STEPS = 20
 
 
-def decide_largest(criterion: Criterion, value: float, n: int) -> Decision:
+def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
     """Decide on the largest error of ``n`` poses, for a limit that it must not exceed."""
     limit = criterion.limit if criterion.limit is not None else math.nan
     share, confidence = criterion.share, criterion.confidence

@@ -10,7 +10,7 @@ from typing import BinaryIO, Protocol
 
 from robacc.errors import InputError, Problem
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import Body, Header, TableReader
+from robacc.io.table import Header, TableBody, TableReader
 
 STDIN = "-"
 _PARQUET = b"PAR1"
@@ -33,7 +33,7 @@ class Table(Protocol):
     def header(self) -> Header:
         """The columns' names."""
 
-    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> Body:
+    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Every row, the columns of the given indices only."""
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Body, Header
+from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody
 
 if TYPE_CHECKING:
     import pyarrow
@@ -83,7 +83,7 @@ class ParquetReader:
             raise self._refused(f"found {rows} rows", f"expected at most {_MOST_ROWS}")
         return Header(tuple(name.strip() for name in self._names), None)
 
-    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> Body:
+    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Every row, the columns of the given indices only; what is wrong with values goes to :attr:`log`.
 
         Raises:
@@ -114,7 +114,7 @@ class ParquetReader:
                 done = end
         if done != n:
             raise self._damaged(f"{n} rows are announced, others are there")
-        return Body(table, tuple(map(np.concatenate, columns)), np.arange(1, n + 1, dtype=np.int64))
+        return TableBody(table, tuple(map(np.concatenate, columns)), np.arange(1, n + 1, dtype=np.int64))
 
     def _whole(self) -> BinaryIO:
         """The stream, or for a pipe what came through it; its digest is taken."""

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import MAX_PROBLEMS, InputError, Problem
-from robacc.measurements import Counted
+from robacc.errors import MAX_PROBLEMS, Counted, InputError, Problem
 
 _MAX_KEPT = 1000
 """Problems met while reading that are kept: they come in the file's order, so the ones to show are among the first."""

@@ -36,7 +36,7 @@ class Header:
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class TableBody:
     """The rows below the header."""
 
     numbers: Array
@@ -81,7 +81,7 @@ class TableReader:
             Problem("the file is empty", self.file, fix="expected a header row of column names and one row a pose")
         )
 
-    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> Body:
+    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Every row, the columns of the given indices only; what is wrong with rows goes to :attr:`log`."""
         store = _GrowingColumns(len(numbers))
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
@@ -92,7 +92,7 @@ class TableReader:
             lines.append(parsed.lines)
             for column, part in zip(columns, parsed.texts, strict=True):
                 column.append(part)
-        return Body(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
+        return TableBody(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
 
     def _remaining(self) -> Iterator[Block]:
         if self._rest is not None and self._rest.lines:
@@ -100,18 +100,18 @@ class TableReader:
         self._rest = None
         yield from self._blocks
 
-    def _parse(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> Body:
+    def _parse(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         parsed = self._parse_fast(block.lines, numbers, texts)
         if parsed is not None and parsed.numbers.shape[1] == len(block.lines):
-            return Body(parsed.numbers, parsed.texts, parsed.lines + block.first)
+            return TableBody(parsed.numbers, parsed.texts, parsed.lines + block.first)
         kept = [i for i, line in enumerate(block.lines) if _is_row(line)]
         lines = [block.lines[i] for i in kept]
         parsed = self._parse_fast(lines, numbers, texts) if len(kept) < len(block.lines) else None
         if parsed is None:
             return self._parse_fields([(block.first + i, block.lines[i]) for i in kept], numbers, texts)
-        return Body(parsed.numbers, parsed.texts, np.asarray(kept, dtype=np.int64) + block.first)
+        return TableBody(parsed.numbers, parsed.texts, np.asarray(kept, dtype=np.int64) + block.first)
 
-    def _parse_fast(self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> Body | None:
+    def _parse_fast(self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody | None:
         """The rows by NumPy, lines counted from 0; None where it cannot, or where a value is not finite or empty."""
         width = len(self._names)
         plain = len(set(numbers)) == width
@@ -143,9 +143,9 @@ class TableReader:
         if any(not 0 < len(text) <= MAX_TEXT for column in columns for text in column):
             return None
         arrays = tuple(np.array(column, dtype=str) for column in columns)
-        return Body(values, arrays, np.arange(values.shape[1], dtype=np.int64))
+        return TableBody(values, arrays, np.arange(values.shape[1], dtype=np.int64))
 
-    def _parse_fields(self, rows: list[tuple[int, str]], numbers: Sequence[int], texts: Sequence[int]) -> Body:
+    def _parse_fields(self, rows: list[tuple[int, str]], numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """The rows field by field, logging each fault; a row that is no row of this table is left out."""
         values: list[list[float]] = []
         columns: list[list[str]] = []
@@ -159,7 +159,7 @@ class TableReader:
             lines.append(number)
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
         arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
-        return Body(np.ascontiguousarray(table.T), arrays, np.array(lines, dtype=np.int64))
+        return TableBody(np.ascontiguousarray(table.T), arrays, np.array(lines, dtype=np.int64))
 
     def _fields(self, number: int, line: str) -> list[str] | None:
         try:

@@ -10,8 +10,8 @@ import numpy as np
 
 from robacc.geometry import Array
 from robacc.iso_9283.distance import distance
-from robacc.iso_9283.estimates import Estimate, largest, largest_of, size, student
-from robacc.iso_9283.records import Characteristic, Criterion, Figure, Symbol
+from robacc.iso_9283.estimates import IntervalEstimate, largest, largest_of, size, student
+from robacc.iso_9283.records import Characteristic, CriterionFigure, IsoCriterion, Symbol
 
 CLAUSES: dict[Symbol, str] = {
     "AP": "7.2.1",
@@ -35,9 +35,9 @@ class Found:
     poses: tuple[str, ...]
     source: str | None
     n: int
-    position: Estimate
-    axes: tuple[Estimate, ...] | None = None
-    angles: tuple[Estimate, ...] | None = None
+    position: IntervalEstimate
+    axes: tuple[IntervalEstimate, ...] | None = None
+    angles: tuple[IntervalEstimate, ...] | None = None
     mean_distance: float | None = None
     sd_distance: float | None = None
     between: str | None = None
@@ -48,7 +48,7 @@ def collected(
 ) -> Characteristic:
     """The characteristic over all places, of which there is at least one; ``no_angle`` says why there are no angles."""
     best, position = largest([size(one.position) for one in found], confidence)
-    angle, angle_at = Figure.missing(confidence, no_angle), None
+    angle, angle_at = CriterionFigure.missing(confidence, no_angle), None
     turned = [(one, letter, size(estimate)) for one in found for letter, estimate in _lettered(one)]
     if turned:
         worst, angle = largest([estimate for _, _, estimate in turned], confidence)
@@ -67,7 +67,7 @@ def collected(
 
 def absent(symbol: Symbol, confidence: float, why: str) -> Characteristic:
     """A characteristic that the data cannot support."""
-    missing = Figure.missing(confidence, why)
+    missing = CriterionFigure.missing(confidence, why)
     return Characteristic(symbol, CLAUSES[symbol], missing, None, missing, None, ())
 
 
@@ -80,7 +80,7 @@ def place(one: Found, among: Sequence[Found]) -> str:
 
 def separation(
     groups: Sequence[Array], names: Sequence[str], turns: Sequence[Array] | None
-) -> tuple[Estimate, tuple[Estimate, ...] | None, str]:
+) -> tuple[IntervalEstimate, tuple[IntervalEstimate, ...] | None, str]:
     """The largest distance between barycentres of groups of visits ``(3, n_i)``, the largest |mean angle difference|s.
 
     The scatter is pooled over the groups. The third is which two groups are furthest apart.
@@ -105,25 +105,25 @@ def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
     return centred @ centred.T / max(dof, 1), float(dof)
 
 
-def _apart(one: Array, other: Array, scatter: Array, dof: float) -> Estimate:
+def _apart(one: Array, other: Array, scatter: Array, dof: float) -> IntervalEstimate:
     share = 1.0 / one.shape[1] + 1.0 / other.shape[1]
     return distance(one.mean(axis=1) - other.mean(axis=1), scatter * share, dof)
 
 
-def _angle_apart(one: Array, other: Array, variance: float, dof: float) -> Estimate:
+def _angle_apart(one: Array, other: Array, variance: float, dof: float) -> IntervalEstimate:
     error = (variance * (1.0 / one.size + 1.0 / other.size)) ** 0.5
     return size(student(float(one.mean() - other.mean()), error, dof))
 
 
-def _lettered(one: Found) -> list[tuple[str, Estimate]]:
+def _lettered(one: Found) -> list[tuple[str, IntervalEstimate]]:
     return [] if one.angles is None else list(zip(LETTERS, one.angles, strict=True))
 
 
-def _criterion(one: Found, confidence: float) -> Criterion:
-    def figures(estimates: Sequence[Estimate] | None) -> tuple[Figure, ...] | None:
+def _criterion(one: Found, confidence: float) -> IsoCriterion:
+    def figures(estimates: Sequence[IntervalEstimate] | None) -> tuple[CriterionFigure, ...] | None:
         return None if estimates is None else tuple(estimate.figure(confidence) for estimate in estimates)
 
-    return Criterion(
+    return IsoCriterion(
         one.poses,
         one.source,
         one.n,

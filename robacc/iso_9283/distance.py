@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso_9283.estimates import ONE_VISIT, Estimate, student, without_interval
+from robacc.iso_9283.estimates import ONE_VISIT, IntervalEstimate, student, without_interval
 from robacc.statistics.distributions import normal_quantile, student_quantile
 from robacc.statistics.intervals import Interval
 from robacc.statistics.multivariate import principal_axes
@@ -24,7 +24,7 @@ _CLEAR = 20.0
 """Standard errors from zero on, a distance errs as its component along itself does (to 1 part in 800)."""
 
 
-def distance(difference: Array, covariance: Array, dof: float) -> Estimate:
+def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstimate:
     """The length of a mean vector ``(3,)`` whose covariance ``(3, 3)`` was estimated on ``dof`` degrees of freedom.
 
     The length is never negative and, of a vector that is small beside its scatter, too large. The limits are therefore
@@ -69,8 +69,8 @@ def distance(difference: Array, covariance: Array, dof: float) -> Estimate:
         return solve(0.5 * (1.0 - confidence), True)
 
     if not np.any(variances > 0.0):
-        return Estimate(value, lambda confidence: Interval(value, value, value, confidence, "no scatter"))
-    return Estimate(value, at, low)
+        return IntervalEstimate(value, lambda confidence: Interval(value, value, value, confidence, "no scatter"))
+    return IntervalEstimate(value, at, low)
 
 
 def _likeliest(found: Array, variances: Array, length: float) -> Array:

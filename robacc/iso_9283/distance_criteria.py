@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 from robacc.iso_9283 import estimates
 from robacc.iso_9283.collecting import Found, absent, collected
-from robacc.iso_9283.estimates import Estimate
+from robacc.iso_9283.estimates import IntervalEstimate
 from robacc.iso_9283.pose_criteria import NO_ANGLES, NO_COMMAND
 from robacc.iso_9283.records import Characteristic
 from robacc.iso_9283.visits import CommandedPose, wrapped
@@ -113,7 +113,7 @@ def _repeatability(
     one: CommandedPose, other: CommandedPose, first: NDArray[np.int64], second: NDArray[np.int64]
 ) -> Found:
     length, axes, angles = _distances(one, other, first, second)
-    spread: Callable[[Array], Estimate] = estimates.threefold_sd
+    spread: Callable[[Array], IntervalEstimate] = estimates.threefold_sd
     return Found(
         (one.label, other.label),
         one.source,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from robacc.iso_9283 import estimates
 from robacc.iso_9283.collecting import Found, absent, collected, separation
-from robacc.iso_9283.estimates import Estimate, largest_of, size
+from robacc.iso_9283.estimates import IntervalEstimate, largest_of, size
 from robacc.iso_9283.pose_criteria import NO_ANGLES, NO_COMMAND
 from robacc.iso_9283.records import Characteristic
 from robacc.iso_9283.repeatability import position_repeatability
@@ -73,7 +73,9 @@ def _counted(parts: Sequence[NDArray[np.int64]]) -> str:
     return str(most) if fewest == most else f"{fewest} or {most}"
 
 
-def _greatest(parts: Sequence[NDArray[np.int64]], against_first: Callable[[int], Estimate]) -> tuple[Estimate, int]:
+def _greatest(
+    parts: Sequence[NDArray[np.int64]], against_first: Callable[[int], IntervalEstimate]
+) -> tuple[IntervalEstimate, int]:
     """The largest size of a change against the first window, and the window."""
     changes = [size(against_first(i)) for i in range(1, len(parts))]
     worst = max(range(len(changes)), key=lambda i: changes[i].value)
@@ -93,7 +95,7 @@ def _of_accuracy(pose: CommandedPose, parts: list[NDArray[np.int64]]) -> Found:
     along = np.divide(means, lengths, out=np.zeros_like(means), where=lengths > 0.0)
     variance = np.einsum("iw,ij,jw->w", along, covariance, along) / [part.size for part in parts]
 
-    def against_first(i: int) -> Estimate:
+    def against_first(i: int) -> IntervalEstimate:
         # AP moves as the mean does along its own direction (delta method).
         return estimates.student(float(lengths[i] - lengths[0]), math.sqrt(variance[i] + variance[0]), dof)
 
@@ -104,13 +106,13 @@ def _of_accuracy(pose: CommandedPose, parts: list[NDArray[np.int64]]) -> Found:
     return Found((pose.label,), pose.source, pose.n, position, None, angles, between=f"windows 1 and {window + 1}")
 
 
-def _mean_change(values: NDArray[np.float64], parts: list[NDArray[np.int64]]) -> Estimate:
+def _mean_change(values: NDArray[np.float64], parts: list[NDArray[np.int64]]) -> IntervalEstimate:
     """Largest change of AP_a = ā - a_c, which is that of ā."""
     dof = len(values) - len(parts)
     means = [float(np.mean(values[part])) for part in parts]
     variance = sum(float(np.sum(np.square(values[part] - m))) for part, m in zip(parts, means, strict=True)) / dof
 
-    def against_first(i: int) -> Estimate:
+    def against_first(i: int) -> IntervalEstimate:
         error = math.sqrt(variance * (1.0 / parts[i].size + 1.0 / parts[0].size))
         return estimates.student(means[i] - means[0], error, dof)
 
@@ -130,7 +132,7 @@ def _of_repeatability(pose: CommandedPose, parts: list[NDArray[np.int64]], seed:
     return Found((pose.label,), pose.source, pose.n, position, None, angles, between=f"windows 1 and {window + 1}")
 
 
-def _spread_change(values: NDArray[np.float64], parts: list[NDArray[np.int64]]) -> Estimate:
+def _spread_change(values: NDArray[np.float64], parts: list[NDArray[np.int64]]) -> IntervalEstimate:
     each = [estimates.threefold_sd(values[part]) for part in parts]
     return _greatest(parts, lambda i: estimates.change(each[i], each[0]))[0]
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso_9283.records import Figure
+from robacc.iso_9283.records import CriterionFigure
 from robacc.statistics.distributions import normal_quantile, student_quantile
 from robacc.statistics.intervals import Interval, chi2_interval, tails
 
@@ -26,7 +26,7 @@ FEW_VISITS = "fewer than three visits"
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class IntervalEstimate:
     """A number and how to get its interval."""
 
     value: float
@@ -43,17 +43,17 @@ class Estimate:
         """The lower limit of the interval at a confidence."""
         return self.at(confidence).lower if self.low is None else self.low(confidence)
 
-    def figure(self, confidence: float) -> Figure:
+    def figure(self, confidence: float) -> CriterionFigure:
         """The number with its interval at that confidence."""
-        return Figure(self.value, self.at(confidence))
+        return CriterionFigure(self.value, self.at(confidence))
 
 
-def without_interval(value: float, why: str) -> Estimate:
+def without_interval(value: float, why: str) -> IntervalEstimate:
     """A number that nothing is known of besides."""
-    return Estimate(value, lambda confidence: Interval.missing(confidence, why))
+    return IntervalEstimate(value, lambda confidence: Interval.missing(confidence, why))
 
 
-def student(value: float, error: float, dof: float, method: str = STUDENT) -> Estimate:
+def student(value: float, error: float, dof: float, method: str = STUDENT) -> IntervalEstimate:
     """A number with a standard error on ``dof`` degrees of freedom; infinite for a normal one, none below one."""
     if dof < 1:
         return without_interval(value, ONE_VISIT)
@@ -64,10 +64,10 @@ def student(value: float, error: float, dof: float, method: str = STUDENT) -> Es
         )
         return Interval(value + below * error, value - below * error, value + bound * error, confidence, method)
 
-    return Estimate(value, at)
+    return IntervalEstimate(value, at)
 
 
-def mean(values: Array, offset: float = 0.0) -> Estimate:
+def mean(values: Array, offset: float = 0.0) -> IntervalEstimate:
     """The mean of ``values`` ``(n,)`` less ``offset``, by Student's t."""
     value = float(np.mean(values)) - offset
     if values.size < 2:
@@ -75,7 +75,7 @@ def mean(values: Array, offset: float = 0.0) -> Estimate:
     return student(value, float(np.std(values, ddof=1)) / math.sqrt(values.size), values.size - 1)
 
 
-def size(signed: Estimate) -> Estimate:
+def size(signed: IntervalEstimate) -> IntervalEstimate:
     """The absolute value of a signed estimate."""
 
     def at(confidence: float) -> Interval:
@@ -90,17 +90,17 @@ def size(signed: Estimate) -> Estimate:
         lower = signed.lower(confidence) if signed.value >= 0.0 else at(confidence).lower
         return None if lower is None else max(lower, 0.0)
 
-    return Estimate(abs(signed.value), at, low)
+    return IntervalEstimate(abs(signed.value), at, low)
 
 
-def threefold_sd(values: Array) -> Estimate:
+def threefold_sd(values: Array) -> IntervalEstimate:
     """3 S of ``values`` ``(n,)``, S with divisor n - 1; n at least 2. The interval is exact for Gaussian values."""
     value = 3.0 * float(np.std(values, ddof=1))
     dof = values.size - 1.0
-    return Estimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, CHI_SQUARE).root())
+    return IntervalEstimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, CHI_SQUARE).root())
 
 
-def change(after: Estimate, before: Estimate) -> Estimate:
+def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimate:
     """``after - before`` of two independent estimates, from their intervals.
 
     Source: G. Y. Zou, A. Donner, "Construction of confidence limits about effect measures", Statistics in Medicine 27,
@@ -121,10 +121,10 @@ def change(after: Estimate, before: Estimate) -> Estimate:
         bound = value + math.hypot(one.upper_bound - after.value, before.value - (double or 0.0))
         return Interval(low, high, bound, confidence, MOVER)
 
-    return Estimate(value, at)
+    return IntervalEstimate(value, at)
 
 
-def largest(estimates: Sequence[Estimate], confidence: float) -> tuple[int, Figure]:
+def largest(estimates: Sequence[IntervalEstimate], confidence: float) -> tuple[int, CriterionFigure]:
     """Which of the estimates is largest, and the figure of the largest of their true values.
 
     The greatest of the upper limits holds as it stands, for it is at least the upper limit of whichever is truly the
@@ -136,23 +136,23 @@ def largest(estimates: Sequence[Estimate], confidence: float) -> tuple[int, Figu
     intervals = [one.at(confidence) for one in estimates]
     missing = next((one for one in intervals if one.upper is None), None)
     if missing is not None or len(estimates) == 1:
-        return best, Figure(value, missing or intervals[0])
+        return best, CriterionFigure(value, missing or intervals[0])
     lower = _lower_of_largest(estimates, confidence)
     upper = max(one.upper or 0.0 for one in intervals)
     bound = max(one.upper_bound or 0.0 for one in intervals)
     method = f"{intervals[best].method}; largest of {len(estimates)}"
-    return best, Figure(value, Interval(lower, upper, bound, confidence, method))
+    return best, CriterionFigure(value, Interval(lower, upper, bound, confidence, method))
 
 
-def _lower_of_largest(estimates: Sequence[Estimate], confidence: float) -> float:
+def _lower_of_largest(estimates: Sequence[IntervalEstimate], confidence: float) -> float:
     strict = 1.0 - (1.0 - confidence) / len(estimates)
     return max(one.lower(strict) or 0.0 for one in estimates)
 
 
-def largest_of(estimates: Sequence[Estimate]) -> Estimate:
+def largest_of(estimates: Sequence[IntervalEstimate]) -> IntervalEstimate:
     """The largest of the estimates' true values, as an estimate."""
     value = max(one.value for one in estimates)
-    return Estimate(
+    return IntervalEstimate(
         value,
         lambda confidence: largest(estimates, confidence)[1].interval,
         lambda confidence: _lower_of_largest(estimates, confidence),

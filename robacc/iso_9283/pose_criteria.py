@@ -19,7 +19,7 @@ from robacc.geometry import Array
 from robacc.iso_9283 import estimates
 from robacc.iso_9283.collecting import Found, absent, collected, separation
 from robacc.iso_9283.distance import distance
-from robacc.iso_9283.estimates import Estimate
+from robacc.iso_9283.estimates import IntervalEstimate
 from robacc.iso_9283.records import Characteristic
 from robacc.iso_9283.repeatability import position_repeatability
 from robacc.iso_9283.visits import CommandedPose
@@ -40,7 +40,7 @@ def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristi
     return collected("AP", [_accuracy(pose) for pose in poses], confidence, _NO_COMMANDED_ANGLES)
 
 
-def position_accuracy(deviation: Array) -> Estimate:
+def position_accuracy(deviation: Array) -> IntervalEstimate:
     """AP_p from deviations ``(3, n)`` of the visits from the command."""
     n = deviation.shape[1]
     covariance = np.cov(deviation, ddof=1) / n if n > 1 else np.zeros((3, 3))

@@ -18,11 +18,11 @@ import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses, rotation_about
-from robacc.inverse_kinematics import inverse_kinematics, joint_ranges, spread_configurations
 from robacc.iso_9283.cube import FROM_CORNER, PLANES, PREFERRED_EDGES, Plane, corners, five_points
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
+from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, spread_configurations
 
 Orientation = Literal["down", "forward", "own", "free"]
 ORIENTATIONS: tuple[Orientation, ...] = ("down", "forward", "own", "free")

@@ -18,20 +18,20 @@ Status = Literal["met", "not met", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class CriterionFigure:
     """A number, m or rad, and its interval; where there is no number, the interval says why."""
 
     value: float | None
     interval: Interval
 
     @classmethod
-    def missing(cls, confidence: float, why: str) -> Figure:
+    def missing(cls, confidence: float, why: str) -> CriterionFigure:
         """No number, and the reason."""
         return cls(None, Interval.missing(confidence, why))
 
 
 @dataclass(frozen=True, slots=True)
-class Criterion:
+class IsoCriterion:
     """One criterion at one place: a commanded pose, or a pair of them."""
 
     poses: tuple[str, ...]
@@ -39,11 +39,11 @@ class Criterion:
     """Name of the file; None where the criterion is over several."""
     n: int
     """Visits, or pairs of them, that it rests on."""
-    position: Figure
+    position: CriterionFigure
     """m"""
-    axes: tuple[Figure, ...] | None = None
+    axes: tuple[CriterionFigure, ...] | None = None
     """The parts along x, y, z of the measuring frame, m, where the standard has them."""
-    angles: tuple[Figure, ...] | None = None
+    angles: tuple[CriterionFigure, ...] | None = None
     """a, b, c: rad."""
     mean_distance: float | None = None
     """RP: mean distance of the visits from their barycentre, m."""
@@ -60,15 +60,15 @@ class Characteristic:
     symbol: Symbol
     clause: str
     """Of ISO 9283:1998."""
-    position: Figure
+    position: CriterionFigure
     """The largest, m; of a signed criterion the largest size."""
     position_at: str | None
     """The place of the largest."""
-    angle: Figure
+    angle: CriterionFigure
     """The largest of a, b, c, rad."""
     angle_at: str | None
     """Its place and letter."""
-    places: tuple[Criterion, ...]
+    places: tuple[IsoCriterion, ...]
     notes: tuple[str, ...] = ()
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso_9283.estimates import FEW_VISITS, Estimate, student, without_interval
+from robacc.iso_9283.estimates import FEW_VISITS, IntervalEstimate, student, without_interval
 from robacc.statistics.intervals import Interval, interpolated, tails
 from robacc.statistics.multivariate import principal_axes
 
@@ -18,7 +18,7 @@ _MOST_FOR_BOOTSTRAP = 300
 """With more visits the delta method's error is far within the scatter of the draws."""
 
 
-def position_repeatability(residuals: Array, seed: tuple[int, ...]) -> Estimate:
+def position_repeatability(residuals: Array, seed: tuple[int, ...]) -> IntervalEstimate:
     """RP_l = mean l + 3 S_l with l the lengths of ``residuals`` ``(3, n)`` about their barycentre, n at least 2."""
     n = residuals.shape[1]
     length = np.sqrt(np.sum(np.square(residuals), axis=0))
@@ -27,7 +27,7 @@ def position_repeatability(residuals: Array, seed: tuple[int, ...]) -> Estimate:
     if n < 3:
         return without_interval(value, FEW_VISITS)
     if not np.any(length > 0.0):
-        return Estimate(0.0, lambda confidence: Interval(0.0, 0.0, 0.0, confidence, "no scatter"))
+        return IntervalEstimate(0.0, lambda confidence: Interval(0.0, 0.0, 0.0, confidence, "no scatter"))
     if n > _MOST_FOR_BOOTSTRAP:
         # What one visit adds to mean + 3 S: its length and 3 times its square's part of dS = d(S^2) / (2 S).
         influence = length + 1.5 * np.square(length - np.mean(length)) / spread if spread > 0.0 else length
@@ -40,7 +40,7 @@ def position_repeatability(residuals: Array, seed: tuple[int, ...]) -> Estimate:
         high, low, top = interpolated(ratios, [p * (ratios.size - 1) for p in (below, above, 1.0 - bound)])
         return Interval(value / low, value / high, value / top, confidence, f"{PIVOT}, {_DRAWS} draws")
 
-    return Estimate(value, at)
+    return IntervalEstimate(value, at)
 
 
 def _ratios(variances: Array, n: int, seed: tuple[int, ...]) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robacc.chain import Scalar, Sweep
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.geometry import Array, Poses
-from robacc.modelling.deflections import Deflections, Drive, Entry
+from robacc.modelling.deflections import Deflections, MotionGain, TermPart
 from robacc.robots.arm import Arm
 
 
@@ -78,8 +78,8 @@ class BoundModel:
     # -- what the terms are made of
 
     @cached_property
-    def _entries(self) -> tuple[Entry, ...]:
-        return tuple(Entry(i, part) for i, term in enumerate((*self.fixed, *self.terms)) for part in term.parts)
+    def _entries(self) -> tuple[TermPart, ...]:
+        return tuple(TermPart(i, part) for i, term in enumerate((*self.fixed, *self.terms)) for part in term.parts)
 
     @cached_property
     def _rigid(self) -> tuple[tuple[int, int, float | Array], ...]:
@@ -155,7 +155,7 @@ class BoundModel:
     def _compose(self, jacobian: Array, followed: Sweep, layout: _Layout, coefficients: Array) -> None:
         """Put the compound columns together from the motions followed, and add how the deflections answer."""
         jacobian[:, list(layout.compound)] = 0.0
-        driven = [Drive(layout.column[n], motion, by) for n, motion, by in self._rigid if n in layout.column]
+        driven = [MotionGain(layout.column[n], motion, by) for n, motion, by in self._rigid if n in layout.column]
         answers: list[tuple[int, Array]] = []
         if self._elastic.entries:
             undeflected = self._undeflected(coefficients)

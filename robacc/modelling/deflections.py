@@ -28,14 +28,14 @@ _SETTLED = 1e-14
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class TermPart:
     """Part of term ``number`` (a model's fixed ones first, then its free ones)."""
 
     number: int
     part: Part
 
 
-class Drive(NamedTuple):
+class MotionGain(NamedTuple):
     """``factor`` ``(N,)``, or a constant, by which a column's coefficient moves a motion."""
 
     column: int
@@ -49,7 +49,7 @@ class Deflections:
 
     arm: Arm
     n: int
-    entries: tuple[Entry, ...]
+    entries: tuple[TermPart, ...]
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
@@ -57,12 +57,12 @@ class Deflections:
         return tuple(sorted({load.after for loads in self._loads.values() for load in loads}))
 
     @cached_property
-    def first_order(self) -> tuple[Entry, ...]:
+    def first_order(self) -> tuple[TermPart, ...]:
         """Those whose force is that at the undeflected pose."""
         return tuple(e for e in self.entries if not e.part.deflected)
 
     @cached_property
-    def in_equilibrium(self) -> tuple[Entry, ...]:
+    def in_equilibrium(self) -> tuple[TermPart, ...]:
         """Those whose force is that at the deflected pose."""
         return tuple(e for e in self.entries if e.part.deflected)
 
@@ -85,7 +85,9 @@ class Deflections:
         elastic = [entry for entry in self.in_equilibrium if coefficients[entry.number] != 0]
         return self._equilibrium(scalars, elastic, coefficients) if elastic else scalars
 
-    def _equilibrium(self, rigid: list[Scalar], elastic: Sequence[Entry], coefficients: NDArray[Any]) -> list[Scalar]:
+    def _equilibrium(
+        self, rigid: list[Scalar], elastic: Sequence[TermPart], coefficients: NDArray[Any]
+    ) -> list[Scalar]:
         """Sweep until the deflections reproduce themselves."""
         motions = _motions(elastic)
         previous = np.zeros((len(motions), self.n), dtype=coefficients.dtype)
@@ -103,7 +105,7 @@ class Deflections:
         return _moved(rigid, motions, previous)
 
     def _at(
-        self, scalars: Sequence[Scalar], motions: Sequence[int], elastic: Sequence[Entry], coefficients: NDArray[Any]
+        self, scalars: Sequence[Scalar], motions: Sequence[int], elastic: Sequence[TermPart], coefficients: NDArray[Any]
     ) -> NDArray[Any]:
         """``(len(motions), N)``: by how much motions give way to the forces where the arm stands at ``scalars``."""
         sweep = self.arm.chain.sweep(scalars, self.n, motions, self.counts)
@@ -128,13 +130,13 @@ class Deflections:
 
     def answers(
         self,
-        driven: Sequence[Drive],
+        driven: Sequence[MotionGain],
         undeflected: Sequence[Scalar],
         followed: Sweep,
         motions: Sequence[int],
         column: Mapping[int, int],
         coefficients: Array,
-    ) -> tuple[list[Drive], list[tuple[int, Array]]]:
+    ) -> tuple[list[MotionGain], list[tuple[int, Array]]]:
         """What compliances drive by themselves, and (motion, ``(P, N)``): what deflections answer to every coefficient.
 
         Args:
@@ -160,12 +162,12 @@ class Deflections:
 
     def _driven(
         self,
-        elastic: Sequence[Entry],
+        elastic: Sequence[TermPart],
         sweep: Sweep,
         slot: Mapping[int, int],
         column: Mapping[int, int],
         coefficients: Array,
-    ) -> tuple[list[Drive], dict[int, Array]]:
+    ) -> tuple[list[MotionGain], dict[int, Array]]:
         """How deflections answer their own coefficients, and their slopes, by the forces at the pose of ``sweep``.
 
         ``{motion: (W, N)}``: what a deflection changes by per unit of each scalar followed.
@@ -178,7 +180,7 @@ class Deflections:
             part, value, i = entry.part, coefficients[entry.number], slot[entry.part.motion]
             if entry.number in column:
                 moment = self._force(placed, part, linear[:, i], angular[:, i])
-                driven.append(Drive(column[entry.number], part.motion, part.factor * moment))
+                driven.append(MotionGain(column[entry.number], part.motion, part.factor * moment))
             if value != 0:
                 slope = force_derivatives(gravity, placed[id(part.loads)], part.motion, tuple(slot), linear, angular)
                 slopes[part.motion] = slopes.get(part.motion, 0.0) + value * part.factor * slope
@@ -186,7 +188,7 @@ class Deflections:
 
     def _answered(
         self,
-        driven: Sequence[Drive],
+        driven: Sequence[MotionGain],
         answers: Sequence[tuple[int, Array]],
         slopes: Mapping[int, Array],
         slot: Mapping[int, int],
@@ -216,7 +218,7 @@ class Deflections:
         return {motion: np.ascontiguousarray(answer[:, row].T) for row, motion in enumerate(motions)}
 
 
-def _motions(elastic: Sequence[Entry]) -> tuple[int, ...]:
+def _motions(elastic: Sequence[TermPart]) -> tuple[int, ...]:
     """The motions that give way, each once."""
     return tuple(sorted({entry.part.motion for entry in elastic}))
 

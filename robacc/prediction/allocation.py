@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.prediction.parameters import Parameter
+from robacc.prediction.parameters import ToleranceParameter
 from robacc.prediction.predicting import Prediction, predict_accuracy, step_limits
 from robacc.robots.description import Robot
 
@@ -34,7 +34,7 @@ _REACHED = 1e-3
 class Allocated:
     """One parameter's tolerance, given and needed, as standard deviations in m or rad."""
 
-    parameter: Parameter
+    parameter: ToleranceParameter
     needed: float
 
     @property

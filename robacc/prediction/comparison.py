@@ -15,8 +15,8 @@ from robacc.modelling.model import predict
 from robacc.modelling.observation import residuals
 from robacc.prediction.components import Components, variance_components
 from robacc.prediction.consistency import Consistency, consistency
-from robacc.prediction.evidence import Evidence, gather_evidence
-from robacc.prediction.parameters import Parameter
+from robacc.prediction.parameters import ToleranceParameter
+from robacc.prediction.sufficient_statistics import Evidence, gather_evidence
 from robacc.robots.description import Robot
 
 _FEWEST_ALIGNED = 3
@@ -28,7 +28,7 @@ Noise = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class MeasuredComparison:
     """What :func:`compare_with_measured` found."""
 
     n_poses: int
@@ -50,13 +50,13 @@ class Comparison:
 def compare_with_measured(
     robot: Robot,
     data: Measurements,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[ToleranceParameter],
     *,
     what: Sequence[str] = (),
     noise: Noise = (None, None),
     confidence: float = 0.95,
     seed: int = 0,
-) -> Comparison:
+) -> MeasuredComparison:
     """Is the error of these poses what the tolerances predict, and what tolerances do the poses show?
 
     Args:
@@ -64,7 +64,7 @@ def compare_with_measured(
         data: Measured poses with joint variables.
         parameters: Whose errors are predicted.
         what: Of ``base_frame`` and ``tool_frame``, what is fitted to the poses first.
-        noise: See :func:`robacc.prediction.evidence.gather_evidence`.
+        noise: See :func:`robacc.prediction.sufficient_statistics.gather_evidence`.
         confidence: Of the components' intervals.
         seed: Of the likelihood ratio's null distribution.
 
@@ -82,7 +82,7 @@ def compare_with_measured(
     evidence = gather_evidence(aligned, data, parameters, noise=noise, aligned=tuple(what))
     errors = residuals(data, predict(aligned, data))
     tests = consistency(evidence, seed=seed)
-    return Comparison(
+    return MeasuredComparison(
         data.n,
         data.source or "the data",
         _rms(errors[:3]),

@@ -1,7 +1,7 @@
 r"""The variance components Vθ, Vr, Vl, Vα by maximum likelihood, from measured poses of one robot.
 
 Each kind of parameter (theta, d, a, alpha; of a URDF the offsets, the lengths and the angles of origins) has its
-predicted variances times one factor φ_c, so with the evidence y (see :mod:`robacc.prediction.evidence`)
+predicted variances times one factor φ_c, so with the evidence y (see :mod:`robacc.prediction.sufficient_statistics`)
 
     y ~ N(0, C),  C = I + K_0 + Σ_c φ_c K_c,  K_c = E_c E_c^T,
 
@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.prediction.evidence import Evidence
-from robacc.prediction.parameters import Parameter
+from robacc.prediction.parameters import ToleranceParameter
+from robacc.prediction.sufficient_statistics import Evidence
 from robacc.statistics.distributions import chi2_quantile
 
 GIVEN = frozenset({"base", "tool"})
@@ -74,7 +74,7 @@ class Components:
 
 
 def variance_components(
-    evidence: Evidence, parameters: Sequence[Parameter], confidence: float = 0.95
+    evidence: Evidence, parameters: Sequence[ToleranceParameter], confidence: float = 0.95
 ) -> Components | None:
     """Estimate one factor for each kind of parameter; None where the poses show none of them.
 
@@ -139,7 +139,7 @@ class _Problem:
     """``(R, R)`` I + K_0"""
 
     @classmethod
-    def of(cls, evidence: Evidence, parameters: Sequence[Parameter]) -> _Problem:
+    def of(cls, evidence: Evidence, parameters: Sequence[ToleranceParameter]) -> _Problem:
         free = [i for i, parameter in enumerate(parameters) if parameter.component not in GIVEN]
         given = [i for i, parameter in enumerate(parameters) if parameter.component in GIVEN]
         names = tuple(dict.fromkeys(parameters[i].component for i in free))

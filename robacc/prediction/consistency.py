@@ -1,6 +1,6 @@
 """Is the measured error what the tolerances predict? Chi-square and likelihood-ratio tests that respect the one draw.
 
-Both work on :class:`robacc.prediction.evidence.Evidence`: y_i ~ N(0, 1 + S_i²) independent, the rest N(0, 1).
+Both work on :class:`robacc.prediction.sufficient_statistics.Evidence`: y_i ~ N(0, 1 + S_i²) independent, the rest N(0, 1).
 
 - The normalised squared error e^T (J V J^T + Σ)^-1 e is Σ y_i²/(1 + S_i²) + rest, chi-square with as many degrees of
   freedom as numbers were measured (less those that an alignment used). Most of these speak of the noise alone; the
@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.prediction.evidence import Evidence
+from robacc.prediction.sufficient_statistics import Evidence
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf
 
 DRAWS = 1999

@@ -16,7 +16,7 @@ import numpy as np
 
 from robacc.chain import Chain, Scalar
 from robacc.geometry import Array, compose, transpose
-from robacc.prediction.parameters import Parameter
+from robacc.prediction.parameters import ToleranceParameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class PoseCovariances:
 
 
 def pose_covariances(
-    chain: Chain, scalars: Sequence[Scalar], n: int, parameters: Sequence[Parameter]
+    chain: Chain, scalars: Sequence[Scalar], n: int, parameters: Sequence[ToleranceParameter]
 ) -> PoseCovariances:
     """Equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` where they vary)."""
     # Rotations first: only they have an angular part, which is then one slice.

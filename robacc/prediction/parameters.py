@@ -51,7 +51,7 @@ NORMAL = "normal: a tolerance t is one standard deviation, variance t²"
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ToleranceParameter:
     """One parameter of the arm that is not known exactly."""
 
     name: str
@@ -69,7 +69,7 @@ class Parameter:
     """Standard deviation, m or rad; above zero."""
 
 
-def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> tuple[Parameter, ...]:
+def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> tuple[ToleranceParameter, ...]:
     """Every parameter with a standard deviation above zero: base, joints in order, tool.
 
     Args:
@@ -103,9 +103,9 @@ def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> 
 _EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
 
 
-def _of_frame(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[Parameter]:
+def _of_frame(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[ToleranceParameter]:
     return [
-        Parameter(
+        ToleranceParameter(
             f"{frame}.{kind}", None, kind, frame, arm.chain.index(owner, kind), _unit(arm, owner, kind), sds[kind]
         )
         for kind in FRAME_PARAMETERS
@@ -113,11 +113,11 @@ def _of_frame(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> lis
     ]
 
 
-def _of_joint(arm: Arm, joint: Joint, owner: int, given: Tolerances) -> list[Parameter]:
+def _of_joint(arm: Arm, joint: Joint, owner: int, given: Tolerances) -> list[ToleranceParameter]:
     every = given.every if joint.type != "fixed" else {}
     sds = {**joint.tolerance, **every, **given.joints.get(joint.name, {})}
     return [
-        Parameter(
+        ToleranceParameter(
             f"{joint.name}.{kind}",
             joint.name,
             kind,

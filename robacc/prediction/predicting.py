@@ -24,7 +24,7 @@ from robacc.prediction.lengths import (
     mixture_quantile,
     principal_variances,
 )
-from robacc.prediction.parameters import NORMAL, Parameter
+from robacc.prediction.parameters import NORMAL, ToleranceParameter
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.statistics.records import Statistic
@@ -35,7 +35,7 @@ PERCENTILES = (5, 25, 50, 75, 95)
 
 
 @dataclass(frozen=True, slots=True)
-class WorstPose:
+class WorstPredictedPose:
     """The pose with the largest predicted RMS error."""
 
     index: int
@@ -71,7 +71,7 @@ class PredictedErrors:
     p95: float
     max: float
     """Largest of ``pose_radius95``: no bound holds for Gaussian errors."""
-    worst: WorstPose
+    worst: WorstPredictedPose
     pose_statistic: Array
     """``(N,)`` what the grade scale's statistic is at each pose; for p95 and max the 95 % radius."""
 
@@ -117,7 +117,7 @@ class PredictedGrade:
 class Prediction:
     """What :func:`predict_accuracy` found."""
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[ToleranceParameter, ...]
     configurations: Configurations
     position: PredictedErrors
     orientation: PredictedErrors
@@ -133,7 +133,7 @@ class Prediction:
 
 def predict_accuracy(
     robot: Robot,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[ToleranceParameter],
     configurations: Configurations,
     scale: Scale,
     meaning: str = NORMAL,
@@ -193,14 +193,14 @@ def _errors(
     )
 
 
-def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configurations) -> WorstPose:
+def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configurations) -> WorstPredictedPose:
     # The first of equal ones: which of them rounding makes the largest differs between machines.
     index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
     values, vectors = np.linalg.eigh(covariance[:, :, index])
     direction = vectors[:, 2]
     if direction[np.argmax(np.abs(direction))] < 0:
         direction = -direction
-    return WorstPose(
+    return WorstPredictedPose(
         index,
         configurations.label(index),
         configurations.q[:, index].copy(),
@@ -211,7 +211,7 @@ def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configu
     )
 
 
-def _shares(parameters: Sequence[Parameter], found: PoseCovariances) -> list[Share]:
+def _shares(parameters: Sequence[ToleranceParameter], found: PoseCovariances) -> list[Share]:
     totals = float(found.position_power.sum()), float(found.orientation_power.sum())
     shares = []
     for i, parameter in enumerate(parameters):

@@ -18,9 +18,9 @@ from typing import cast
 
 import yaml
 
+from robacc.io.yaml_nodes import Source, YamlSection, compose, found, nearest
 from robacc.prediction.parameters import FRAME_PARAMETERS, Distribution, Tolerances, lengths_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
-from robacc.robots.yamlnode import Section, Source, compose, found, nearest
 from robacc.robots.yamlunits import Units
 
 DEFAULT_COVERAGE = 3.0
@@ -49,7 +49,9 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
         # What follows cannot be judged without them; complaints about it would be false ones.
         source.finish()
         raise AssertionError("finish() raises where there are no units")
-    reader = _Reader(robot, units, {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution])
+    reader = _ToleranceFileReader(
+        robot, units, {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
+    )
     tolerances = Tolerances(
         distribution,
         coverage,
@@ -64,14 +66,14 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     return tolerances
 
 
-class _Reader:
+class _ToleranceFileReader:
     """Reads the sections of one file for one robot; ``divisor`` turns a tolerance into a standard deviation."""
 
     def __init__(self, robot: Robot, units: Units, divisor: float) -> None:
         self.robot, self.units, self.divisor = robot, units, divisor
         self.kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
 
-    def every(self, top: Section) -> dict[str, float]:
+    def every(self, top: YamlSection) -> dict[str, float]:
         """The section ``all``."""
         node = top.get("all")
         if node is None:
@@ -84,7 +86,7 @@ class _Reader:
             top.source.complain(node, "all.offset", message, "give it under joints, each by its name")
         return values
 
-    def joints(self, top: Section) -> dict[str, dict[str, float]]:
+    def joints(self, top: YamlSection) -> dict[str, dict[str, float]]:
         """The section ``joints``: by name."""
         node = top.get("joints")
         if node is None:
@@ -105,7 +107,7 @@ class _Reader:
             result[name] = self._values(source, value, f"joints.{name}", kinds, lengths)
         return result
 
-    def frame(self, top: Section, key: str) -> dict[str, float]:
+    def frame(self, top: YamlSection, key: str) -> dict[str, float]:
         """The section ``base`` or ``tool``."""
         node = top.get(key)
         return {} if node is None else self._values(top.source, node, key, FRAME_PARAMETERS, LENGTH_PARAMETERS)
@@ -124,7 +126,7 @@ class _Reader:
         return result
 
 
-def _read_units(top: Section) -> Units | None:
+def _read_units(top: YamlSection) -> Units | None:
     node = top.require("units")
     section = node and top.source.section(node, "units", ("length", "angle"))
     if not section:
@@ -137,13 +139,13 @@ def _read_units(top: Section) -> Units | None:
     return Units.of(length, angle) if length and angle else None
 
 
-def _read_distribution(top: Section) -> Distribution:
+def _read_distribution(top: YamlSection) -> Distribution:
     node = top.get("distribution")
     value = top.source.choice(node, "distribution", _DISTRIBUTIONS) if node else None
     return cast(Distribution, value or "normal")
 
 
-def _read_coverage(top: Section, distribution: Distribution) -> float:
+def _read_coverage(top: YamlSection, distribution: Distribution) -> float:
     node = top.get("coverage")
     if node is None:
         return DEFAULT_COVERAGE

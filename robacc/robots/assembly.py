@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from robacc.chain import BASE, TOOL, Body, Chain, Drive, Motion
+from robacc.chain import BASE, TOOL, Body, Chain, JointDrive, Motion
 from robacc.robots.description import Frame, Joint, Robot
 
 _FRAME_ORDER = ("x", "y", "z", "yaw", "pitch", "roll")
@@ -44,7 +44,7 @@ def build_chain(robot: Robot) -> Chain:
     joint is driven by its master's variable.
     """
     motions = _frame_motions(robot.base, BASE)
-    drives: list[Drive] = []
+    drives: list[JointDrive] = []
     bodies: list[Body] = []
     joint_axis: list[int] = [0] * len(robot.variables)
     number = {joint.name: i for i, joint in enumerate(robot.variables)}
@@ -54,10 +54,10 @@ def build_chain(robot: Robot) -> Chain:
         if joint.type != "fixed":
             axis = next(k for k in range(first, len(motions)) if motions[k].label == variable_label(joint))
             if joint.mimic is None:
-                drives.append(Drive(axis, number[joint.name], float(joint.sign)))
+                drives.append(JointDrive(axis, number[joint.name], float(joint.sign)))
                 joint_axis[number[joint.name]] = axis
             else:
-                drives.append(Drive(axis, number[joint.mimic.master], joint.sign * joint.mimic.multiplier))
+                drives.append(JointDrive(axis, number[joint.mimic.master], joint.sign * joint.mimic.multiplier))
         if joint.mass:
             bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
     motions.extend(_frame_motions(robot.tool, TOOL))

@@ -13,7 +13,7 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
 from robacc.robots.urdfsizes import complain_of_sizes
 from robacc.robots.urdfwrite import robot_to_urdf
-from robacc.robots.urdfxml import Document, read_document
+from robacc.robots.urdfxml import UrdfDocument, read_document
 from robacc.robots.yamlunits import limits_meant
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _UNIT_AXIS = 1e-12
 class _Tree:
     """Links and joints of the file as yourdfpy reads them."""
 
-    document: Document
+    document: UrdfDocument
     robot: Any
     """yourdfpy's Robot."""
     parent_joint: dict[str, Any]
@@ -104,7 +104,7 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
     return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip)
 
 
-def _read_tree(document: Document) -> _Tree:
+def _read_tree(document: UrdfDocument) -> _Tree:
     from yourdfpy import URDF
 
     model = URDF.load(
@@ -206,7 +206,7 @@ def _read_origin(element: Element) -> dict[str, float]:
     return values
 
 
-def _read_axis(document: Document, element: Element, joint: Any) -> Vector:
+def _read_axis(document: UrdfDocument, element: Element, joint: Any) -> Vector:
     x, y, z = (float(value) for value in joint.axis)
     length = math.hypot(x, y, z)
     if length < _MIN_AXIS:
@@ -215,7 +215,7 @@ def _read_axis(document: Document, element: Element, joint: Any) -> Vector:
     return (x, y, z) if abs(length - 1) < _UNIT_AXIS else (x / length, y / length, z / length)
 
 
-def _read_limits(document: Document, element: Element, joint: Any) -> tuple[float, float] | None:
+def _read_limits(document: UrdfDocument, element: Element, joint: Any) -> tuple[float, float] | None:
     limit = joint.limit
     if limit is None or (limit.lower is None and limit.upper is None):
         return None

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from xml.etree.ElementTree import Element
 
 from robacc.robots.description import LENGTH_PARAMETERS, Joint
-from robacc.robots.urdfxml import Document
+from robacc.robots.urdfxml import UrdfDocument
 from robacc.robots.yamlunits import MAX_LENGTH, TRAVEL_IN_MM, TURN, limits_likely_degrees
 
 _LENGTH_FIX = "a URDF's lengths are in m"
 _ANGLE_FIX = "a URDF's angles are in rad"
 
 
-def complain_of_sizes(document: Document, elements: Mapping[str, Element], joints: Sequence[Joint]) -> None:
+def complain_of_sizes(document: UrdfDocument, elements: Mapping[str, Element], joints: Sequence[Joint]) -> None:
     """Complain of lengths and angles beyond reason, as of a robot file's.
 
     Args:

@@ -39,7 +39,7 @@ _OTHER_MODELS = {"sdf": "an SDF model", "mujoco": "a MuJoCo model", "COLLADA": "
 
 
 @dataclass(frozen=True, slots=True)
-class Document:
+class UrdfDocument:
     """The part of a URDF that describes its links and joints."""
 
     file: str
@@ -67,7 +67,7 @@ class Document:
         return bytes(tostring(self.root))
 
 
-def read_document(text: str, file: str) -> Document:
+def read_document(text: str, file: str) -> UrdfDocument:
     """The kept part of a URDF with every number in it checked.
 
     A document type is refused before anything is expanded: a URDF has none, and entities can swallow the memory or
@@ -76,15 +76,15 @@ def read_document(text: str, file: str) -> Document:
     Raises:
         InputError: The text is not well-formed XML, not a URDF, still xacro, or names and numbers in it are wrong.
     """
-    reader = _Reader(file)
+    reader = _UrdfReader(file)
     reader.read(text)
-    document = Document(file, reader.builder.close(), reader.lines)
+    document = UrdfDocument(file, reader.builder.close(), reader.lines)
     _check(document)
     document.finish()
     return document
 
 
-class _Reader:
+class _UrdfReader:
     """Expat's handlers: what is kept goes to a tree, with the line it stands on."""
 
     def __init__(self, file: str) -> None:
@@ -142,7 +142,7 @@ class _Reader:
         self.parents.pop()
 
 
-def _check(document: Document) -> None:
+def _check(document: UrdfDocument) -> None:
     own = document.root.attrib.setdefault("name", "robot")
     if not own.isprintable():
         document.complain(document.root, "", f"<robot name>: expected a name, found {own!r}")
@@ -161,7 +161,7 @@ def _check(document: Document) -> None:
                     document.complain(owner, name, f"the joint has no <{tag}>")
 
 
-def _check_element(document: Document, owner: Element, element: Element) -> None:
+def _check_element(document: UrdfDocument, owner: Element, element: Element) -> None:
     name = owner.get("name", "")
     for attribute in _NAMES.get(element.tag, ()):
         given = element.get(attribute, "")

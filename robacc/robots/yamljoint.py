@@ -9,6 +9,7 @@ from typing import Literal, cast
 
 import yaml
 
+from robacc.io.yaml_nodes import Source, YamlSection, found
 from robacc.robots.description import (
     DH_PARAMETERS,
     LENGTH_PARAMETERS,
@@ -19,7 +20,6 @@ from robacc.robots.description import (
     Mimic,
     Vector,
 )
-from robacc.robots.yamlnode import Section, Source, found
 from robacc.robots.yamlunits import Units, limits_meant
 
 _LINK_KEYS = ("mass", "com", "tolerance")
@@ -71,7 +71,7 @@ def read_joint(source: Source, node: yaml.Node, index: int, convention: Conventi
     )
 
 
-def _check_keys_of_type(section: Section, kind: str) -> None:
+def _check_keys_of_type(section: YamlSection, kind: str) -> None:
     for key in section.values:
         if kind == "fixed" and key not in _FIXED_KEYS:
             section.source.complain(section.values[key], section.at(key), "a fixed joint has none")
@@ -80,7 +80,7 @@ def _check_keys_of_type(section: Section, kind: str) -> None:
         section.source.complain(section.values["limits"], section.at("limits"), message, "make its type revolute")
 
 
-def _read_dh(section: Section, joint_type: JointType, units: Units) -> dict[str, float]:
+def _read_dh(section: YamlSection, joint_type: JointType, units: Units) -> dict[str, float]:
     # The variable's own parameter is an offset and zero by default, as is beta, which a plain table does not have.
     optional = {"beta", "theta" if joint_type == "revolute" else "d"}
     values = dict.fromkeys(DH_PARAMETERS, 0.0)
@@ -92,7 +92,7 @@ def _read_dh(section: Section, joint_type: JointType, units: Units) -> dict[str,
     return values
 
 
-def _read_origin(section: Section, joint_type: JointType, units: Units) -> dict[str, float]:
+def _read_origin(section: YamlSection, joint_type: JointType, units: Units) -> dict[str, float]:
     node = section.get("origin")
     origin = node and section.source.section(node, section.at("origin"), ("xyz", "rpy"))
     values = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
@@ -106,14 +106,16 @@ def _read_origin(section: Section, joint_type: JointType, units: Units) -> dict[
     return values
 
 
-def _read_tolerance(section: Section, joint_type: JointType, convention: Convention, units: Units) -> dict[str, float]:
+def _read_tolerance(
+    section: YamlSection, joint_type: JointType, convention: Convention, units: Units
+) -> dict[str, float]:
     if convention != "urdf":
         return units.tolerances(section, DH_PARAMETERS)
     lengths = LENGTH_PARAMETERS | ({"offset"} if joint_type == "prismatic" else set())
     return units.tolerances(section, ORIGIN_PARAMETERS, lengths)
 
 
-def _read_axis(section: Section) -> Vector:
+def _read_axis(section: YamlSection) -> Vector:
     node = section.require("axis")
     values = section.source.numbers(node, section.at("axis"), 3) if node else None
     if values is None:
@@ -127,7 +129,7 @@ def _read_axis(section: Section) -> Vector:
     return (values[0] / length, values[1] / length, values[2] / length)
 
 
-def _read_limits(section: Section, joint_type: JointType, units: Units) -> tuple[float, float] | None:
+def _read_limits(section: YamlSection, joint_type: JointType, units: Units) -> tuple[float, float] | None:
     node = section.get("limits")
     path = section.at("limits")
     values = section.source.numbers(node, path, 2) if node else None
@@ -148,7 +150,7 @@ def _read_limits(section: Section, joint_type: JointType, units: Units) -> tuple
     return meant
 
 
-def _read_sign(section: Section) -> Literal[1, -1]:
+def _read_sign(section: YamlSection) -> Literal[1, -1]:
     node = section.get("sign")
     value = section.source.number(node, section.at("sign")) if node else None
     if node and value is not None and abs(value) != 1:
@@ -156,7 +158,7 @@ def _read_sign(section: Section) -> Literal[1, -1]:
     return -1 if value == -1 else 1
 
 
-def _read_positive(section: Section, key: str) -> float | None:
+def _read_positive(section: YamlSection, key: str) -> float | None:
     node = section.get(key)
     value = section.source.number(node, section.at(key)) if node else None
     if node and value is not None and value <= 0:
@@ -165,7 +167,7 @@ def _read_positive(section: Section, key: str) -> float | None:
     return value
 
 
-def _read_mass(section: Section, units: Units) -> tuple[float | None, Vector | None]:
+def _read_mass(section: YamlSection, units: Units) -> tuple[float | None, Vector | None]:
     source, node, com_node = section.source, section.get("mass"), section.get("com")
     mass = source.number(node, section.at("mass")) if node else None
     if node and mass is not None and mass < 0:
@@ -176,7 +178,7 @@ def _read_mass(section: Section, units: Units) -> tuple[float | None, Vector | N
     return mass, com
 
 
-def _read_mimic(section: Section) -> Mimic | None:
+def _read_mimic(section: YamlSection) -> Mimic | None:
     node = section.get("mimic")
     inner = node and section.source.section(node, section.at("mimic"), ("joint", "multiplier", "offset"))
     if not inner:

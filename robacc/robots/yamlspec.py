@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import yaml
 
+from robacc.io.yaml_nodes import Source, YamlSection, compose, found
 from robacc.robots.description import (
     MAX_JOINTS,
     STANDARD_GRAVITY,
@@ -20,7 +21,6 @@ from robacc.robots.description import (
     effect_key,
 )
 from robacc.robots.yamljoint import read_joint, resolve_mimics
-from robacc.robots.yamlnode import Section, Source, compose, found
 from robacc.robots.yamlunits import Units, complain_of_likely_units
 from robacc.robots.yamlwrite import robot_to_yaml
 
@@ -78,7 +78,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
     return robot
 
 
-def _read_robot(top: Section, units: Units, convention: Convention) -> Robot:
+def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot:
     base, base_tolerance = _read_frame(top, "base", units)
     tool, tool_tolerance = _read_frame(top, "tool", units)
     return Robot(
@@ -100,7 +100,7 @@ def _read_robot(top: Section, units: Units, convention: Convention) -> Robot:
     )
 
 
-def _check_version(top: Section) -> None:
+def _check_version(top: YamlSection) -> None:
     node = top.values.get("robacc")
     if node is None:
         fix = f"write 'robacc: {FORMAT_VERSION}' as the first line"
@@ -109,7 +109,7 @@ def _check_version(top: Section) -> None:
         top.source.complain(node, "robacc", f"expected format version {FORMAT_VERSION}, found {found(node)}")
 
 
-def _read_units(top: Section) -> Units | None:
+def _read_units(top: YamlSection) -> Units | None:
     node = top.require("units")
     section = node and top.source.section(node, "units", ("length", "angle"))
     if not section:
@@ -119,17 +119,17 @@ def _read_units(top: Section) -> Units | None:
     return Units.of(length, angle) if length and angle else None
 
 
-def _read_choice(section: Section, key: str, options: Sequence[str]) -> str | None:
+def _read_choice(section: YamlSection, key: str, options: Sequence[str]) -> str | None:
     node = section.require(key)
     return section.source.choice(node, section.at(key), options) if node else None
 
 
-def _read_text(section: Section, key: str) -> str | None:
+def _read_text(section: YamlSection, key: str) -> str | None:
     node = section.get(key)
     return section.source.text(node, section.at(key)) if node else None
 
 
-def _read_gravity(top: Section) -> Vector:
+def _read_gravity(top: YamlSection) -> Vector:
     node = top.get("gravity")
     values = top.source.numbers(node, "gravity", 3) if node else None
     if values is None:
@@ -139,7 +139,7 @@ def _read_gravity(top: Section) -> Vector:
     return cast(Vector, values)
 
 
-def _read_frame(top: Section, key: str, units: Units) -> tuple[Frame, Mapping[str, float]]:
+def _read_frame(top: YamlSection, key: str, units: Units) -> tuple[Frame, Mapping[str, float]]:
     node = top.get(key)
     section = node and top.source.section(node, key, ("xyz", "rpy", "tolerance"))
     if not section:
@@ -147,14 +147,14 @@ def _read_frame(top: Section, key: str, units: Units) -> tuple[Frame, Mapping[st
     return units.frame(section), units.tolerances(section, _FRAME_TOLERANCES)
 
 
-def _read_payload(top: Section, units: Units) -> Vector | None:
+def _read_payload(top: YamlSection, units: Units) -> Vector | None:
     node = top.get("payload")
     section = node and top.source.section(node, "payload", ("com",))
     com = section.require("com") if section else None
     return units.position(top.source, com, "payload.com") if com else None
 
 
-def _read_targets(top: Section, units: Units) -> dict[str, Frame]:
+def _read_targets(top: YamlSection, units: Units) -> dict[str, Frame]:
     node = top.get("targets")
     if node is None:
         return {}
@@ -173,7 +173,7 @@ def _read_targets(top: Section, units: Units) -> dict[str, Frame]:
     return targets
 
 
-def _read_digests(top: Section) -> tuple[str, ...]:
+def _read_digests(top: YamlSection) -> tuple[str, ...]:
     node = top.get("fitted_to")
     digests = []
     for i, item in enumerate(top.source.items(node, "fitted_to", "SHA-256 of files of poses") if node else ()):
@@ -186,7 +186,7 @@ def _read_digests(top: Section) -> tuple[str, ...]:
     return tuple(digests)
 
 
-def _read_joints(top: Section, convention: Convention, units: Units) -> tuple[Joint, ...]:
+def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tuple[Joint, ...]:
     source = top.source
     node = top.require("joints")
     if node is None:
@@ -217,7 +217,7 @@ def _read_joints(top: Section, convention: Convention, units: Units) -> tuple[Jo
     return resolve_mimics(source, joints, items, units) if complete else ()
 
 
-def _read_effects(top: Section) -> tuple[Mapping[str, Any], ...]:
+def _read_effects(top: YamlSection) -> tuple[Mapping[str, Any], ...]:
     node = top.get("effects")
     if node is None:
         return ()

@@ -9,8 +9,8 @@ from typing import cast
 
 import yaml
 
+from robacc.io.yaml_nodes import Source, YamlSection, found
 from robacc.robots.description import LENGTH_PARAMETERS, ZERO, Frame, Joint, Robot, Vector
-from robacc.robots.yamlnode import Section, Source, found
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180}
@@ -71,7 +71,7 @@ class Units:
         """Three lengths in m."""
         return self._vector(source, node, path, is_length=True)
 
-    def frame(self, section: Section) -> Frame:
+    def frame(self, section: YamlSection) -> Frame:
         """``xyz`` and ``rpy`` of a section, each zero where absent."""
         parts = []
         for key in ("xyz", "rpy"):
@@ -89,7 +89,7 @@ class Units:
         return None if None in checked else cast(Vector, tuple(checked))
 
     def tolerances(
-        self, section: Section, names: Sequence[str], lengths: Collection[str] = LENGTH_PARAMETERS
+        self, section: YamlSection, names: Sequence[str], lengths: Collection[str] = LENGTH_PARAMETERS
     ) -> dict[str, float]:
         """The section's ``tolerance``: standard deviations of some of ``names``, m for the ``lengths``, else rad."""
         node = section.get("tolerance")
@@ -107,7 +107,7 @@ class Units:
         return result
 
 
-def complain_of_likely_units(robot: Robot, units: Units, top: Section) -> None:
+def complain_of_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:
     """Notice, over a whole robot that reads without fault, that it was written in units other than it says."""
     source, node = top.source, top.values["units"]
     if units.angle == 1.0 and limits_likely_degrees(robot.joints):

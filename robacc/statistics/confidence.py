@@ -34,7 +34,7 @@ MOST_POSES = 1_000_000
 """Nobody measures more, so no more are proposed."""
 
 
-class Curve(Protocol):
+class ConfidenceCurve(Protocol):
     """Of one quantity, estimated from n poses."""
 
     def below(self, value: float) -> float:
@@ -55,11 +55,11 @@ class ChiSquareCurve:
     dof: float
 
     def below(self, value: float) -> float:
-        """See :class:`Curve`."""
+        """See :class:`ConfidenceCurve`."""
         return chi2_sf(self.dof * self.value / value, self.dof) if value > 0.0 else 0.0
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
-        """See :class:`Curve`: the bound, distributed as chi-square(dof) / its lower quantile, is within the limit."""
+        """See :class:`ConfidenceCurve`: the bound, distributed as chi-square(dof) / its lower quantile, is within the limit."""
         if limit <= self.value:
             return None
 
@@ -84,7 +84,7 @@ class StudentCurve:
     """Studentised on the scale of the square root."""
 
     def below(self, value: float) -> float:
-        """See :class:`Curve`; on either side the more cautious of the two distributions, as in the interval."""
+        """See :class:`ConfidenceCurve`; on either side the more cautious of the two distributions, as in the interval."""
         if self.positive and value <= 0.0:
             return 0.0
         t = (self._scaled(self.mean) - self._scaled(value)) / self._scaled_error()
@@ -94,7 +94,7 @@ class StudentCurve:
         return max(0.5, min(student, drawn)) if t <= 0.0 else min(0.5, max(student, drawn))
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
-        """See :class:`Curve`; the error falls with the root of the number of poses."""
+        """See :class:`ConfidenceCurve`; the error falls with the root of the number of poses."""
         room = self._scaled(limit) - self._scaled(self.mean)
         if room <= 0.0:
             return None
@@ -115,14 +115,14 @@ class StudentCurve:
 class RootCurve:
     """Of the square root of a quantity that cannot be negative."""
 
-    square: Curve
+    square: ConfidenceCurve
 
     def below(self, value: float) -> float:
-        """See :class:`Curve`."""
+        """See :class:`ConfidenceCurve`."""
         return self.square.below(value * value) if value > 0.0 else 0.0
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
-        """See :class:`Curve`."""
+        """See :class:`ConfidenceCurve`."""
         return self.square.poses_for(limit * limit, confidence, n)
 
 
@@ -149,14 +149,14 @@ class PercentileCurve:
     n: int
     """Commanded poses."""
     p: float
-    model: Curve | None
+    model: ConfidenceCurve | None
     """Of the fitted Gaussian's quantile."""
     tail: Tail | None
     by_model: bool
     """The interval is the model's: there are too few poses for order statistics."""
 
     def below(self, value: float) -> float:
-        """See :class:`Curve`."""
+        """See :class:`ConfidenceCurve`."""
         if self.by_model and self.model is not None:
             return self.model.below(value)
         rank = self._level(value) * (self.n + 1.0)
@@ -166,7 +166,7 @@ class PercentileCurve:
         return max(by_order, self.model.below(value))
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
-        """See :class:`Curve`; with the share of lengths that the sample, or beyond it the Gaussian, has within."""
+        """See :class:`ConfidenceCurve`; with the share of lengths that the sample, or beyond it the Gaussian, has within."""
         if self.by_model and self.model is not None:
             poses = self.model.poses_for(limit, confidence, n)
             if poses is None or self.p**poses > 0.5 * (1.0 - confidence):

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.confidence import MOST_FOR_BINOMIAL, ChiSquareCurve, Curve, RootCurve, StudentCurve
+from robacc.statistics.confidence import MOST_FOR_BINOMIAL, ChiSquareCurve, ConfidenceCurve, RootCurve, StudentCurve
 from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
 
 FEWEST_FOR_BOOTSTRAP = 10
@@ -44,7 +44,7 @@ class Interval:
     method: str
     why: str | None = None
     """Why a limit is missing."""
-    curve: Curve | None = field(default=None, repr=False, compare=False)
+    curve: ConfidenceCurve | None = field(default=None, repr=False, compare=False)
     """The confidence of every other limit; None where there is none, or nobody asks for it."""
 
     @classmethod

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
 from robacc.effects.joint_correction import JointCorrection
+from robacc.effects.orders import supported_orders
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
-ORDER_STEP = 0.25
-"""Periods per turn between orders that are tried; the best is then improved off this grid."""
-HIGHEST_ORDER = 40.0
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
 """Of a joint's whole profile."""
 _TURN = 2.1 * math.pi
@@ -33,10 +31,6 @@ _SHRUNK_AGAINST_NAMED = 1e-3
 """Prior odds of a rich block against a named term of its own family: asked for only where the data insist."""
 BLOCK_LOG_PRIOR = math.log(_SHRUNK_AGAINST_NAMED / _UNITS)
 """Of a rich block of one joint."""
-_FEWEST = 8
-"""Different angles below which a joint shows no order."""
-_CLOSEST = 0.1
-"""Quantile of the gaps between angles that sets the highest order they support."""
 _FEWEST_ORDERS = 3
 """Orders below which a whole profile is no more than its named lines."""
 
@@ -88,7 +82,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Waves:
+class OrderGrid:
     """Periodic errors of one joint over a grid of orders."""
 
     joint: str
@@ -151,7 +145,7 @@ def named_candidates(
     return candidates, missing
 
 
-def waves(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[Waves]:
+def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[OrderGrid]:
     """For each joint that turns, the orders its poses can show."""
     if only is not None and TransmissionError.name not in only:
         return []
@@ -165,24 +159,8 @@ def waves(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> li
             continue
         # Neighbours of the grid say the same: what counts as independent are orders half a period of the range apart.
         independent = max(1.0, 2 * float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
-        result.append(Waves(joint, arm.number(joint), orders, angle, -math.log(_UNITS * independent)))
+        result.append(OrderGrid(joint, arm.number(joint), orders, angle, -math.log(_UNITS * independent)))
     return result
-
-
-def supported_orders(angle: Array) -> Array:
-    """Orders between one period over the range seen and what the spacing of the poses supports.
-
-    Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps.
-    """
-    values = np.unique(np.round(angle, 6))
-    if values.size < _FEWEST:
-        return np.zeros(0)
-    reach = float(values[-1] - values[0])
-    gap = float(np.quantile(np.diff(values), _CLOSEST))
-    highest = min(HIGHEST_ORDER, np.pi / max(gap, 1e-6))
-    lowest = max(ORDER_STEP, np.pi / reach)
-    first = math.ceil(lowest / ORDER_STEP) * ORDER_STEP
-    return np.arange(first, highest + 1e-9, ORDER_STEP)
 
 
 def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[Candidate]:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array
 from robacc.statistics.noncentral import needed_noncentrality
+from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.competition import Competition
 from robacc.tracing.evidence import Conditioned
 from robacc.tracing.selection import FALSE_ALARM, Selection
 
@@ -79,7 +79,7 @@ def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
     return np.where(values > _NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors
 
 
-def _forms(field: Competition) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
+def _forms(field: CandidateScorer) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
     """Forms whose coefficients can be added up to one size, but for those that others make up."""
     free = [one for one in field.pool if not one.is_block and len({term.unit for term in one.terms}) == 1]
     names = [{term.name for term in one.terms} for one in free]
@@ -91,7 +91,7 @@ def _forms(field: Competition) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
 def _limit(
     candidate: Candidate,
     columns: NDArray[np.int64],
-    field: Competition,
+    field: CandidateScorer,
     conditioned: Conditioned,
     weight: Array,
     learnt: float,

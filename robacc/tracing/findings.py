@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.accuracy.figures import pose_figures
+from robacc.accuracy.figures import pose_metrics
+from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import RobaccError
-from robacc.fitting.elastic_form import in_form
-from robacc.fitting.parameters import Parameter, parameters
+from robacc.fitting.deflection_model import with_deflection
+from robacc.fitting.parameters import FittedParameter, parameters
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.tracing.competition import Chosen
-from robacc.tracing.curves import Curve, curves
-from robacc.tracing.held_out import Held
-from robacc.tracing.lines import Line, fitted_lines, profile_lines
-from robacc.tracing.loop import Loop, coarse
+from robacc.tracing.candidate_scorer import Chosen
+from robacc.tracing.cross_validation import CrossValidation
+from robacc.tracing.harmonics import Harmonic, fitted_harmonics, profile_harmonics
+from robacc.tracing.loop import SearchResult, coarse
 from robacc.tracing.rivals import Alternative, lag_refitted, rivals
-from robacc.tracing.selection import Step
+from robacc.tracing.selection import SelectionStep
 
 _FEW = 8
 """A finding whose gain rests for more than half on fewer rows than this is said to rest on few poses."""
@@ -49,18 +49,20 @@ class Finding:
     """Held-out position rms without it, m; None where too few poses to hold any out, and of a frame, without which
     nothing else can be fitted."""
     held_out_after: float | None
-    chosen_again: tuple[int, int]
+    stability: tuple[int, int]
     """In how many of how many folds it was chosen again without the poses held out."""
-    parameters: tuple[Parameter, ...]
-    lines: tuple[Line, ...]
-    seen: tuple[tuple[str, float, float], ...]
+    parameters: tuple[FittedParameter, ...]
+    harmonics: tuple[Harmonic, ...]
+    validity: tuple[tuple[str, float, float], ...]
     """Joint ranges that it was learnt in: name, low, high (rad or m)."""
     warnings: tuple[str, ...]
-    curves: tuple[Curve, ...]
+    partial_residuals: tuple[PartialResidual, ...]
     """The residual along it over what drives it, without and with it."""
 
 
-def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measurements) -> Finding:
+def describe_finding(
+    loop: SearchResult, effect: Effect, final: Fit, held: CrossValidation | None, data: Measurements
+) -> Finding:
     """The finding that ``effect`` is: against its rivals, held out, and with its parameters in the final fit.
 
     It competes in equilibrium; the final fit may have it in the other form.
@@ -71,14 +73,14 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
         own, alternatives = rivals(loop.selection, one, refitted)
         p_value, evidence = own.p_value, own.evidence
     else:
-        p_value, evidence, alternatives = _first_seen(loop.steps, effect)
+        p_value, evidence, alternatives = _first_validity(loop.steps, effect)
     before = after = None
     if held is not None:
         rows = final.kept if held.folds else slice(None)
         without = held.without.get(effect.key())
-        before = None if without is None else pose_figures(without[:, rows]).position.rms
-        after = pose_figures(held.after[:, rows]).position.rms
-    number = in_form(final.model.free, "equilibrium").index(effect)
+        before = None if without is None else pose_metrics(without[:, rows]).position.rms
+        after = pose_metrics(held.after[:, rows]).position.rms
+    number = with_deflection(final.model.free, "equilibrium").index(effect)
     fitted = final.model.free[number]
     mine = [i for i, owner in enumerate(final.owners) if owner == number]
     every = parameters(final)
@@ -97,13 +99,13 @@ def told(loop: Loop, effect: Effect, final: Fit, held: Held | None, data: Measur
         folds_chosen,
         own_parameters,
         lines,
-        _seen(fitted, final, data),
+        _validity(fitted, final, data),
         _finding_warnings(fitted, final, data, folds_chosen),
-        curves(fitted, final, data),
+        partial_residuals(fitted, final, data),
     )
 
 
-def _first_seen(steps: Sequence[Step], effect: Effect) -> tuple[float, float, tuple[Alternative, ...]]:
+def _first_validity(steps: Sequence[SelectionStep], effect: Effect) -> tuple[float, float, tuple[Alternative, ...]]:
     """Score of a frame when it was added: it does not compete afterwards."""
     for step in steps:
         if step.action == "add" and step.ranking and step.ranking[0].candidate.effect.key() == effect.key():
@@ -112,17 +114,17 @@ def _first_seen(steps: Sequence[Step], effect: Effect) -> tuple[float, float, tu
 
 
 def _lines(
-    loop: Loop, effect: Effect, one: Chosen | None, own: Sequence[Parameter], covariance: Array
-) -> tuple[Line, ...]:
+    loop: SearchResult, effect: Effect, one: Chosen | None, own: Sequence[FittedParameter], covariance: Array
+) -> tuple[Harmonic, ...]:
     """The strong lines of a periodic error."""
     if not isinstance(effect, TransmissionError):
         return ()
     if effect.shrunk and one is not None:
-        return profile_lines(loop.selection, one)
-    return fitted_lines(effect, own, covariance)
+        return profile_harmonics(loop.selection, one)
+    return fitted_harmonics(effect, own, covariance)
 
 
-def _seen(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:
+def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:
     if data.q is None:
         return ()
     arm = final.model.arm

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
+from robacc.effects.orders import ORDER_STEP
 from robacc.effects.transmission_error import TransmissionError
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.tracing.candidates import ORDER_STEP
-from robacc.tracing.scene import SELECTION_POSES, Scene, linearise
-from robacc.tracing.selection import FALSE_ALARM, Selection, Step
+from robacc.tracing.linearised_candidates import SELECTION_POSES, LinearisedCandidates, linearise
+from robacc.tracing.selection import FALSE_ALARM, Selection, SelectionStep
 
 _ROUNDS = 4
 """Times at most that everything is fitted together and chosen again."""
@@ -30,7 +30,7 @@ SEARCH = Options(tolerance=1e-4, settled=1e-2)
 
 
 def choose(
-    scene: Scene,
+    scene: LinearisedCandidates,
     rows: NDArray[np.bool_],
     start: Sequence[Effect] = (),
     empirical: bool = True,
@@ -59,24 +59,24 @@ def choose(
 
 
 @dataclass(frozen=True)
-class Loop:
+class SearchResult:
     """What the loop found on one set of poses."""
 
     declared: Fit
     final: Fit
     effects: tuple[Effect, ...]
-    steps: tuple[Step, ...]
-    scene: Scene
+    steps: tuple[SelectionStep, ...]
+    scene: LinearisedCandidates
     selection: Selection
 
 
-def close_loop(
+def search(
     model: Model,
     data: Measurements,
     options: Options = SEARCH,
     only: Sequence[str] | None = None,
     empirical: bool = True,
-) -> Loop:
+) -> SearchResult:
     """Fit, choose, refit, until the choice stands."""
     declared = fit(model, data, options)
     everything = np.ones(data.n, dtype=bool)
@@ -98,7 +98,7 @@ def close_loop(
         scene = linearise(present, data, (*model.free, *frames), only)
         selection = choose(scene, everything, rest, empirical)
         steps.extend(selection.steps)
-    return Loop(declared, present, effects, tuple(steps), first, selection)
+    return SearchResult(declared, present, effects, tuple(steps), first, selection)
 
 
 def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:

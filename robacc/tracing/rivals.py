@@ -12,8 +12,8 @@ import numpy as np
 from robacc.effects.base import Effect
 from robacc.errors import RobaccError
 from robacc.measurements import Measurements
-from robacc.tracing.competition import Chosen, Ranked
-from robacc.tracing.loop import SEARCH, Loop, frames_first, refit
+from robacc.tracing.candidate_scorer import Chosen, Ranked
+from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit
 from robacc.tracing.selection import Selection
 
 RIVAL = 5.0
@@ -34,9 +34,9 @@ class Alternative:
 
     effect: str
     joints: tuple[str, ...]
-    likeness: float
+    similarity: float
     """Cosine between what the two take out of the residual: 1 where these poses cannot tell them apart at all."""
-    evidence_lag: float
+    evidence_difference: float
     """Nats by which its evidence is behind the finding's; negative where it is ahead."""
     settings: dict[str, object]
 
@@ -61,8 +61,8 @@ def rivals(selection: Selection, one: Chosen, refitted: Lag | None = None) -> tu
         behind = lag > RIVAL
         if name in seen or len(found) == _MOST or (behind and (refitted is None or place >= _LOOKED_AT)):
             continue
-        likeness = selection.likeness(one, rival.candidate)
-        if likeness < (_THE_SAME if behind else _ALIKE):
+        similarity = selection.similarity(one, rival.candidate)
+        if similarity < (_THE_SAME if behind else _ALIKE):
             continue
         if behind and refitted is not None:
             fitted = refitted(own, rival)
@@ -70,11 +70,11 @@ def rivals(selection: Selection, one: Chosen, refitted: Lag | None = None) -> tu
                 continue
             lag = fitted
         seen.add(name)
-        found.append(Alternative(effect.name, effect.joints, likeness, lag, effect.settings()))
-    return own, tuple(sorted(found, key=lambda other: other.evidence_lag))
+        found.append(Alternative(effect.name, effect.joints, similarity, lag, effect.settings()))
+    return own, tuple(sorted(found, key=lambda other: other.evidence_difference))
 
 
-def lag_refitted(loop: Loop, one: Chosen, effect: Effect, data: Measurements) -> Lag:
+def lag_refitted(loop: SearchResult, one: Chosen, effect: Effect, data: Measurements) -> Lag:
     """How far a rival of ``effect`` is behind once it is fitted in its place.
 
     The evidence's likelihood is replaced by that of the two fits; None where the rival cannot be fitted.

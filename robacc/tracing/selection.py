@@ -6,10 +6,11 @@ import dataclasses
 from dataclasses import dataclass
 
 from robacc.effects.base import Effect
+from robacc.effects.orders import ORDER_STEP
 from robacc.effects.transmission_error import TransmissionError
 from robacc.fitting.registration import ALIGNABLE
-from robacc.tracing.candidates import ORDER_STEP, Candidate
-from robacc.tracing.competition import Chosen, Competition, Ranked
+from robacc.tracing.candidate_scorer import CandidateScorer, Chosen, Ranked
+from robacc.tracing.candidates import Candidate
 
 FALSE_ALARM = 0.002
 """Bound over all candidates together that anything at all is named on a clean arm. The promise is one in a hundred;
@@ -26,7 +27,7 @@ _SWEEPS = 4
 
 
 @dataclass
-class Step:
+class SelectionStep:
     """What one step saw and did, for the record."""
 
     action: str
@@ -38,9 +39,9 @@ class Step:
 class Selection:
     """The state of one choice."""
 
-    field: Competition
+    field: CandidateScorer
     chosen: list[Chosen] = dataclasses.field(default_factory=list)
-    steps: list[Step] = dataclasses.field(default_factory=list)
+    steps: list[SelectionStep] = dataclasses.field(default_factory=list)
 
     def rank(self, with_blocks: bool = False) -> list[Ranked]:
         """Everything that competes beside what is chosen, best first."""
@@ -100,10 +101,10 @@ class Selection:
                 ranking = [one for one in ranking if one.candidate.key != without]
             best = ranking[0] if ranking else None
             if best is None or best.p_value > FALSE_ALARM:
-                self.steps.append(Step("stop", None, ranking))
+                self.steps.append(SelectionStep("stop", None, ranking))
                 return
             self.add(best)
-            self.steps.append(Step("add", str(best.candidate.effect), ranking))
+            self.steps.append(SelectionStep("add", str(best.candidate.effect), ranking))
             self._revise(without)
 
     def _rebuild(self) -> None:
@@ -115,7 +116,7 @@ class Selection:
             self.chosen = [other for other in before if other is not one]
             self._forward(False, one.candidate.key)
             if self.total() > total + _SWAP:
-                steps.append(Step("rebuild", f"without {one.candidate.effect}", []))
+                steps.append(SelectionStep("rebuild", f"without {one.candidate.effect}", []))
                 self.steps = steps
             else:
                 self.chosen, self.steps = before, steps
@@ -134,7 +135,7 @@ class Selection:
         own, ranking = self.contest(one)
         if own.p_value > FALSE_ALARM:
             self.chosen.remove(one)
-            self.steps.append(Step("drop", str(one.candidate.effect), ranking[:10]))
+            self.steps.append(SelectionStep("drop", str(one.candidate.effect), ranking[:10]))
             return True
         ranking = [rival for rival in ranking if rival.candidate.key != without]
         best = ranking[0] if ranking else own
@@ -142,7 +143,7 @@ class Selection:
             at = self.chosen.index(one)
             self.chosen[at] = self.field.taken(best.candidate, best.width)
             self._settle_order(self.chosen[at])
-            self.steps.append(Step("swap", f"{one.candidate.effect} -> {best.candidate.effect}", ranking[:10]))
+            self.steps.append(SelectionStep("swap", f"{one.candidate.effect} -> {best.candidate.effect}", ranking[:10]))
             return True
         return False
 
@@ -153,7 +154,7 @@ class Selection:
             if self._p_value(weakest) <= FALSE_ALARM:
                 return
             self.chosen.remove(weakest)
-            self.steps.append(Step("drop", str(weakest.candidate.effect), []))
+            self.steps.append(SelectionStep("drop", str(weakest.candidate.effect), []))
 
     def _p_value(self, one: Chosen) -> float:
         """Of a finding, with every other finding kept."""
@@ -168,9 +169,9 @@ class Selection:
         key = one.candidate.key
         return own, [rival for rival in ranking if rival.candidate.key != key]
 
-    def likeness(self, one: Chosen, rival: Candidate) -> float:
+    def similarity(self, one: Chosen, rival: Candidate) -> float:
         """Cosine between what a finding and a rival take out of the residual, all other findings kept."""
-        return self.field.likeness(self.chosen, one, rival)
+        return self.field.similarity(self.chosen, one, rival)
 
     def total(self) -> float:
         """Log posterior odds of everything chosen together, against nothing: each in turn given those before it."""

@@ -12,31 +12,31 @@ import numpy as np
 
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
-from robacc.fitting.elastic_form import FormChoice
-from robacc.fitting.folding import fold
-from robacc.fitting.forms import in_shown_form
+from robacc.diagnostics.data_mistakes import refuse_mistake
+from robacc.diagnostics.residual_correlation import residual_correlations
+from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.deflection_model import DeflectionChoice
+from robacc.fitting.forms import choose_form
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.warnings import (
-    frames_left,
-    hardly_shown,
-    none_held_out,
-    rows_left_out,
-    told_apart,
-    uncertainty_too_large,
+    condition_warning,
+    frames_warning,
+    no_held_out_warning,
+    outliers_warning,
+    sigma_warning,
+    weak_parameters_warning,
 )
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
+from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, reduced
 from robacc.tracing.detection import DetectionLimit, detection_limits
-from robacc.tracing.findings import Finding, told
-from robacc.tracing.held_out import Held, Progress, hold_out, reduced
-from robacc.tracing.leftover import alike
-from robacc.tracing.loop import SEARCH, Loop, close_loop, coarse, frames_first, refit
-from robacc.tracing.mistakes import refuse_mistake
-from robacc.tracing.selection import FALSE_ALARM, Step
+from robacc.tracing.findings import Finding, describe_finding
+from robacc.tracing.loop import SEARCH, SearchResult, coarse, frames_first, refit, search
+from robacc.tracing.selection import FALSE_ALARM, SelectionStep
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 
@@ -74,10 +74,10 @@ class Trace:
     after: Stage
     gain: Gain | None
     findings: tuple[Finding, ...]
-    deflection: FormChoice | None
+    deflection: DeflectionChoice | None
     """At which pose the moments of elastic effects are taken; None where none is fitted, or it was not asked."""
     unexplained: Unexplained
-    steps: tuple[Step, ...]
+    steps: tuple[SelectionStep, ...]
     missing: dict[str, str]
     detection: tuple[DetectionLimit, ...]
     """What these poses could have shown beside the findings."""
@@ -112,19 +112,19 @@ def trace(
     """
     refuse_mistake(model.arm.robot, data)
     progress("searching", 0, n_folds + 1)
-    whole = close_loop(model, data, SEARCH, empirical=empirical)
-    held = hold_out(whole, data, holdout, n_folds, seed, empirical, progress)
+    whole = search(model, data, SEARCH, empirical=empirical)
+    held = cross_validate(whole, data, holdout, n_folds, seed, empirical, progress)
     loop = _reproduced(whole, held, data)
     held = reduced(held, whole, loop, data, holdout, n_folds, seed)
-    declared, form = in_shown_form(loop.declared, loop.declared.model, data, Options())
+    declared, form = choose_form(loop.declared, loop.declared.model, data, Options())
     final, form = _polished(loop, data) if loop.effects else (declared, form)
     noise = lack_of_fit(final, data)
-    findings = tuple(told(loop, effect, final, held, data) for effect in loop.effects)
+    findings = tuple(describe_finding(loop, effect, final, held, data) for effect in loop.effects)
     unexplained = _left(loop, final, noise, data)
     ends = None if held is None else (held.before, held.after)
     shown = before_and_after(model.arm.robot, data, declared, final, ends, holdout)
     return Trace(
-        robot=fold(final),
+        robot=apply_fit(final),
         verdict=_verdict(findings, unexplained),
         declared=declared,
         final=final,
@@ -144,19 +144,19 @@ def trace(
         warnings=(
             *data.warnings,
             *data.contradicted_ids(),
-            *([none_held_out(data)] if held is None else []),
-            *rows_left_out(final, data),
-            *frames_left(declared, data),
-            *uncertainty_too_large(noise),
-            *hardly_shown(final),
-            *told_apart(declared),
+            *([no_held_out_warning(data)] if held is None else []),
+            *outliers_warning(final, data),
+            *frames_warning(declared, data),
+            *sigma_warning(noise),
+            *weak_parameters_warning(final),
+            *condition_warning(declared),
         ),
         residuals=shown.residuals,
         apart=shown.apart,
     )
 
 
-def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
+def _reproduced(loop: SearchResult, held: CrossValidation | None, data: Measurements) -> SearchResult:
     """The loop without findings that fewer than half of the folds chose again, and without what then has no need.
 
     What most parts of the poses do not show is there by chance, or would predict other poses worse.
@@ -178,7 +178,7 @@ def _reproduced(loop: Loop, held: Held | None, data: Measurements) -> Loop:
     return dataclasses.replace(loop, effects=effects, final=final, selection=selection, steps=steps)
 
 
-def _polished(loop: Loop, data: Measurements) -> tuple[Fit, FormChoice | None]:
+def _polished(loop: SearchResult, data: Measurements) -> tuple[Fit, DeflectionChoice | None]:
     """The final fit to full convergence, elastic effects in the form that the data show.
 
     Shrunk blocks, and with them the form, are left as the search found them.
@@ -187,10 +187,12 @@ def _polished(loop: Loop, data: Measurements) -> tuple[Fit, FormChoice | None]:
         return loop.final, None
     model = loop.declared.model.with_free(*frames_first(loop.effects))
     found = refit(loop.final, model.free, data, Options())
-    return in_shown_form(found, model, data, Options())
+    return choose_form(found, model, data, Options())
 
 
-def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: float, seed: int) -> tuple[Advice, ...]:
+def _advice(
+    loop: SearchResult, findings: Sequence[Finding], data: Measurements, noise: float, seed: int
+) -> tuple[Advice, ...]:
     advice = []
     for effect, finding in zip(loop.effects, findings, strict=True):
         if finding.alternatives and loop.final.theta.size <= _MOST_TO_ADVISE:
@@ -202,7 +204,7 @@ def _advice(loop: Loop, findings: Sequence[Finding], data: Measurements, noise: 
     return tuple(advice)
 
 
-def _detection(loop: Loop, held: Held | None) -> tuple[DetectionLimit, ...]:
+def _detection(loop: SearchResult, held: CrossValidation | None) -> tuple[DetectionLimit, ...]:
     rows = loop.selection.field.rows
     share = rows.size / np.count_nonzero(loop.final.kept)
     folds = 0 if held is None else held.folds
@@ -216,7 +218,7 @@ def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:
     return "explained" if named and not left.structured else "partly_explained"
 
 
-def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexplained:
+def _left(loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements) -> Unexplained:
     ranking = loop.selection.rank(with_blocks=True)
     best = ranking[0] if ranking else None
     p_value = 1.0 if best is None else best.p_value
@@ -230,7 +232,7 @@ def _left(loop: Loop, final: Fit, noise: LackOfFit, data: Measurements) -> Unexp
                 f"--declared {','.join(absent)} besides what is declared may explain it"
             )
     structured = p_value <= FALSE_ALARM
-    for one in alike(final, data):
+    for one in residual_correlations(final, data):
         structured, p_value = True, min(p_value, one.p_value)
         hints.append(one.text)
     known = noise.p_value is not None

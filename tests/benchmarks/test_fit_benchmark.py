@@ -19,7 +19,7 @@ from robacc.effects import REGISTRY
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.simulation import Plan, simulate
+from robacc.simulation.simulate import Plan, simulate
 
 pytestmark = pytest.mark.slow
 NOISE = 2e-5

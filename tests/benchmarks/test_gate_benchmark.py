@@ -11,9 +11,9 @@ import math
 import numpy as np
 import pytest
 
-from robacc.gates.confidence import LEVELS, Curve
-from robacc.gates.criteria import RULES, Criterion, Rule
-from robacc.gates.deciding import Decision, decide
+from robacc.gates.confidence import LEVELS, BoundCurve
+from robacc.gates.criteria import RULES, GateCriterion, Rule
+from robacc.gates.decision_rules import Decision, decide
 from robacc.gates.largest import decide_largest
 from robacc.statistics.multivariate import second_moment
 from robacc.statistics.radius import satterthwaite_rms
@@ -22,13 +22,13 @@ LIMIT, POSES, ARMS = 1.0, 60, 1000
 SD = np.array([1.0, 0.6, 0.3])[:, None] / math.sqrt(1.45)
 
 
-def criterion(rule: Rule, key: str = "position.rms") -> Criterion:
-    return Criterion("c", key, "length", LIMIT, (), False, rule, 0.95, 0.95, None, None, "r")
+def criterion(rule: Rule, key: str = "position.rms") -> GateCriterion:
+    return GateCriterion("c", key, "length", LIMIT, (), False, rule, 0.95, 0.95, None, None, "r")
 
 
-def measured(rng: np.random.Generator, truth: float) -> tuple[float, Curve]:
+def measured(rng: np.random.Generator, truth: float) -> tuple[float, BoundCurve]:
     covariance = second_moment(truth * SD * rng.normal(size=(3, POSES)))
-    curve = Curve.through([satterthwaite_rms(covariance, POSES, level) for level in LEVELS])
+    curve = BoundCurve.through([satterthwaite_rms(covariance, POSES, level) for level in LEVELS])
     return float(np.sqrt(np.trace(covariance))), curve
 
 

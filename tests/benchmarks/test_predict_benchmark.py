@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.grade_scale import default_scale
-from robacc.io.robot_file import read_robot
+from robacc.modelling.robot_file import read_robot
 from robacc.prediction.configurations import sampled_configurations
 from robacc.prediction.covariances import pose_covariances
 from robacc.prediction.parameters import uncertain_parameters

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from robacc.io.poses_csv import read_poses
+from robacc.poses.csv_file import read_poses
 
 pytestmark = pytest.mark.slow
 ROWS = 100_000

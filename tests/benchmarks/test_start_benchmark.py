@@ -19,7 +19,7 @@ import pytest
 from costs import ROBACC, ROOT, costs, report, users_environment
 
 from robacc.chain import Chain
-from robacc.io.robot_file import read_robot
+from robacc.modelling.robot_file import read_robot
 from robacc.robots.assembly import build_chain
 
 ROBOT = ROOT / "sample_data" / "robot.yaml"

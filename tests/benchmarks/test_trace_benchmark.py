@@ -11,8 +11,8 @@ from arms import arm
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.solver import fit
 from robacc.modelling.model import Model
-from robacc.simulation import Plan, simulate
-from robacc.tracing.loop import close_loop
+from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.loop import search
 from robacc.tracing.trace import trace
 
 pytestmark = pytest.mark.slow
@@ -40,7 +40,7 @@ def test_trace_beside_one_fit(n: int, wanted: float, orientation: bool, capsys: 
     data = simulate(dataclasses.replace(one.robot, effects=effects), plan).data
     model = Model.of(one.robot, build(parse_requests(DECLARED), one, data))
     taken = []
-    for work in (lambda: fit(model, data), lambda: close_loop(model, data), lambda: trace(model, data)):
+    for work in (lambda: fit(model, data), lambda: search(model, data), lambda: trace(model, data)):
         begin = time.perf_counter()
         result = work()
         taken.append(time.perf_counter() - begin)

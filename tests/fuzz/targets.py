@@ -95,8 +95,8 @@ def _robot(path: str) -> None:
     import numpy as np
 
     from robacc.errors import RobaccError
-    from robacc.fitting.folding import settle
-    from robacc.io.robot_file import read_robot
+    from robacc.fitting.apply_fit import absorb_constants
+    from robacc.modelling.robot_file import read_robot
     from robacc.robots.assembly import build_chain
     from robacc.robots.yamlspec import parse_robot, robot_to_yaml
 
@@ -106,7 +106,7 @@ def _robot(path: str) -> None:
     assert np.all(np.isfinite(found.translation))
     assert np.all(np.isfinite(found.rotation))
     try:
-        written = robot_to_yaml(settle(robot))
+        written = robot_to_yaml(absorb_constants(robot))
     except RobaccError:  # its effects, which show does not read
         return
     assert robot_to_yaml(parse_robot(written, "again.yaml")) == written

@@ -1,0 +1,83 @@
+"""``robacc effects``: the catalogue of what can be wrong with an arm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robacc.cli.options import (
+    BaseLinkOption,
+    OrderedOption,
+    OutputOption,
+    PlainFormat,
+    PlainFormatOption,
+    RobotOption,
+    TipLinkOption,
+)
+
+if TYPE_CHECKING:
+    from robacc.measurements import Measurements
+    from robacc.robots.description import Robot
+
+
+def effects(
+    name: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="One effect, in detail.")] = None,
+    robot: RobotOption = None,
+    poses: Annotated[
+        str | None, typer.Option("--poses", metavar="POSES", help="With --robot: whether these poses can show it.")
+    ] = None,
+    ordered: OrderedOption = False,
+    base_link: BaseLinkOption = None,
+    tip_link: TipLinkOption = None,
+    form: PlainFormatOption = PlainFormat.table,
+    output: OutputOption = "-",
+) -> None:
+    """The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.
+
+    Example: robacc effects backlash --robot robot.yaml
+    """
+    from robacc import effects as registry
+    from robacc.cli.output import emit
+    from robacc.documents import envelope as results
+    from robacc.effects.catalogue import catalogue, document
+    from robacc.errors import UsageError
+    from robacc.io.files import sha256_of
+    from robacc.render.text.effects import draw_effects
+
+    if robot is None and (poses or ordered or base_link or tip_link):
+        raise UsageError("--poses, --ordered, --base-link and --tip-link go with --robot")
+    if name is not None:
+        registry.effect_class(name)
+    arm, data = _load(robot, poses, base_link, tip_link, ordered)
+    entries = catalogue(name, arm, data)
+    inputs = []
+    if robot is not None:
+        inputs.append(results.InputFile.at(robot, sha256_of(robot), "robot"))
+    if data is not None:
+        inputs.append(results.InputFile.at(poses or "-", data.sha256 or "", "poses"))
+    options = {"effect": name, "robot": robot, "poses": poses, "ordered": ordered}
+    options |= {"base_link": base_link, "tip_link": tip_link}
+    emit(
+        form,
+        output,
+        table=lambda stream: draw_effects(entries, name is not None, stream),
+        document=lambda: results.envelope("effects", document(entries), options=options, inputs=inputs, seed=None),
+    )
+
+
+def _load(
+    robot: str | None, poses: str | None, base_link: str | None, tip_link: str | None, ordered: bool
+) -> tuple[Robot | None, Measurements | None]:
+    from robacc.diagnostics.robot_poses import read_robot_poses
+    from robacc.modelling.robot_file import read_robot
+    from robacc.render.text.console import say_warnings
+
+    if robot is None:
+        return None, None
+    arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
+    if poses is None:
+        return arm, None
+    data = read_robot_poses(poses, arm, ordered=ordered)
+    say_warnings(data.warnings)
+    return arm, data

@@ -1,0 +1,115 @@
+"""``robacc iso9283-poses``: the cube of ISO 9283 and its five poses for an arm, as a CSV to command and to fill in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, TipLinkOption
+
+if TYPE_CHECKING:
+    from robacc.iso_9283.proposal import Proposal
+    from robacc.robots.description import Robot
+
+
+class PlaneName(StrEnum):
+    """The cube's planes, by the direction in which each rises."""
+
+    x_up = "x+"
+    x_down = "x-"
+    y_up = "y+"
+    y_down = "y-"
+
+
+class OrientationName(StrEnum):
+    """How the tool is held."""
+
+    down = "down"
+    forward = "forward"
+    own = "own"
+    free = "free"
+
+
+def iso9283_poses(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
+    edge: Annotated[
+        str | None,
+        typer.Option("--edge", metavar="SIZE", help="The cube's edge, as 400mm; else the largest preferred that fits."),
+    ] = None,
+    plane: Annotated[
+        PlaneName | None,
+        typer.Option("--plane", help="Where the plane of the poses rises to; else the clearest of joint limits."),
+    ] = None,
+    orientation: Annotated[
+        OrientationName | None,
+        typer.Option("--orientation", help="Of the tool; else the first of these that the arm can hold."),
+    ] = None,
+    cycles: Annotated[int, typer.Option("--cycles", min=1, max=10_000, help="Times P1 to P5 are gone through.")] = 30,
+    payload: Annotated[
+        float | None, typer.Option("--payload", metavar="KG", min=0.0, help="Write the load as payload_kg.")
+    ] = None,
+    target: Annotated[
+        str | None, typer.Option("--target", metavar="NAME", help="Of a robot with several: which one.")
+    ] = None,
+    base_link: BaseLinkOption = None,
+    tip_link: TipLinkOption = None,
+    form: PlainFormatOption = PlainFormat.table,
+    output: OutputOption = "-",
+) -> None:
+    """The cube of ISO 9283 in an arm's workspace and its five poses, with joint angles, as a CSV.
+
+    The CSV has pose, cycle, the joints and the commanded pose; with the measured x, y, z and orientation added to it,
+    robacc iso9283 takes it. With --output the CSV goes there, and what was chosen is told on standard output.
+
+    Example: robacc iso9283-poses robot.yaml --payload 6 --output plan.csv
+    """
+    import sys
+
+    from robacc.errors import UsageError
+    from robacc.io.files import write_text
+    from robacc.iso_9283.proposal import planned_poses, propose
+    from robacc.modelling.robot_file import read_robot
+    from robacc.poses.csv_file import format_poses
+    from robacc.quantities import size
+    from robacc.render.text.iso9283_poses import proposal_comments
+
+    if form is PlainFormat.json and output == "-":
+        raise UsageError("--format json tells of the file that --output names; name one")
+    arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
+    found = propose(
+        arm,
+        edge=None if edge is None else size(edge, "length", "--edge"),
+        plane=None if plane is None else plane.value,
+        orientation=None if orientation is None else orientation.value,
+        target=target,
+    )
+    head = "".join(f"# {line}\n" for line in proposal_comments(found, arm.name))
+    text = head + format_poses(planned_poses(found, cycles, payload), attained=False)
+    if output == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+        return
+    write_text(output, text)
+    options = {"edge": edge, "plane": plane, "orientation": orientation, "target": target}
+    _tell(found, arm, robot, output, form, {**options, "cycles": cycles, "payload": payload})
+
+
+def _tell(found: Proposal, arm: Robot, robot: str, output: str, form: PlainFormat, options: Mapping[str, Any]) -> None:
+    """What was chosen, to standard output."""
+    from robacc.cli.output import emit
+    from robacc.documents import envelope as results
+    from robacc.documents.iso9283 import proposal_payload
+    from robacc.io.files import sha256_of
+    from robacc.render.text.iso9283_poses import draw_proposal
+
+    inputs = (results.InputFile.at(robot, sha256_of(robot), "robot"),)
+    payload = {**proposal_payload(found), "file_sha256": sha256_of(output)}
+    emit(
+        form,
+        "-",
+        table=lambda stream: draw_proposal(found, arm, stream),
+        document=lambda: results.envelope("iso9283-poses", payload, options=options, inputs=inputs, seed=None),
+    )

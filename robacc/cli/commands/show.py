@@ -1,0 +1,41 @@
+"""``robacc show``: what a robot file or URDF says, in mm and degrees."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, TipLinkOption
+
+
+def show(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
+    base_link: BaseLinkOption = None,
+    tip_link: TipLinkOption = None,
+    form: PlainFormatOption = PlainFormat.table,
+    output: OutputOption = "-",
+) -> None:
+    """The chain, joints, limits, reach and masses of a robot file or URDF.
+
+    Example: robacc show robot.yaml
+    """
+    from robacc.api.inputs import needed_robot_of
+    from robacc.cli.output import emit
+    from robacc.documents import envelope as results
+    from robacc.effects.specification import coefficients
+    from robacc.render.text.console import console_for
+    from robacc.render.text.robot import render_robot
+    from robacc.robots.summary import robot_document, summarise
+
+    arm, record = needed_robot_of(robot, base_link, tip_link)
+    summary = summarise(arm, coefficients(arm))
+    options = {"base_link": base_link, "tip_link": tip_link}
+    emit(
+        form,
+        output,
+        table=lambda stream: console_for(stream).print(render_robot(summary)),
+        document=lambda: results.envelope(
+            "show", robot_document(summary), options=options, inputs=(record,), seed=None
+        ),
+    )

@@ -1,0 +1,1 @@
+"""Checks of residuals and data that calibrate and trace share."""

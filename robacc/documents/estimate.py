@@ -1,0 +1,127 @@
+"""An estimate as the keys of ``robacc.estimate/1`` (m and rad), and its errors pose by pose as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from robacc.accuracy.error_frames import Moments
+from robacc.accuracy.estimation import EstimateResult, WorstPose
+from robacc.accuracy.pose_errors import ErrorFrame
+from robacc.documents.parameters import parameters_document
+from robacc.documents.poses import pose_document, robot_document, rounded
+from robacc.documents.statistics import figures_document, grade_document, statistics_document
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.quantities import number_text
+from robacc.robots.description import Robot
+
+
+def payload(result: EstimateResult) -> dict[str, Any]:
+    """The document's own keys; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
+    orientation = None
+    if result.orientation is not None and result.errors.rotation is not None:
+        orientation = {**statistics_document(result.orientation), "errors_rad": result.errors.rotation.T}
+    return {
+        "n_poses": result.n_poses,
+        "frame": result.errors.frame,
+        "commanded": result.commanded,
+        "alignment": _alignment(result),
+        "unaligned": _unaligned(result),
+        "position": {**statistics_document(result.position), "errors_m": result.errors.position.T},
+        "orientation": orientation,
+        "grade": grade_document(result.grade),
+        "worst_poses": {
+            "by_position": [_worst(pose) for pose in result.worst_position],
+            "by_orientation": [_worst(pose) for pose in result.worst_orientation],
+        },
+        "targets": [
+            {"target": target.name, "n_poses": target.n_poses, **figures_document(target.position, "m")}
+            for target in result.targets
+        ],
+        "notes": result.notes,
+        "warnings": result.warnings,
+    }
+
+
+def pose_payload(data: Measurements, robot: Robot | None, moments: Mapping[ErrorFrame, Moments]) -> dict[str, Any]:
+    """Keys from the data: their measuring uncertainty; the robot, every pose, and position errors in both frames."""
+    return {
+        "noise": _noise(data),
+        "robot": robot_document(robot, data.q),
+        "poses": pose_document(data, data.position - moments["base"].errors),
+        "position_by_frame": {
+            frame: {
+                "mean_m": one.mean,
+                "covariance_m2": one.covariance,
+                "centred_covariance_m2": one.centred,
+                "errors_m": rounded(one.errors),
+            }
+            for frame, one in moments.items()
+        },
+    }
+
+
+def _noise(data: Measurements) -> dict[str, Any] | None:
+    """The file's measuring uncertainty along or about an axis, rms over poses; None where it states none."""
+    if data.sigma_position is None and data.sigma_rotation is None:
+        return None
+    position, rotation = (
+        None if sigma is None else float(np.sqrt(np.mean(np.square(sigma))))
+        for sigma in (data.sigma_position, data.sigma_rotation)
+    )
+    return {"position_m": position, "orientation_rad": rotation, "source": "file"}
+
+
+def per_pose_csv(result: EstimateResult, data: Measurements) -> str:
+    """A row a pose: its line, its ids, the error vector and its length, in m and rad."""
+    columns: dict[str, Iterable[str]] = {"line": (str(data.line(i)) for i in range(data.n))}
+    for name, ids in (("pose", data.pose), ("cycle", data.cycle), ("target", data.target)):
+        if ids is not None:
+            columns[name] = (_quoted(str(value)) for value in ids)
+    columns |= _error_columns(("dx_m", "dy_m", "dz_m", "error_m"), result.errors.position)
+    if result.errors.rotation is not None:
+        columns |= _error_columns(("rx_rad", "ry_rad", "rz_rad", "error_rad"), result.errors.rotation)
+    rows = zip(*columns.values(), strict=True)
+    return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"
+
+
+def _error_columns(names: tuple[str, ...], errors: Array) -> dict[str, Iterable[str]]:
+    size = np.sqrt(np.einsum("in,in->n", errors, errors))
+    return {name: map(number_text, values.tolist()) for name, values in zip(names, (*errors, size), strict=True)}
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
+
+
+def _alignment(result: EstimateResult) -> dict[str, Any] | None:
+    if result.alignment is None:
+        return None
+    return {
+        "what": result.alignment.effects,
+        "n_parameters": result.alignment.n_parameters,
+        "parameters": parameters_document(result.alignment.parameters),
+    }
+
+
+def _unaligned(result: EstimateResult) -> dict[str, Any] | None:
+    if result.unaligned is None:
+        return None
+    orientation = result.unaligned.orientation
+    return {
+        "position": figures_document(result.unaligned.position, "m"),
+        "orientation": None if orientation is None else figures_document(orientation, "rad"),
+    }
+
+
+def _worst(pose: WorstPose) -> dict[str, Any]:
+    return {
+        "line": pose.line,
+        "pose": pose.pose,
+        "target": pose.target,
+        "error_m": pose.position,
+        "error_rad": pose.orientation,
+    }

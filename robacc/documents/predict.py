@@ -1,0 +1,200 @@
+"""A prediction as the keys of ``robacc.predict/1`` (m and rad), and its poses one by one as CSV."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robacc.documents.parameters import parameters_document
+from robacc.documents.poses import robot_document, rounded
+from robacc.prediction.allocation import Allocation
+from robacc.prediction.comparison import MeasuredComparison
+from robacc.prediction.components import Components
+from robacc.prediction.consistency import ChiSquare
+from robacc.prediction.predicting import PredictedErrors, Prediction, Share
+from robacc.quantities import number_text
+from robacc.robots.assembly import build_chain
+from robacc.robots.description import Robot
+
+
+def payload(
+    prediction: Prediction, allocation: Allocation | None = None, comparison: MeasuredComparison | None = None
+) -> dict[str, Any]:
+    """The document's own keys; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
+    return {
+        "n_poses": prediction.configurations.n,
+        "frame": "tool",
+        "configurations": prediction.configurations.source,
+        "tolerances": {
+            "meaning": prediction.meaning,
+            "parameters": [
+                {"parameter": p.name, "joint": p.joint, "kind": p.kind, "sd": p.sd, "unit": p.unit}
+                for p in prediction.parameters
+            ],
+        },
+        "position": _errors(prediction.position),
+        "orientation": _errors(prediction.orientation),
+        "budget": [_share(share, "parameter") for share in prediction.budget],
+        "budget_by_joint": [_share(share, "name") for share in prediction.by_joint],
+        "budget_by_kind": [_share(share, "name") for share in prediction.by_kind],
+        "grade": _grade(prediction),
+        "allocation": None if allocation is None else _allocation(allocation),
+        "against": None if comparison is None else _comparison(comparison),
+        "notes": prediction.notes,
+    }
+
+
+def pose_payload(prediction: Prediction, robot: Robot) -> dict[str, Any]:
+    """Keys for pictures: the robot in outline, and where the accuracy is predicted."""
+    where = prediction.configurations
+    reached = build_chain(robot).poses(where.scalars, where.n)
+    return {
+        "robot": robot_document(robot, where.q),
+        "poses": {
+            "label": [where.label(i) for i in range(where.n)],
+            "q": rounded(where.q),
+            "commanded_m": rounded(reached.translation),
+        },
+    }
+
+
+def per_pose_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
+    """A row a pose: where, its joint variables, and what is predicted there (m, rad, tool frame)."""
+    where = prediction.configurations
+    header = ["pose", *joint_names]
+    columns: list[list[str]] = [[where.label(i) for i in range(where.n)]]
+    columns += [[number_text(value) for value in row] for row in where.q.tolist()]
+    for errors in (prediction.position, prediction.orientation):
+        unit = errors.unit
+        header += [f"rms_{unit}", f"radius95_{unit}"]
+        rows = [errors.pose_rms, errors.pose_radius95]
+        for i, first in enumerate("xyz"):
+            for j, second in list(enumerate("xyz"))[i:]:
+                header.append(f"v_{first}{second}_{unit}2")
+                rows.append(errors.covariance[i, j])
+        columns += [[number_text(value) for value in row.tolist()] for row in rows]
+    lines = [",".join(header), *(",".join(row) for row in zip(*columns, strict=True))]
+    return "\n".join(lines) + "\n"
+
+
+def _errors(errors: PredictedErrors) -> dict[str, Any]:
+    unit = errors.unit
+    worst = errors.worst
+    percentiles = errors.percentiles()
+    return {
+        f"rms_{unit}": errors.rms,
+        f"mean_error_{unit}": errors.mean_error,
+        f"p95_{unit}": errors.p95,
+        f"max_radius95_{unit}": errors.max,
+        f"mean_covariance_{unit}2": errors.mean_covariance,
+        "percentiles_over_poses": {
+            f"rms_{unit}": {f"p{p}": both[0] for p, both in percentiles.items()},
+            f"radius95_{unit}": {f"p{p}": both[1] for p, both in percentiles.items()},
+        },
+        "worst": {
+            "pose": worst.index,
+            "label": worst.label,
+            "q": worst.q,
+            f"rms_{unit}": worst.rms,
+            f"radius95_{unit}": worst.radius95,
+            "direction": worst.direction,
+            f"sd_{unit}": worst.sd,
+        },
+        f"covariance_{unit}2": np.moveaxis(errors.covariance, -1, 0),
+        f"pose_rms_{unit}": errors.pose_rms,
+        f"pose_radius95_{unit}": errors.pose_radius95,
+    }
+
+
+def _share(share: Share, name: str) -> dict[str, Any]:
+    record: dict[str, Any] = {name: share.name}
+    if name == "parameter":
+        record |= {"joint": share.joint, "kind": share.kind, "sd": share.tolerance, "unit": share.unit}
+    return record | {"share_position": share.position, "share_orientation": share.orientation}
+
+
+def _grade(prediction: Prediction) -> dict[str, Any]:
+    grade = prediction.grade
+    return {
+        "grade": grade.grade,
+        "scale": grade.scale.name,
+        "statistic": grade.scale.statistic,
+        "position": grade.position,
+        "orientation": grade.orientation,
+        "limited_by": grade.limited_by,
+        "demonstrated": False,
+        "share_of_poses_meeting": dict(grade.meeting),
+    }
+
+
+def _allocation(allocation: Allocation) -> dict[str, Any]:
+    verified = allocation.verified
+    return {
+        "grade": allocation.grade,
+        "met": allocation.met,
+        "uniform_factor": allocation.uniform_factor,
+        "tolerances": [
+            {
+                "parameter": item.parameter.name,
+                "joint": item.parameter.joint,
+                "given_sd": item.parameter.sd,
+                "needed_sd": item.needed,
+                "factor": item.factor,
+                "unit": item.parameter.unit,
+            }
+            for item in allocation.needed
+        ],
+        "verified": {
+            "grade": verified.grade.grade,
+            "position": {"rms_m": verified.position.rms, "p95_m": verified.position.p95},
+            "orientation": {"rms_rad": verified.orientation.rms, "p95_rad": verified.orientation.p95},
+        },
+    }
+
+
+def _comparison(comparison: MeasuredComparison) -> dict[str, Any]:
+    evidence, found = comparison.evidence, comparison.consistency
+    noise = evidence.noise
+    alignment = comparison.alignment
+    return {
+        "n_poses": comparison.n_poses,
+        "measured": {"position_rms_m": comparison.position_rms, "orientation_rms_rad": comparison.orientation_rms},
+        "alignment": None
+        if alignment is None
+        else {
+            "what": alignment.effects,
+            "degrees_of_freedom": evidence.n_aligned,
+            "parameters": parameters_document(alignment.parameters),
+        },
+        "noise": {
+            "position_m": noise.position,
+            "orientation_rad": noise.orientation,
+            "source_position": noise.source_position,
+            "source_orientation": noise.source_orientation,
+        },
+        "verdict": found.verdict,
+        "hint": comparison.hint,
+        "normalised_squared_error": {
+            "total": _chi_square(found.total),
+            "parameters": _chi_square(found.parameters),
+            "noise": _chi_square(found.noise),
+        },
+        "likelihood_ratio": None if found.scale is None else dataclasses.asdict(found.scale),
+        "variance_components": None if comparison.components is None else _components(comparison.components),
+        "one_draw": comparison.one_draw,
+    }
+
+
+def _chi_square(test: ChiSquare | None) -> dict[str, Any] | None:
+    return None if test is None else {**dataclasses.asdict(test), "ratio": test.ratio}
+
+
+def _components(found: Components) -> dict[str, Any]:
+    return {
+        "confidence": found.confidence,
+        "components": [dataclasses.asdict(component) for component in found.components],
+        "notes": found.notes,
+    }

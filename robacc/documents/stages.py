@@ -1,0 +1,65 @@
+"""The stages of a fit, before and after, as parts of a JSON result: the figures of each, with their intervals."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.accuracy.error_statistics import length_intervals
+from robacc.accuracy.figures import PoseMetrics
+from robacc.accuracy.stages import Stage
+from robacc.documents.statistics import figures_document, interval_document
+from robacc.geometry import Array
+from robacc.statistics.intervals import Interval
+
+CONFIDENCE = 0.95
+
+
+class Errors(NamedTuple):
+    """The residuals that figures are of."""
+
+    residual: Array
+    """``(3 or 6, N)`` m, rad"""
+    used: NDArray[np.bool_]
+    """``(N,)`` rows that the figures are of."""
+    groups: NDArray[np.int64]
+    """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
+
+
+def stage_document(stage: Stage, fitted: Errors, held: Errors | None, seed: int) -> dict[str, Any]:
+    """One stage: of the poses fitted, and of those held out where there are such.
+
+    Intervals of fitted figures do not know that the poses were fitted; those held out are the ones to judge by.
+    """
+    return {
+        "fitted": _poses(stage.fitted, fitted, seed),
+        "held_out": None if stage.held_out is None or held is None else _poses(stage.held_out, held, seed),
+    }
+
+
+def _poses(figures: PoseMetrics, errors: Errors, seed: int) -> dict[str, Any]:
+    found: dict[str, Any] = {"position": None, "orientation": None}
+    groups = errors.groups[errors.used]
+    for name, unit, rows, four in (
+        ("position", "m", slice(0, 3), figures.position),
+        ("orientation", "rad", slice(3, 6), figures.orientation),
+    ):
+        if four is None:
+            continue
+        found[name] = {
+            **figures_document(four, unit),
+            "n_poses": int(groups.size),
+            "n_commanded_poses": int(np.unique(groups).size),
+            "intervals": _intervals(errors.residual[rows, errors.used], groups, unit, seed),
+        }
+    return found
+
+
+def _intervals(errors: Array, groups: NDArray[np.int64], unit: str, seed: int) -> dict[str, Any]:
+    if errors.shape[1] == 0:
+        missing = interval_document(Interval.missing(CONFIDENCE, "no pose"))
+        return {f"{name}_{unit}": missing for name in ("rms", "mean_error", "p95")}
+    (found,) = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed)
+    return {f"{name}_{unit}": interval_document(interval) for name, interval in found.items()}

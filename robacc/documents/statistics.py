@@ -1,0 +1,159 @@
+"""Statistics and grades as parts of a JSON result: SI units in the keys, null with ``why`` where there is no number.
+
+Keys of position statistics end in ``_m`` and ``_m2``, those of orientation statistics in ``_rad`` and ``_rad2``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robacc.accuracy.figures import ErrorMetrics
+from robacc.accuracy.grade import Grade, QuantityGrade
+from robacc.statistics.intervals import Interval
+from robacc.statistics.multivariate import AssumptionTest
+from robacc.statistics.records import ErrorStatistics, MatrixInterval, Radius
+
+Document = dict[str, Any]
+
+
+def statistics_document(statistics: ErrorStatistics) -> Document:
+    """The ``position`` or ``orientation`` part of ``robacc.estimate/1``, without the errors themselves."""
+    unit = statistics.unit
+    intervals = statistics.intervals
+    return {
+        f"mean_{unit}": statistics.mean,
+        f"covariance_{unit}2": statistics.covariance,
+        f"centred_covariance_{unit}2": statistics.centred_covariance,
+        f"rms_{unit}": statistics.rms,
+        f"mean_error_{unit}": statistics.mean_error,
+        f"p95_{unit}": statistics.p95,
+        f"max_{unit}": statistics.max,
+        "percentile_definition": "linear interpolation at (n - 1) p (Hyndman and Fan type 7)",
+        "share_below_max": statistics.share_below_max,
+        "n_commanded_poses": statistics.n_poses,
+        "confidence": statistics.confidence,
+        "assumption": statistics.assumption,
+        "intervals": {
+            f"mean_{unit}": [interval_document(interval) for interval in intervals.mean],
+            f"covariance_{unit}2": _matrix_interval(intervals.covariance),
+            f"centred_covariance_{unit}2": _matrix_interval(intervals.centred_covariance),
+            f"rms_{unit}": interval_document(intervals.rms),
+            f"mean_error_{unit}": interval_document(intervals.mean_error),
+            f"p95_{unit}": interval_document(intervals.p95),
+            f"max_{unit}": interval_document(statistics.estimate("max")[1]),
+        },
+        "ellipsoid": [
+            {"direction": direction, f"sd_{unit}": sd, "interval": interval_document(interval)}
+            for direction, sd, interval in zip(
+                statistics.ellipsoid.axes.T, statistics.ellipsoid.sd, statistics.ellipsoid.intervals, strict=True
+            )
+        ],
+        "radius95": {
+            "zero_mean": _radius(statistics.radius95_zero_mean, unit),
+            "fitted_mean": _radius(statistics.radius95_fitted_mean, unit),
+        },
+        "tests": {
+            "zero_mean": _test(statistics.tests.zero_mean),
+            "skewness": _test(statistics.tests.skewness),
+            "kurtosis": _test(statistics.tests.kurtosis),
+        },
+        "pose_structure": {
+            f"between_{unit}2": statistics.structure.between,
+            f"within_{unit}2": statistics.structure.within,
+            "intraclass_correlation": statistics.structure.intraclass_correlation,
+            "effective_poses": statistics.structure.effective_poses,
+            "text": statistics.structure.text,
+            "why": statistics.structure.why,
+        },
+    }
+
+
+def grade_document(grade: Grade) -> Document:
+    """The ``grade`` part of ``robacc.estimate/1``; limits, values and bounds in m and rad."""
+    scale, following = grade.scale, grade.next
+    return {
+        "grade": grade.grade,
+        "demonstrated": grade.demonstrated,
+        "demonstrated_grade": grade.demonstrated_grade,
+        "scale": scale.name,
+        "statistic": scale.statistic,
+        "confidence": scale.confidence,
+        "position": _quantity(grade.position),
+        "orientation": None if grade.orientation is None else _quantity(grade.orientation),
+        "limited_by": grade.limited_by,
+        "next": None
+        if following is None
+        else {
+            "grade": following.grade,
+            "position_excess_m": following.position,
+            "orientation_excess_rad": following.orientation,
+        },
+        "probability": grade.probability,
+        "probabilities": [{"grade": name, "probability": share} for name, share in grade.probabilities],
+        "poses_to_demonstrate": grade.poses_to_demonstrate,
+        "reason": grade.reason,
+        "steps": [
+            {"grade": step.grade, "position_m": step.position, "orientation_rad": step.orientation}
+            for step in scale.steps
+        ],
+        "otherwise": scale.otherwise,
+    }
+
+
+def figures_document(figures: ErrorMetrics, unit: str) -> Document:
+    """The four figures of an error's length."""
+    return {
+        f"rms_{unit}": figures.rms,
+        f"mean_error_{unit}": figures.mean,
+        f"p95_{unit}": figures.p95,
+        f"max_{unit}": figures.max,
+    }
+
+
+def interval_document(interval: Interval) -> Document:
+    """An interval in the unit of its number."""
+    return {
+        "lower": interval.lower,
+        "upper": interval.upper,
+        "upper_bound": interval.upper_bound,
+        "confidence": interval.confidence,
+        "method": interval.method,
+        "why": interval.why,
+    }
+
+
+def _matrix_interval(interval: MatrixInterval) -> Document:
+    return {
+        "lower": interval.lower,
+        "upper": interval.upper,
+        "confidence": interval.confidence,
+        "method": interval.method,
+        "why": interval.why,
+    }
+
+
+def _radius(radius: Radius, unit: str) -> Document:
+    return {f"radius_{unit}": radius.value, "interval": interval_document(radius.interval), "why": radius.why}
+
+
+def _test(test: AssumptionTest) -> Document:
+    return {
+        "method": test.method,
+        "statistic": test.statistic,
+        "p_value": test.p_value,
+        "dimension": test.dimension,
+        "why": test.why,
+    }
+
+
+def _quantity(quantity: QuantityGrade) -> Document:
+    unit = quantity.unit
+    return {
+        "grade": quantity.grade,
+        "demonstrated_grade": quantity.demonstrated_grade,
+        f"value_{unit}": quantity.value,
+        f"upper_bound_{unit}": quantity.upper_bound,
+        f"limit_{unit}": quantity.limit,
+        "method": quantity.method,
+        "why": quantity.why,
+    }

@@ -1,0 +1,33 @@
+"""Orders of a periodic joint error that measured poses support."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from robacc.geometry import Array
+
+ORDER_STEP = 0.25
+"""Periods per turn between orders that are tried; the best is then improved off this grid."""
+HIGHEST_ORDER = 40.0
+_FEWEST = 8
+"""Different angles below which a joint shows no order."""
+_CLOSEST = 0.1
+"""Quantile of the gaps between angles that sets the highest order they support."""
+
+
+def supported_orders(angle: Array) -> Array:
+    """Orders between one period over the range seen and what the spacing of the poses supports.
+
+    Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps.
+    """
+    values = np.unique(np.round(angle, 6))
+    if values.size < _FEWEST:
+        return np.zeros(0)
+    reach = float(values[-1] - values[0])
+    gap = float(np.quantile(np.diff(values), _CLOSEST))
+    highest = min(HIGHEST_ORDER, np.pi / max(gap, 1e-6))
+    lowest = max(ORDER_STEP, np.pi / reach)
+    first = math.ceil(lowest / ORDER_STEP) * ORDER_STEP
+    return np.arange(first, highest + 1e-9, ORDER_STEP)

@@ -1,0 +1,103 @@
+"""A result as JSON text: the same text for the same result, and never NaN, which JSON does not have.
+
+Keys keep their order. A list of numbers stands on one line, a list of lists or records has one a line, so that a
+result can be read and compared with ordinary tools. Arrays are written in pieces, without a Python object for each of
+their numbers at once.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ROWS_AT_ONCE = 4096
+"""Rows of an array made into text at a time: some MB of Python objects at most."""
+
+
+def json_text(document: Mapping[str, Any]) -> str:
+    """The whole document, with a newline at its end."""
+    return "".join(json_pieces(document))
+
+
+def json_pieces(document: Mapping[str, Any]) -> Iterator[str]:
+    """The document's text in pieces, in order.
+
+    Leaves may be None, bool, int, float, str, NumPy scalars and arrays; NaN and infinity become null.
+
+    Raises:
+        TypeError: something in the document has no form in JSON (a defect).
+    """
+    yield from _pieces(document, "")
+    yield "\n"
+
+
+def _pieces(value: Any, indent: str) -> Iterator[str]:
+    if isinstance(value, np.ndarray):
+        yield from _array(value, indent)
+    elif isinstance(value, Mapping) and value:
+        inner = indent + "  "
+        opening = "{\n"
+        for key, item in value.items():
+            yield f"{opening}{inner}{_scalar(str(key))}: "
+            yield from _pieces(item, inner)
+            opening = ",\n"
+        yield f"\n{indent}}}"
+    elif isinstance(value, Sequence) and not isinstance(value, str) and any(_is_nested(item) for item in value):
+        inner = indent + "  "
+        opening = "[\n"
+        for item in value:
+            yield f"{opening}{inner}"
+            yield from _pieces(item, inner)
+            opening = ",\n"
+        yield f"\n{indent}]"
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        yield "[" + ", ".join(_scalar(item) for item in value) + "]"
+    else:
+        yield "{}" if isinstance(value, Mapping) else _scalar(value)
+
+
+def _is_nested(value: Any) -> bool:
+    return isinstance(value, Mapping | np.ndarray) or (isinstance(value, Sequence) and not isinstance(value, str))
+
+
+def _scalar(value: Any) -> str:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return "null"
+    return _text(value)
+
+
+def _text(value: Any) -> str:
+    """JSON of strings and numbers; controls and turned writing, which JSON allows and terminals obey, are escaped."""
+    text = json.dumps(value, ensure_ascii=False)
+    return text if text.isprintable() else json.dumps(value)
+
+
+def _array(array: NDArray[Any], indent: str) -> Iterator[str]:
+    if array.ndim == 1:
+        yield _dumps(array)
+    elif array.ndim > 2 or array.shape[0] == 0 or array.dtype.kind not in "fiub":
+        yield from _pieces(list(array), indent)
+    else:
+        inner = indent + "  "
+        opening = f"[\n{inner}"
+        for start in range(0, array.shape[0], _ROWS_AT_ONCE):
+            rows = _dumps(array[start : start + _ROWS_AT_ONCE])
+            yield opening + rows[1:-1].replace("], [", f"],\n{inner}[")
+            opening = f",\n{inner}"
+        yield f"\n{indent}]"
+
+
+def _dumps(array: NDArray[Any]) -> str:
+    """An array's rows on one line; what is not finite is null."""
+    if array.dtype.kind == "f" and not np.all(np.isfinite(array)):
+        finite = np.isfinite(array)
+        array = array.astype(object)
+        array[~finite] = None
+    return _text(array.tolist())

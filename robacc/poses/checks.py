@@ -1,0 +1,276 @@
+"""What the values of a pose file must satisfy, row by row, and whether they are in the units they are said to be in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.geometry import Array
+from robacc.io.problem_log import ProblemLog, clip
+from robacc.poses.columns import AXES, QUATERNION, SIGMAS
+from robacc.poses.layout import Layout, listing
+from robacc.poses.plausibility import (
+    angle_beyond_turn,
+    degrees_likely,
+    doubtful_sigma,
+    lengths_too_large,
+    outside_limits,
+    thousandfold,
+)
+
+Limits = Sequence[tuple[float, float] | None]
+
+QUATERNION_TOLERANCE = 1e-3
+SPEED_TOLERANCE = 1e-6
+ABSOLUTE_ZERO = -273.15
+SMALLEST_SIGMA = 1e-12
+"""m or rad; below it a weight 1/sigma^2 leaves nothing of the other rows."""
+_LARGEST: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "number": 1e12}
+"""m (geocentric coordinates are 6.4e6), rad, either of a joint, and the units of circumstances."""
+COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
+COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """The columns in use, SI."""
+
+    layout: Layout
+    numbers: Array
+    """``(C, N)``; NaN where a value could not be read."""
+    place: Mapping[str, int]
+    """Row of ``numbers`` by key; the keys of one set stand next to each other."""
+    texts: Mapping[str, NDArray[np.str_]]
+    lines: NDArray[np.int64]
+    """``(N,)`` line of the file, counted from 1."""
+
+    def one(self, key: str) -> Array | None:
+        """``(N,)`` of one column, or None where the file does not have it."""
+        return self.numbers[self.place[key]] if key in self.place else None
+
+    def several(self, keys: Sequence[str]) -> Array | None:
+        """``(len(keys), N)`` of a whole set of columns, without copying; None where one of them is missing."""
+        if not keys or any(key not in self.place for key in keys):
+            return None
+        start = self.place[keys[0]]
+        return self.numbers[start : start + len(keys)]
+
+    def complete(self) -> Values:
+        """The rows in which every number could be read."""
+        good = np.isfinite(self.numbers).all(axis=0)
+        texts = {key: text[good] for key, text in self.texts.items()}
+        return Values(self.layout, self.numbers[:, good], self.place, texts, self.lines[good])
+
+
+class RowChecks:
+    """Checks each row's values; what is wrong goes to the log."""
+
+    def __init__(self, values: Values, log: ProblemLog) -> None:
+        """Check ``values``, reporting to ``log``."""
+        self.values = values
+        self.log = log
+
+    def run(self, limits: Limits | None, target_names: Sequence[str] | None, skip_limits: frozenset[str]) -> None:
+        """Every check; ``skip_limits`` are the joints whose unit is wrong, of which each row's complaint is noise.
+
+        ``target_names`` are as in :func:`robacc.poses.csv_file.read_poses`.
+        """
+        for keys in (QUATERNION, COMMANDED_QUATERNION):
+            self._quaternion(keys)
+        for key, limit in zip(self.values.layout.joints(), limits or (), strict=False):
+            if limit is not None and key not in skip_limits:
+                self._limits(key, limit)
+        for key in self.values.layout.joints("dir_"):
+            self._column(key, lambda v: ~np.isin(v, (-1.0, 0.0, 1.0)), "expected -1, 0 or 1")
+        for key in self.values.layout.joints("speed_"):
+            self._column(key, lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1")
+        for key in (*SIGMAS, "sigma_r"):
+            self._column(key, lambda v: v <= 0, "expected a standard deviation above 0")
+            self._column(key, lambda v: (v > 0) & (v < SMALLEST_SIGMA), "expected one that an instrument can have")
+        self._column("payload_kg", lambda v: v < 0, "expected 0 kg or more")
+        self._column("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more")
+        self._targets(target_names)
+
+    def sizes(self) -> None:
+        """Before all else: numbers so large that nothing computed from them would mean anything; they become NaN."""
+        for key, column in self.values.layout.columns.items():
+            most, value = _LARGEST.get(column.kind), self.values.one(key)
+            if most is not None and value is not None:
+                shown = f"{most * column.divisor:g}{f' {column.unit}' if column.unit else ''}"
+                self._column(key, lambda v, most=most: np.abs(v) > most, f"expected at most {shown}")  # type: ignore[misc]
+                value[np.abs(value) > most] = np.nan
+
+    def _quaternion(self, keys: Sequence[str]) -> None:
+        quaternion = self.values.several(keys)
+        if quaternion is None:
+            return
+        with np.errstate(over="ignore"):
+            length = np.sqrt(np.einsum("in,in->n", quaternion, quaternion))
+        self.log.add_rows(
+            np.abs(length - 1) > QUATERNION_TOLERANCE,
+            self.values.lines,
+            ", ".join(self.values.layout.columns[key].name for key in keys),
+            lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}",
+        )
+
+    def _limits(self, key: str, limits: tuple[float, float]) -> None:
+        column = self.values.layout.columns.get(key)
+        if column is None:
+            return
+        unit = f" {column.unit}" if column.unit else ""
+        low, high = (limit * column.divisor for limit in limits)
+        expected = f"expected it within the joint's limits {low:.6g} to {high:.6g}{unit}"
+        self._column(key, lambda v: outside_limits(v, limits), expected)
+
+    def _column(self, key: str, test: Callable[[Array], NDArray[np.bool_]], expected: str) -> None:
+        value = self.values.one(key)
+        if value is None:
+            return
+        column = self.values.layout.columns[key]
+        unit = f" {column.unit}" if column.unit else ""
+        with np.errstate(invalid="ignore"):
+            bad = test(value) & ~np.isnan(value)
+        describe: Callable[[int], str] = lambda i: f"found {value[i] * column.divisor:.10g}{unit}, {expected}"  # noqa: E731
+        self.log.add_rows(bad, self.values.lines, column.name, describe)
+
+    def _targets(self, known: Sequence[str] | None) -> None:
+        target = self.values.texts.get("target")
+        if target is None or known is None:
+            return
+        if not known:
+            # With commanded poses in the file the robot's tool plays no part.
+            if self.values.layout.group(self.values.layout.joints()) is not None:
+                self._one_target(target)
+            return
+        bad = ~np.isin(target, known) & (target != "")
+
+        def describe(i: int) -> str:
+            import difflib
+
+            near = difflib.get_close_matches(str(target[i]), known, n=1, cutoff=0.0)[0]
+            found = clip(str(target[i]))
+            return f"found {found}, expected a target of the robot file ({listing(known)}), of which {near} is nearest"
+
+        self.log.add_rows(bad, self.values.lines, "target", describe)
+
+    def _one_target(self, target: NDArray[np.str_]) -> None:
+        """Of a robot with one tool: of several targets all but one would be taken for what they are not."""
+        names = list(dict.fromkeys(target[target != ""].tolist()))
+        if len(names) > 1:
+            shown = listing([clip(name) for name in names])
+            message = f"found several targets ({shown}), but the robot has one tool and no targets to tell them apart"
+            fix = "list each under targets: in the robot file, in place of tool, or keep the rows of one target"
+            self.log.add(message, int(self.values.lines[np.argmax(target == names[1])]), "target", fix)
+
+
+class UnitChecks:
+    """Judges columns without a unit in their names; refusals go to the log, questions to :attr:`warnings`."""
+
+    def __init__(self, values: Values, log: ProblemLog, line: int | None) -> None:
+        """Judge ``values``, of which every number was read; ``line`` is the header's."""
+        self.values = values
+        self.log = log
+        self.line = line
+        self.warnings: list[str] = []
+
+    def run(self, limits: Limits | None) -> frozenset[str]:
+        """Every judgement; returns the joints whose unit is wrong."""
+        if self.values.lines.size == 0:
+            return frozenset()
+        layout = self.values.layout
+        wrong = self._joints(limits)
+        large = [keys for keys in (AXES, COMMANDED_AXES) if self._lengths(keys)]
+        if not large:
+            self._scales()
+        for keys in (layout.orientation, layout.commanded_orientation):
+            if keys is not None and len(keys) == 3:
+                self._angles(keys)
+        for keys in (SIGMAS, ("sigma_r",)):
+            self._sigma(keys)
+        return wrong
+
+    def _refuse(self, keys: Sequence[str], message: str, unit: str, other: str) -> None:
+        columns = [self.values.layout.columns[key] for key in keys]
+        names = [column.name for column in columns]
+        better = listing([f"{name}_{other}" for name in names])
+        fix = f"if they are in {other}, name the columns {better}; if they are in {unit}, {names[0]}_{unit} and so on"
+        self.log.add(message, self.line, listing(names), fix)
+
+    def _bare(self, keys: Sequence[str]) -> Array | None:
+        """The values of a set of columns none of which has a unit in its name."""
+        group = self.values.layout.group(keys)
+        if group is None or any(column.unit is not None for column in group):
+            return None
+        return self.values.several(keys)
+
+    def _joints(self, limits: Limits | None) -> frozenset[str]:
+        degrees: list[str] = []
+        millimetres: list[str] = []
+        largest = 0.0
+        for i, key in enumerate(self.values.layout.joints()):
+            q = self._bare((key,))
+            if q is None:
+                continue
+            limit = limits[i] if limits is not None and i < len(limits) else None
+            if self.values.layout.columns[key].kind == "length":
+                if np.max(np.abs(q)) > 50.0 and (limit is None or outside_limits(q[0], limit).any()):
+                    millimetres.append(key)
+            elif degrees_likely(q[0], limit):
+                degrees.append(key)
+                largest = max(largest, float(np.max(np.abs(q))))
+        if degrees:
+            self._refuse(degrees, f"found joint angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
+        if millimetres:
+            self._refuse(millimetres, "found joint travels of more than 50, which cannot be m", "m", "mm")
+        if not degrees:
+            return frozenset(millimetres)
+        # One joint in degrees means all of them: those that turned little are not worth their rows' complaints.
+        columns = self.values.layout.columns
+        return frozenset(
+            key
+            for key in self.values.layout.joints()
+            if key in millimetres or (key in columns and columns[key].kind != "length" and columns[key].unit is None)
+        )
+
+    def _lengths(self, keys: Sequence[str]) -> bool:
+        position = self._bare(keys)
+        if position is None or not lengths_too_large(position):
+            return False
+        largest = float(np.max(np.abs(position)))
+        self._refuse(keys, f"found positions up to {largest:.4g}, which cannot be m", "m", "mm")
+        return True
+
+    def _scales(self) -> None:
+        """Attained against commanded positions: one of the two in mm."""
+        attained, commanded = self.values.several(AXES), self.values.several(COMMANDED_AXES)
+        if attained is None or commanded is None or attained.shape[1] < 2:
+            return
+        ratio = thousandfold(attained, commanded)
+        if ratio is None:
+            return
+        names = [self.values.layout.columns[key].name for key in (*AXES, *COMMANDED_AXES)]
+        message = f"attained positions spread {ratio:.3g} times as far as commanded ones, so one of the two is in mm"
+        self.log.add(message, self.line, ", ".join(names), "put each one's unit in its names: x_mm, cmd_x_m")
+
+    def _angles(self, keys: Sequence[str]) -> None:
+        angles = self._bare(keys)
+        if angles is not None and angle_beyond_turn(angles):
+            largest = float(np.max(np.abs(angles)))
+            self._refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
+
+    def _sigma(self, keys: Sequence[str]) -> None:
+        sigma = self._bare(keys)
+        if sigma is None:
+            return
+        kind = self.values.layout.columns[keys[0]].kind
+        unit, other = ("m", "mm") if kind == "length" else ("rad", "deg")
+        impossible, question = doubtful_sigma(sigma, kind)
+        message = f"found a measuring uncertainty of typically {float(np.median(sigma)):.3g} {unit}"
+        if impossible:
+            self._refuse(keys, f"{message}, which no instrument has", unit, other)
+        elif question:
+            names = listing([f"{key}_{other}" for key in keys])
+            self.warnings.append(f"{self.log.at(self.line)}: {message}; if it is in {other}, name it {names}")

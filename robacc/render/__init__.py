@@ -1,0 +1,1 @@
+"""Results as text, HTML pages and charts; nothing here computes a figure."""

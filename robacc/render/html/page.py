@@ -1,0 +1,186 @@
+"""A page of one result, or of several side by side: what the template fills in, and the template filled in."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+from base64 import b64encode
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from robacc.render.html.blocks import Listing, ReportHeadline, ReportSection
+from robacc.render.html.compare_sections import compare_sections
+from robacc.render.html.estimate_sections import estimate_sections
+from robacc.render.html.fit_sections import fit_sections, outliers
+from robacc.render.html.gate_section import gate_section
+from robacc.render.html.headline import headline_of
+from robacc.render.html.iso9283_sections import iso9283_sections
+from robacc.render.html.predict_sections import predict_sections
+from robacc.render.html.reproduce import reproduce
+from robacc.render.html.side_by_side import side_by_side
+from robacc.render.plots.canvas import as_part
+from robacc.render.plots.catalogue import pictures_of
+from robacc.render.plots.chart import ChartTable, Document, Picture
+from robacc.render.plots.optional_dependencies import need
+from robacc.render.plots.palette import DARK, LIGHT, css_variables
+from robacc.version import __version__
+
+_SECTIONS: dict[str, Callable[[Document], Iterator[ReportSection]]] = {
+    "trace": fit_sections,
+    "calibrate": fit_sections,
+    "estimate": estimate_sections,
+    "predict": predict_sections,
+    "iso9283": iso9283_sections,
+    "compare": compare_sections,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A picture as the page has it."""
+
+    id: str
+    title: str
+    caption: str
+    alt: str
+    svg: str
+    table: ChartTable
+    scene: str | None
+    """JSON of its view in three dimensions, safe within a script element."""
+    note: str
+    starts: bool
+    """Whether the view that can be turned is there at once, and not only when asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResultSection:
+    """One result as the page has it."""
+
+    id: str
+    headline: ReportHeadline
+    first: Drawing | None
+    """Beside the headline."""
+    drawings: Sequence[Drawing]
+    sections: Sequence[ReportSection]
+    """What the command says beside its pictures."""
+    leading: Sequence[ReportSection]
+    """What must be read first: the gate, and warnings."""
+    reproduce: ReportSection
+
+
+def render(documents: Sequence[Document], names: Sequence[str]) -> str:
+    """The page of results as they stand in their JSON documents.
+
+    Args:
+        documents: One a result.
+        names: What to call each, where there are several.
+
+    Raises:
+        UsageError: the extra ``report`` is not installed.
+    """
+    results = [result_of(document, number) for number, document in enumerate(documents, 1)]
+    return page_of(results, documents, names)
+
+
+def page_of(results: Sequence[ResultSection], documents: Sequence[Document], names: Sequence[str]) -> str:
+    """The page of results that are laid out already, each by :func:`result_of`."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    turned = any(drawing.scene for result in results for drawing in _all(result))
+    loader = PackageLoader("robacc.render.html")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    library = _library() if turned else ""
+    script = environment.get_template("scenes.js").render() if turned else ""
+    several = len(results) > 1
+    return environment.get_template("page.html").render(
+        title=f"{len(results)} results side by side" if several else results[0].headline.title,
+        results=results,
+        names=names,
+        overview=side_by_side(documents, [result.headline for result in results], names) if several else None,
+        library=b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode() if turned else "",
+        script=script,
+        policy=_policy([library, script] if turned else []),
+        version=__version__,
+        light=css_variables(LIGHT),
+        dark=css_variables(DARK),
+    )
+
+
+def result_of(document: Document, place: int) -> ResultSection:
+    """One result laid out, the ``place``-th of its page.
+
+    Raises:
+        UsageError: the extra ``report`` is not installed.
+    """
+    need("matplotlib", "plotly", "jinja2")
+    number = f"r{place}"
+    drawings = [_drawing(picture, f"{number}p{i}") for i, picture in enumerate(pictures_of(document), 1)]
+    gate = gate_section(document)
+    own = _SECTIONS.get(document["command"], _nothing)(document)
+    warnings = [*dict.fromkeys([*document.get("warnings", ()), *outliers(document)])]
+    notes = list(document.get("notes", ()))
+    blocks = [*([Listing(warnings, "warning")] if warnings else []), *([Listing(notes)] if notes else [])]
+    return ResultSection(
+        number,
+        headline_of(document),
+        drawings[0] if drawings else None,
+        drawings[1:],
+        [*own],
+        [*([gate] if gate is not None else []), *([ReportSection("Warnings and notes", blocks)] if blocks else [])],
+        reproduce(document),
+    )
+
+
+def _nothing(document: Document) -> Iterator[ReportSection]:
+    return iter(())
+
+
+def _all(result: ResultSection) -> Iterator[Drawing]:
+    if result.first is not None:
+        yield result.first
+    yield from result.drawings
+
+
+def _drawing(picture: Picture, number: str) -> Drawing:
+    scene = picture.scene
+    return Drawing(
+        number,
+        picture.title,
+        picture.caption,
+        picture.alt,
+        as_part(picture.draw, picture.size, number),
+        picture.table,
+        None if scene is None else script_json({"traces": scene.traces, "axes": scene.axes}),
+        "" if scene is None else scene.note,
+        picture.kind == "poses",
+    )
+
+
+def script_json(value: Any) -> str:
+    """JSON that stays data within a script element, whatever its strings hold."""
+    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    for sign in "<>&\u2028\u2029":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+def _library() -> str:
+    """The library that turns views, as its package carries it."""
+    from plotly.offline import get_plotlyjs
+
+    text: str = get_plotlyjs()
+    return text
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """What the page may do: run its own scripts and nothing else, ask nobody for anything."""
+    hashes = [f"'sha256-{b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts]
+    allowed = " ".join(hashes) if hashes else "'none'"
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )

@@ -1,0 +1,70 @@
+"""How sharp a gate is: the probability to pass over what might be true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robacc.render.plots.chart import ChartTable, Document, Picture
+from robacc.render.plots.columns import Array
+from robacc.render.plots.labels import short
+from robacc.render.plots.palette import LIGHT
+from robacc.render.plots.units import DEGREE, Unit, length_unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ROWS = 25
+
+
+def gate_pictures(document: Document) -> Iterator[Picture]:
+    """The operating curve of each criterion that has one."""
+    for criterion in (document.get("gate") or {}).get("criteria", ()):
+        if len(criterion["operating_curve"]) > 1:
+            yield _picture(criterion)
+
+
+def _unit(criterion: Mapping[str, Any]) -> Unit:
+    if criterion["unit"] == "m":
+        return length_unit(float(criterion["limit"]), float(criterion["value"]))
+    return DEGREE if criterion["unit"] == "rad" else Unit("", 1.0)
+
+
+def _picture(criterion: Mapping[str, Any]) -> Picture:
+    unit = _unit(criterion)
+    curve = np.array(criterion["operating_curve"], dtype=np.float64)
+    limit, value = float(criterion["limit"]), float(criterion["value"])
+    side = "below" if criterion["at_least"] else "above"
+    pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), _ROWS)).round().astype(int))
+    count = "" if criterion["n_poses"] is None else f" with {criterion['n_poses']:,} poses"
+    return Picture(
+        "operating-curve",
+        f"Gate {criterion['name']}: operating curve",
+        f"Probability that this criterion passes{count}, over what the true value might be. {criterion['rule_text']}. "
+        f"The upright line is the limit, {unit.text(limit)}, the dot what was found, {unit.text(value)}; what passes "
+        f"{side} the limit passes wrongly.",
+        f"Probability to pass, 0 to 100 %, over the true value in {unit.name or 'its own unit'}; limit "
+        f"{unit.text(limit)}, found {unit.text(value)}",
+        lambda figure: _draw(figure, criterion, curve, unit),
+        ChartTable(
+            ("true value", "probability to pass"),
+            [[unit.text(float(true)), f"{100 * share:.1f} %"] for true, share in curve[pick]],
+        ),
+        (4.9, 2.8),
+    )
+
+
+def _draw(figure: Figure, criterion: Mapping[str, Any], curve: Array, unit: Unit) -> None:
+    axes = figure.add_subplot()
+    x, y = curve[:, 0] * unit.factor, 100 * curve[:, 1]
+    limit, value = criterion["limit"] * unit.factor, criterion["value"] * unit.factor
+    axes.plot(x, y, color=LIGHT["after"], label="probability to pass")
+    wrong = x < limit if criterion["at_least"] else x > limit
+    axes.fill_between(x, y, where=wrong, color=LIGHT["before"], alpha=0.25, linewidth=0, label="passes wrongly")
+    axes.axvline(limit, color=LIGHT["limit"], linewidth=1.1, linestyle=(0, (3, 2)), label="limit")
+    axes.plot(value, 0, "o", ms=6, color=LIGHT["ink"], clip_on=False, zorder=5, label="found")
+    axes.set(ylim=(0, 102), ylabel="probability to pass, %")
+    axes.set_xlabel(f"true value of {short(criterion['key'], 40)}{f', {unit.name}' if unit.name else ''}")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.0, handlelength=1.5)

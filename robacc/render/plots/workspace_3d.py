@@ -1,0 +1,203 @@
+"""The poses in space with their error vectors, magnified: a still picture and a view that can be turned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robacc.render.plots.chart import ChartTable, Document, Picture, Scene3D
+from robacc.render.plots.columns import Array, place, vectors
+from robacc.render.plots.palette import LIGHT
+from robacc.render.plots.stage_errors import StageErrors, stages_of
+from robacc.render.plots.thinning import Rows, shown, thinned
+from robacc.render.plots.units import Unit, error_unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_STILL = 220
+_TURNED = 900
+_ROWS = 60
+_VECTOR = 0.12
+"""A large error vector is drawn as long as this share of the poses' extent."""
+_LEAST = 1e-3
+"""m across, of the view of an arm that stands still."""
+
+
+def space_pictures(document: Document) -> Iterator[Picture]:
+    """Of every result with poses and errors in the measuring frame."""
+    drawn = _vectors(document)
+    if drawn is None:
+        return
+    poses, stages = drawn
+    at = vectors(poses["commanded_m"])
+    if len(at) == 0:
+        return
+    sizes = [stage.sizes for stage in stages]
+    unit = error_unit("m", float(max(one.max() for one in sizes)))
+    scale = _magnification(at, sizes[0])
+    still = thinned(_STILL, *sizes)
+    turned = thinned(_TURNED, *sizes)
+    worst = int(np.argmax(sizes[-1]))
+    names = " and ".join(f"{stage.label}" for stage in stages)
+    yield Picture(
+        "poses",
+        "Poses and their errors in space",
+        f"Where the target was to be at each pose, and its error from there ({names}), drawn {scale:,.0f} times as "
+        f"long as it is. The grey line is the arm at its most usual pose. The largest error is at "
+        f"{place(poses, worst)}: {unit.text(float(sizes[-1][worst]))}.{shown(still.size, len(at))}",
+        f"Points of {len(at)} poses in x, y, z in m of the measuring frame with error vectors {scale:,.0f} times "
+        f"magnified; largest {unit.text(float(sizes[-1][worst]))}",
+        lambda figure: _draw(figure, at[still], [(s, s.errors[still]) for s in stages], scale, _outline(document)),
+        _table(poses, stages, unit, at),
+        (4.9, 4.2),
+        _scene(document, poses, at, stages, scale, turned, unit),
+    )
+
+
+def _vectors(document: Document) -> tuple[Mapping[str, Any], Sequence[StageErrors]] | None:
+    """Poses, and the errors in the measuring frame that are shown of them."""
+    found = stages_of(document, "m")
+    if found is None:
+        return None
+    if "position_by_frame" in document:
+        errors = vectors(document["position_by_frame"]["base"]["errors_m"])
+        return found.poses, (StageErrors("after", "measured", errors),)
+    return found.poses, [stage for stage in found.stages if stage.role != "nominal"]
+
+
+def _magnification(at: Array, sizes: Array) -> float:
+    """A round factor that makes a large error a visible share of the poses' extent."""
+    extent = float(np.ptp(at, axis=0).max()) or 1.0
+    large = float(np.quantile(sizes, 0.95))
+    if large <= 0:
+        return 1.0
+    wanted = _VECTOR * extent / large
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(1.0, power * max(step for step in (1, 2, 5) if step * power <= wanted))
+
+
+def _outline(document: Document) -> Array | None:
+    outline = (document.get("robot") or {}).get("outline")
+    return None if outline is None else vectors(outline["line_m"])
+
+
+def _draw(
+    figure: Figure, at: Array, stages: Sequence[tuple[StageErrors, Array]], scale: float, outline: Array | None
+) -> None:
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    axes: Any = figure.add_subplot(projection="3d")
+    if outline is not None:
+        axes.plot(*outline.T, "-o", color=LIGHT["nominal"], linewidth=2.2, ms=3.4, label="arm, at one pose", alpha=0.8)
+    axes.plot(*at.T, "o", ms=1.7, mew=0, color=LIGHT["ink"], label="commanded")
+    for stage, errors in stages:
+        ends = np.stack((at, at + scale * errors), axis=1)
+        axes.add_collection3d(Line3DCollection(ends, colors=LIGHT[stage.role], linewidths=0.9, label=stage.label))
+    points = at if outline is None else np.vstack((at, outline))
+    centre, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.ptp(points, axis=0)
+    # An arm that moves on a line or in a plane, or not at all, has room around it too.
+    size = np.maximum(size, 0.05 * float(size.max()) or _LEAST)
+    low, high = centre - 0.5 * size, centre + 0.5 * size
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(size, zoom=0.95)
+    axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
+    axes.tick_params(labelsize=7.5, pad=-2)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((0, 0, 0, 0))
+        axis.set_major_locator(_ticks())
+    figure.legend(loc="outside upper center", ncols=2 + len(stages))
+
+
+def _ticks() -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(4)
+
+
+def _scene(
+    document: Document,
+    poses: Mapping[str, Any],
+    at: Array,
+    stages: Sequence[StageErrors],
+    scale: float,
+    rows: Rows,
+    unit: Unit,
+) -> Scene3D:
+    traces: list[dict[str, Any]] = []
+    outline = _outline(document)
+    if outline is not None:
+        traces.append(
+            {
+                **_line("arm, at one pose", outline, "role:nominal", 7),
+                "mode": "lines+markers",
+                "marker": {"size": 4, "color": "role:nominal"},
+            }
+        )
+    sizes = {stage.role: stage.sizes for stage in stages}
+    texts = [
+        "<br>".join(
+            [_plain(place(poses, int(i))), *(f"{s.label}: {unit.text(float(sizes[s.role][i]))}" for s in stages)]
+        )
+        for i in rows
+    ]
+    traces.append(
+        {
+            "type": "scatter3d",
+            "mode": "markers",
+            "name": "commanded",
+            **_coordinates(at[rows]),
+            "marker": {"size": 2.4, "color": "role:ink"},
+            "text": texts,
+            "hovertemplate": "%{text}<extra></extra>",
+        }
+    )
+    for stage in stages:
+        ends = at[rows] + scale * stage.errors[rows]
+        gaps = np.full_like(ends, np.nan)
+        traces.append(
+            _line(stage.label, np.stack((at[rows], ends, gaps), axis=1).reshape(-1, 3), f"role:{stage.role}", 3)
+        )
+    note = f"Drag to turn, scroll to come nearer, point at a pose for its row.{shown(rows.size, len(at))}"
+    return Scene3D(tuple(traces), ("x, m", "y, m", "z, m"), note)
+
+
+def _line(name: str, points: Array, colour: str, width: float) -> dict[str, Any]:
+    return {
+        "type": "scatter3d",
+        "mode": "lines",
+        "name": name,
+        **_coordinates(points),
+        "line": {"color": colour, "width": width},
+        "hoverinfo": "skip",
+    }
+
+
+def _coordinates(points: Array) -> dict[str, list[float | None]]:
+    """To a tenth of a millimetre, which no eye tells apart; null where a line is broken."""
+    columns = np.round(points, 4).T.tolist()
+    return {
+        axis: [None if math.isnan(value) else value for value in column]
+        for axis, column in zip("xyz", columns, strict=True)
+    }
+
+
+def _plain(text: str) -> str:
+    """Text that plotly shows as it is, although it reads some tags and entities."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _table(poses: Mapping[str, Any], stages: Sequence[StageErrors], unit: Unit, at: Array) -> ChartTable:
+    last = stages[-1]
+    order = np.argsort(-last.sizes, kind="stable")[:_ROWS]
+    rows = []
+    for i in order:
+        vector = [unit.text(float(value)) for value in last.errors[i]]
+        sizes = [unit.text(float(stage.sizes[i])) for stage in stages]
+        rows.append([place(poses, int(i)), *(f"{value:.3f}" for value in at[i]), *vector, *sizes])
+    header = ("pose", "x, m", "y, m", "z, m", "error x", "error y", "error z", *(stage.label for stage in stages))
+    left = f"The {len(order)} poses with the largest errors of {len(at)}; all are in the JSON result."
+    return ChartTable(header, rows, left if len(order) < len(at) else "Sorted by error, the largest first.")

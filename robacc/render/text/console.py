@@ -1,0 +1,108 @@
+"""Where text meets the terminal: messages on standard error, tables on standard output, colour only where it shows.
+
+Colour is used on a terminal unless NO_COLOR is set and not empty (https://no-color.org) or TERM is ``dumb``.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, TextIO
+
+from robacc.errors import InputError, RobaccError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from robacc.render.text.layout import TextLine
+
+_SPACES = frozenset("\u00a0\u2002\u2003\u2007\u2009\u202f\u3000")
+"""Spaces that Python counts as unprintable, and that do no more than a space."""
+_RED, _YELLOW, _DIM, _RESET = "\033[31m", "\033[33m", "\033[2m", "\033[0m"
+
+PLAIN_WIDTH = 80
+"""Columns of a table that goes to a file or a pipe: what a mail, a ticket or a printed page takes."""
+
+WIDEST = 100
+"""Columns beyond which running text is hard to read."""
+
+
+def uses_colour(stream: TextIO) -> bool:
+    """Whether colour shows on ``stream`` and is wanted."""
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def visible(text: str) -> str:
+    """The text with what would act on a terminal, or not show on it, spelled out: controls, turned writing.
+
+    A file's names and texts reach messages and tables; an escape sequence among them could clear or rewrite the screen.
+    """
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign in _SPACES else ascii(sign)[1:-1] for sign in text)
+
+
+def say(text: str, colour: str = "") -> None:
+    """One line on standard error."""
+    text = "\n".join(visible(line) for line in text.split("\n"))
+    if colour and uses_colour(sys.stderr):
+        text = f"{colour}{text}{_RESET}"
+    print(text, file=sys.stderr)
+
+
+def say_error(error: RobaccError) -> None:
+    """A red line for each problem, then what to do about them."""
+    if not isinstance(error, InputError):
+        say(f"error: {error}", _RED)
+        return
+    for problem in error.problems:
+        where = f"{problem.place}: " if problem.place else ""
+        say(f"error: {where}{problem.message}", _RED)
+    if error.total > len(error.problems):
+        say(f"error: … and {error.total - len(error.problems)} more problems", _RED)
+    for fix in dict.fromkeys(problem.fix for problem in error.problems if problem.fix):
+        say(f"  tip: {fix}")
+
+
+def say_warnings(warnings: Iterable[str]) -> None:
+    """A yellow line for each warning."""
+    for warning in warnings:
+        say(f"warning: {warning}", _YELLOW)
+
+
+def say_interrupted(done: str = "nothing was written") -> None:
+    """The one line that an interrupt leaves, with what was done before it."""
+    say(f"interrupted; {done}", _DIM)
+
+
+def console_for(stream: TextIO, width: int | None = None) -> Console:
+    """A rich console on ``stream``: the terminal's width and colours, or plain text of :data:`PLAIN_WIDTH` columns."""
+    from rich.console import Console
+
+    class Piped(Console):
+        def on_broken_pipe(self) -> None:
+            # rich would end the program here, with the status of a crash.
+            raise BrokenPipeError
+
+    if uses_colour(stream):
+        return Piped(file=stream, highlight=False, width=width)
+    if not stream.isatty():
+        width = width or PLAIN_WIDTH
+    return Piped(file=stream, highlight=False, width=width, color_system=None, force_terminal=False)
+
+
+def width_of(stream: TextIO) -> int:
+    """Columns to write text in: the terminal's, at most :data:`WIDEST`, or :data:`PLAIN_WIDTH` where there is none."""
+    return min(shutil.get_terminal_size().columns, WIDEST) if stream.isatty() else PLAIN_WIDTH
+
+
+def write_lines(lines: Iterable[TextLine], stream: TextIO) -> None:
+    """Write a report's lines, with their looks where colour shows."""
+    if not uses_colour(stream):
+        stream.writelines(f"{visible(line.text)}\n" for line in lines)
+        return
+    console = console_for(stream)
+    for line in lines:
+        console.print(visible(line.text), style=line.style or None, markup=False, highlight=False, soft_wrap=True)

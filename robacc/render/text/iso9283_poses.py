@@ -1,0 +1,59 @@
+"""The cube of ISO 9283 and its five poses, told: as comments of their CSV and as a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TextIO
+
+from robacc.iso_9283.proposal import Proposal
+from robacc.render.text.console import width_of, write_lines
+from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
+from robacc.render.text.numbers import fixed
+from robacc.robots.description import Robot
+
+_IN_MM = 1e3
+_IN_DEGREES = 180.0 / math.pi
+
+
+def proposal_comments(found: Proposal, robot: str) -> list[str]:
+    """Lines that stand above the columns: which cube, which plane, how the tool is held."""
+    return [
+        f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned, nothing was measured.",
+        *_facts(found),
+        *found.notes,
+    ]
+
+
+def draw_proposal(found: Proposal, robot: Robot, stream: TextIO) -> None:
+    """Write the table of the five poses to ``stream``."""
+    write_lines(proposal_lines(found, robot, width_of(stream)), stream)
+
+
+def proposal_lines(found: Proposal, robot: Robot, width: int) -> Iterator[TextLine]:
+    """The cube, the commanded poses in the measuring frame and the joints, mm and degrees."""
+    yield heading(f"Test poses of ISO 9283:1998 for {robot.name}")
+    yield from items(_facts(found), width)
+    units = ["°" if joint.type == "revolute" else "mm" for joint in robot.variables]
+    factors = [_IN_DEGREES if unit == "°" else _IN_MM for unit in units]
+    places = found.poses.translation * _IN_MM
+    rows = [(f"P{i + 1}", *(fixed(float(value), 2) for value in places[:, i])) for i in range(5)]
+    yield from (BLANK, *columns(("commanded, mm", "x", "y", "z"), rows), BLANK)
+    names = [f"{name}, {unit}" for name, unit in zip(robot.variable_names, units, strict=True)]
+    joints = [
+        (f"P{i + 1}", *(fixed(float(q) * factor, 3) for q, factor in zip(found.q[:, i], factors, strict=True)))
+        for i in range(5)
+    ]
+    yield from columns(("joints", *names), joints)
+    if found.notes:
+        yield from (BLANK, heading("To bear in mind"), *items(found.notes, width))
+
+
+def _facts(found: Proposal) -> list[str]:
+    x, y, z = (float(value) * _IN_MM for value in found.centre)
+    edge = found.edge * _IN_MM
+    return [
+        f"cube of {edge:g} mm, its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in the base's axes",
+        f"P2 to P5 at 10 % of the diagonal from the corners, in the plane that rises at 45° towards {found.plane}",
+        f"{found.words}; every joint keeps {100.0 * found.margin:.0f} % of its range or more from its limits",
+    ]

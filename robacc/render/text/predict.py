@@ -1,0 +1,167 @@
+"""A prediction as tables to read: mm and degrees, at most 80 columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TextIO
+
+from robacc.prediction.allocation import Allocation
+from robacc.prediction.comparison import MeasuredComparison
+from robacc.prediction.predicting import PredictedErrors, Prediction, Share
+from robacc.render.text.console import width_of, write_lines
+from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
+from robacc.render.text.predict_against import comparison_lines
+from robacc.render.text.predict_parts import FACTORS, amount, bar, percent, with_unit
+from robacc.robots.description import Robot
+
+_LISTED = 12
+"""Parameters of the budget that are listed; all are in the JSON."""
+_BAR = 14
+_STAYS = 0.9995
+"""A factor that three decimals show as one."""
+_STATISTICS = {
+    "rms": "RMS error",
+    "mean_error": "mean error",
+    "p95": "95 % of errors within",
+    "max": "largest 95 % radius of any pose",
+}
+
+
+def draw_prediction(
+    robot: Robot,
+    prediction: Prediction,
+    allocation: Allocation | None,
+    comparison: MeasuredComparison | None,
+    stream: TextIO,
+) -> None:
+    """Write everything ``robacc predict`` says to ``stream``."""
+    write_lines(prediction_lines(robot, prediction, allocation, comparison, width_of(stream)), stream)
+
+
+def prediction_lines(
+    robot: Robot,
+    prediction: Prediction,
+    allocation: Allocation | None,
+    comparison: MeasuredComparison | None,
+    width: int,
+) -> Iterator[TextLine]:
+    """The report's lines; running text is wrapped to ``width`` columns, tables take at most 80."""
+    yield heading(f"Accuracy to be expected of {robot.name}, from {len(prediction.parameters)} tolerances")
+    yield TextLine(f"at {prediction.configurations.source}")
+    yield TextLine(prediction.meaning)
+    yield from (BLANK, *_grade(prediction, width))
+    yield from (BLANK, heading("Predicted error"))
+    yield from _figures(prediction)
+    yield from (BLANK, *_over_poses(prediction))
+    yield from (BLANK, heading("Worst pose"))
+    for name, errors in (("position", prediction.position), ("orientation", prediction.orientation)):
+        yield from _worst(robot, errors, name, width)
+    yield from (BLANK, heading("Error budget: share of the variance (parameters by the sum of both)"))
+    budget = sorted(prediction.budget, key=lambda share: -round(share.position + share.orientation, 9))
+    yield from _budget("parameter", budget[:_LISTED])
+    if len(budget) > _LISTED:
+        rest = budget[_LISTED:]
+        shares = (percent(sum(getattr(share, name) for share in rest)) for name in ("position", "orientation"))
+        yield TextLine("{} more parameters: {} of position, {} of orientation".format(len(rest), *shares))
+    yield from (BLANK, *_budget("joint", prediction.by_joint))
+    yield from (BLANK, *_budget("kind", prediction.by_kind))
+    if allocation is not None:
+        yield from _allocation(prediction, allocation, width)
+    if comparison is not None:
+        yield from comparison_lines(comparison, width)
+    if prediction.notes:
+        yield from (BLANK, heading("To bear in mind"))
+        yield from items(prediction.notes, width)
+
+
+def _grade(prediction: Prediction, width: int) -> Iterator[TextLine]:
+    grade = prediction.grade
+    yield heading(f"Grade {grade.grade} predicted (scale: {grade.scale.name})")
+    words = f"by {_STATISTICS[grade.scale.statistic]}, over robots and poses"
+    if grade.limited_by:
+        words += f"; limited by {' and '.join(grade.limited_by)}"
+    shares = ", ".join(f"{name} {percent(share)}" for name, share in grade.meeting)
+    yield from items((words, f"share of poses that meet each grade by themselves: {shares}"), width)
+
+
+def _figures(prediction: Prediction) -> list[TextLine]:
+    both = (prediction.position, prediction.orientation)
+    rows = [
+        (label, *(amount(getattr(errors, name), errors.unit) for errors in both))
+        for label, name in (("RMS", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
+    ]
+    return columns(("over robots and poses", "mm", "°"), rows)
+
+
+def _over_poses(prediction: Prediction) -> list[TextLine]:
+    both = (prediction.position, prediction.orientation)
+    found = [errors.percentiles() for errors in both]
+    rows = [
+        (str(p), *(amount(value, errors.unit) for errors, of in zip(both, found, strict=True) for value in of[p]))
+        for p in found[0]
+    ]
+    largest = [amount(value, errors.unit) for errors in both for value in (errors.worst.rms, errors.max)]
+    header = ("percentile over poses", "RMS, mm", "95 % radius, mm", "RMS, °", "95 % radius, °")
+    return columns(header, [*rows, ("largest", *largest)])
+
+
+def _worst(robot: Robot, errors: PredictedErrors, name: str, width: int) -> list[TextLine]:
+    worst = errors.worst
+    direction = " ".join(f"{float(value):+.2f}" for value in worst.direction)
+    joints = []
+    for joint, value in zip(robot.variables, worst.q, strict=True):
+        factor, symbol = FACTORS["m" if joint.type == "prismatic" else "rad"]
+        joints.append(f"{joint.name}={float(value) * factor:.1f}{'' if symbol == '°' else ' '}{symbol}")
+    text = (
+        f"{name}: {worst.label}, RMS {with_unit(worst.rms, errors.unit)}, 95 % within "
+        f"{with_unit(worst.radius95, errors.unit)}, largest along ({direction}) of the tool (standard deviation "
+        f"{with_unit(worst.sd, errors.unit)}), at {', '.join(joints)}"
+    )
+    return items((text,), width)
+
+
+def _budget(what: str, shares: Sequence[Share]) -> list[TextLine]:
+    names = ("position", "orientation")
+    largest = {name: max((getattr(share, name) for share in shares), default=0.0) for name in names}
+    # What a table of 80 columns leaves for two bars after names, tolerance and percentages.
+    longest = max((len(share.name) for share in shares), default=0)
+    width = max(2, min(_BAR, (44 - longest) // 2)) if what == "parameter" else _BAR
+    rows = []
+    for share in shares:
+        tolerance = [] if share.tolerance is None or share.unit is None else [with_unit(share.tolerance, share.unit)]
+        cells = []
+        for name in names:
+            value = getattr(share, name)
+            cells += [percent(value), bar(value, largest[name], width)]
+        rows.append((share.name, *tolerance, *cells))
+    return columns((what, *(["1 sd"] if what == "parameter" else []), "position", "", "orientation", ""), rows)
+
+
+def _allocation(prediction: Prediction, allocation: Allocation, width: int) -> Iterator[TextLine]:
+    yield from (BLANK, heading(f"Tolerances for grade {allocation.grade}"))
+    if all(item.factor == 1.0 for item in allocation.needed):
+        yield TextLine("the given tolerances reach it already")
+        return
+    rows = [
+        (
+            item.parameter.name,
+            with_unit(item.parameter.sd, item.parameter.unit),
+            with_unit(item.needed, item.parameter.unit),
+            f"{item.factor:.3f}",
+        )
+        for item in sorted(allocation.needed, key=lambda item: round(item.factor, 9))
+        if item.factor < _STAYS
+    ]
+    yield from columns(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows)
+    yield TextLine(f"the other {len(allocation.needed) - len(rows)} may stay as they are")
+    statistic, verified = prediction.grade.scale.statistic, allocation.verified
+    found = ", ".join(
+        with_unit(errors.value(statistic), errors.unit) for errors in (verified.position, verified.orientation)
+    )
+    outcome = "meets it" if allocation.met else "does not meet it"
+    yield from wrapped(
+        f"Predicted again with these, the arm {outcome}: {_STATISTICS[statistic]} {found}. Tightened where it costs "
+        f"least (cost taken as 1/tolerance); all alike, every tolerance would have to be "
+        f"{allocation.uniform_factor:.3f} of the given one.",
+        width,
+    )

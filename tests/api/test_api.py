@@ -1,0 +1,486 @@
+"""Every call gives what its command gives, byte for byte; takes paths, objects and arrays; and says what is wrong."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import doctest
+import hashlib
+import importlib
+import inspect
+import json
+import pkgutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import results
+from typer.testing import CliRunner
+
+import robacc
+import robacc.api
+from robacc.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[2]
+POSES, ROBOT = "sample_data/poses.csv", "sample_data/robot.yaml"
+MODULES = [f"robacc.api.{one.name}" for one in pkgutil.iter_modules(robacc.api.__path__)]
+FRAMES = ("base_frame", "tool_frame")
+
+
+@pytest.fixture(autouse=True)
+def _from_the_projects_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+
+
+def printed(*arguments: str) -> str:
+    """What a command writes to standard output, as JSON."""
+    done = CliRunner().invoke(app, [*arguments, "--format", "json"], catch_exceptions=False)
+    assert done.stdout, done.stderr
+    return done.stdout
+
+
+def sample(**changes: Any) -> robacc.Measurements:
+    return dataclasses.replace(robacc.read_poses(POSES, robot=robacc.read_robot(ROBOT)), **changes)
+
+
+CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
+    "estimate": (
+        lambda: robacc.estimate(POSES, robot=ROBOT, align=FRAMES),
+        lambda: results.text("estimate"),
+    ),
+    "estimate, options": (
+        lambda: robacc.estimate(
+            Path(POSES), robot=ROBOT, frame="base", scale="configs/grades/machining.yaml", confidence=0.9, seed=3
+        ),
+        lambda: printed(
+            *("estimate", POSES, "--robot", ROBOT, "--frame", "base", "--confidence", "0.9", "--seed", "3"),
+            *("--scale", "configs/grades/machining.yaml"),
+        ),
+    ),
+    "predict": (
+        lambda: robacc.predict("configs/robots/puma560.yaml", samples=200, allocate="C"),
+        lambda: results.text("predict"),
+    ),
+    "predict, against": (
+        lambda: robacc.predict(
+            "configs/robots/puma560.yaml", poses=f"{FOLDER}/p.csv", against=f"{FOLDER}/p.csv", noise="0.05mm,0.01deg"
+        ),
+        lambda: printed(
+            *("predict", "configs/robots/puma560.yaml", "--poses", f"{FOLDER}/p.csv"),
+            *("--against", f"{FOLDER}/p.csv", "--noise", "0.05mm,0.01deg"),
+        ),
+    ),
+    "calibrate": (
+        lambda: robacc.calibrate(
+            "sample_data/trace/poses.csv",
+            robot="sample_data/trace/robot.yaml",
+            fit=("base_frame", "tool_frame", "joint_offset", "joint_compliance[j2]", "backlash[j3]"),
+            folds=2,
+        ),
+        lambda: results.text("calibrate"),
+    ),
+    "trace": (
+        lambda: robacc.trace(
+            "sample_data/trace/poses.csv",
+            robot="sample_data/trace/robot.yaml",
+            declared=results.DECLARED,
+            progress=lambda *one: TOLD.append(one),
+        ),
+        lambda: results.text("trace"),
+    ),
+    "iso9283": (
+        lambda: robacc.iso9283("sample_data/iso9283/poses.csv", robot="sample_data/iso9283/robot.yaml", align=FRAMES),
+        lambda: results.text("iso9283"),
+    ),
+    "compare": (
+        lambda: robacc.compare(f"{FOLDER}/a.json", f"{FOLDER}/b.json", by="position.p95", grade="D"),
+        lambda: printed("compare", f"{FOLDER}/a.json", f"{FOLDER}/b.json", "--by", "position.p95", "--grade", "D"),
+    ),
+    "check": (
+        lambda: robacc.check(f"{FOLDER}/a.json", f"{FOLDER}/gate.yaml"),
+        lambda: printed("check", f"{FOLDER}/a.json", "--gate", f"{FOLDER}/gate.yaml"),
+    ),
+    "simulate": (
+        lambda: robacc.simulate(ROBOT, poses=9, noise="0.02mm", outliers=2, temperature=(20, 25), payload=(0, 2)),
+        lambda: printed(
+            *("simulate", ROBOT, "--poses", "9", "--noise", "0.02mm", "--outliers", "2", "--temperature", "20:25"),
+            *("--payload", "0,2", "-o", f"{FOLDER}/made.csv"),
+        ),
+    ),
+}
+"""A call and the command that does the same."""
+TOLD: list[tuple[str, int, int]] = []
+"""How far the trace was."""
+FOLDER = ""
+"""Of the files that some of them read; set before they run."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _files(tmp_path_factory: pytest.TempPathFactory) -> None:
+    global FOLDER
+    folder = tmp_path_factory.mktemp("api")
+    FOLDER = str(folder)
+    made = robacc.simulate(ROOT / "configs/robots/puma560.yaml", poses=8, noise="0.05mm", noise_orientation="0.01deg")
+    made.write(folder / "p.csv")
+    robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT).save(folder / "a.json")
+    robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT, align="base_frame").save(folder / "b.json")
+    (folder / "gate.yaml").write_text(results.GATE, encoding="utf-8")
+
+
+@pytest.mark.parametrize("what", CALLS)
+def test_call_gives_what_the_command_gives_byte_for_byte(what: str) -> None:
+    call, command = CALLS[what]
+    found, text = call(), command()
+    assert isinstance(found, robacc.Result)
+    assert found.to_json() == text
+    assert list(found.document()) == list(json.loads(text))
+    assert isinstance(found.warnings, tuple)
+    assert repr(found) == f"<robacc.{type(found).__name__} of {', '.join(one.name for one in found.made.inputs)}>"
+    if what == "trace":
+        assert [(done, of) for _, done, of in TOLD] == [(done, 6) for done in range(6)]
+
+
+def test_every_call_is_held_against_its_command() -> None:
+    functions = {name for name in robacc.__all__ if name.islower() and not name.startswith(("_", "read_", "write_"))}
+    assert {what.split(",")[0] for what in CALLS} == functions - {"schema"}
+
+
+def test_gate_stands_in_the_document_as_the_command_has_it(tmp_path: Path) -> None:
+    gate = f"{FOLDER}/gate.yaml"
+    found = robacc.estimate(POSES, robot=ROBOT, align=FRAMES)
+    text = printed("estimate", *results.CALLS["estimate"], "--gate", gate)
+    assert found.to_json(gate=gate) == text
+    found.save(tmp_path / "r.json", gate=gate)
+    assert (tmp_path / "r.json").read_text(encoding="utf-8") == text
+    checked = robacc.check(found, gate)
+    assert (checked.outcome, checked.exit_status) == ("inconclusive", 5)
+    assert json.loads(checked.to_json())["gate"] == json.loads(text)["gate"]
+
+
+def test_files_that_commands_write_beside_the_result(tmp_path: Path) -> None:
+    def run(*arguments: str) -> str:
+        done = CliRunner().invoke(app, [*arguments], catch_exceptions=False)
+        assert done.exit_code == 0, done.stderr
+        return done.stdout
+
+    run("calibrate", POSES, "--robot", ROBOT, "--fit", ",".join(FRAMES), "--write-model", str(tmp_path / "model.yaml"))
+    robacc.calibrate(POSES, robot=ROBOT, fit=FRAMES).write_model(tmp_path / "own.yaml")
+    assert (tmp_path / "own.yaml").read_bytes() == (tmp_path / "model.yaml").read_bytes()
+    run("estimate", POSES, "--robot", ROBOT, "--per-pose", str(tmp_path / "e.csv"))
+    assert robacc.estimate(POSES, robot=ROBOT).per_pose_csv() == (tmp_path / "e.csv").read_text(encoding="utf-8")
+    puma = "configs/robots/puma560.yaml"
+    run("predict", puma, "--samples", "4", "--per-pose", str(tmp_path / "p.csv"))
+    assert robacc.predict(puma, samples=4).per_pose_csv() == (tmp_path / "p.csv").read_text(encoding="utf-8")
+    assert robacc.simulate(puma, poses=4, outliers=1).csv() == run("simulate", puma, "--poses", "4", "--outliers", "1")
+
+
+OWN = {"form", "output", "gate", "junit", "report", "per_pose", "write_model", "jobs"}
+"""Options of the command line that say what becomes of the result, or how it is computed."""
+IN_WORDS = {"noise": "0", "noise_orientation": "0", "outlier_size": "10mm", "sampling": "even"}
+
+
+@pytest.mark.parametrize("name", ["estimate", "predict", "calibrate", "trace", "iso9283", "compare", "simulate"])
+def test_call_has_the_commands_options_and_defaults(name: str) -> None:
+    command = inspect.signature(getattr(importlib.import_module(f"robacc.cli.commands.{name}"), name)).parameters
+    call = inspect.signature(getattr(robacc, name)).parameters
+    assert set(command) - OWN == set(call) - {"progress"}
+    for key, parameter in call.items():
+        if key == "progress" or parameter.default is inspect.Parameter.empty:
+            continue
+        default = command[key].default
+        if key in IN_WORDS and name == "simulate":
+            assert str(default) == IN_WORDS[key]
+        else:
+            assert (parameter.default or None) == (default or None), key
+
+
+def test_what_was_read_before_is_as_good_as_its_path(tmp_path: Path) -> None:
+    robot = robacc.read_robot(ROBOT)
+    by_path = robacc.estimate(POSES, robot=ROBOT, align=FRAMES).document()
+    by_object = robacc.estimate(robacc.read_poses(POSES, robot=robot), robot=robot, align="base_frame, tool_frame")
+    document = by_object.document()
+    assert document["inputs"][0] == by_path["inputs"][0]
+    robacc.write_robot(tmp_path / "same.yaml", robot)
+    sha256 = hashlib.sha256((tmp_path / "same.yaml").read_bytes()).hexdigest()
+    assert document["inputs"][1] == {"name": "sample arm", "sha256": sha256, "kind": "robot"}
+    for one in (document, by_path):
+        del one["inputs"]
+    assert text_of(document) == text_of(by_path)
+
+
+def text_of(document: dict[str, Any]) -> str:
+    from robacc.io.json_text import json_text
+
+    return json_text(document)
+
+
+def test_arrays_are_estimated_and_recorded(tmp_path: Path) -> None:
+    wanted = np.random.default_rng(0).uniform(size=(3, 30))
+    error = np.random.default_rng(1).normal(scale=1e-4, size=(3, 30))
+    found = robacc.estimate(robacc.Measurements(position=wanted + error, commanded_position=wanted))
+    assert found.position.rms == pytest.approx(np.sqrt(np.mean(np.sum(error**2, axis=0))), rel=1e-9)
+    (record,) = found.made.inputs
+    robacc.write_poses(tmp_path / "made.csv", found.data)
+    assert record.sha256 == hashlib.sha256((tmp_path / "made.csv").read_bytes()).hexdigest()
+    again = robacc.estimate(tmp_path / "made.csv")
+    assert again.position.rms == found.position.rms
+    lists = robacc.Measurements(position=wanted.tolist(), commanded_position=wanted.tolist(), pose=range(30))  # type: ignore[arg-type]
+    assert robacc.estimate(lists).position.max == 0.0
+
+
+def test_joint_variables_alone_are_enough_to_predict() -> None:
+    q = np.random.default_rng(0).uniform(-1, 1, size=(6, 5))
+    arm = "configs/robots/puma560.yaml"
+    found = robacc.predict(arm, poses=q)
+    q[0, 0] += 0.0  # still the caller's own to change
+    same = robacc.predict(arm, poses=robacc.Measurements(position=np.zeros((3, 5)), q=q))
+    assert found.to_json() == same.to_json()
+
+
+def test_fit_of_poses_that_were_read_says_which_file_they_are_of() -> None:
+    robot = robacc.read_robot(ROBOT)
+    found = robacc.calibrate(robacc.read_poses(POSES, robot=robot), robot=robot, fit="base_frame", folds=2)
+    assert (found.made.options["poses"], found.made.options["robot"]) == (POSES, None)
+    assert found.model_yaml().startswith(f"# written by robacc {robacc.__version__} calibrate from poses.csv\n")
+    arrays = sample(source=None, sha256=None, rows=None)
+    made = robacc.calibrate(arrays, robot=robot, fit="base_frame", folds=2)
+    assert made.made.options["poses"] is None
+    assert "calibrate from arrays\n" in made.model_yaml()
+    again = robacc.calibrate(arrays, robot=made.robot, fit="base_frame", folds=2)
+    assert again.nominal.fitted.position.rms == pytest.approx(made.after.fitted.position.rms, rel=1e-9)
+
+
+def test_robots_and_poses_are_written_and_read_back(tmp_path: Path) -> None:
+    text = (ROOT / ROBOT).read_text(encoding="utf-8")
+    entry = "\neffects:\n  - {effect: backlash, joints: [j2], values: {j2: 0.01}}\n"
+    (tmp_path / "arm.yaml").write_text(text + entry, encoding="utf-8")
+    robot = robacc.read_robot(tmp_path / "arm.yaml")
+    assert robot.effect_units[1] == np.deg2rad(1)
+    robacc.write_robot(tmp_path / "si.yaml", robot)
+    again = robacc.read_robot(tmp_path / "si.yaml")
+    assert again.effects[0]["values"]["j2"] == 0.01 * np.deg2rad(1)
+    assert again.joints == robot.joints
+    data = sample()
+    robacc.write_poses(tmp_path / "poses.csv", data)
+    back = robacc.read_poses(tmp_path / "poses.csv", robot=robacc.read_robot(ROBOT))
+    np.testing.assert_array_equal(back.position, data.position)
+    np.testing.assert_array_equal(back.q, data.q)
+
+
+def test_results_are_compared_and_checked_without_files() -> None:
+    plain = robacc.estimate(POSES, robot=ROBOT)
+    aligned = robacc.estimate(POSES, robot=ROBOT, align="base_frame")
+    found = robacc.compare(plain, f"{FOLDER}/b.json", robacc.read_result(f"{FOLDER}/a.json"), aligned)
+    assert [one.name for one in found.subjects] == ["estimate", "b", "a", "estimate (2)"]
+    assert found.made.inputs[0].sha256 == robacc.read_result(f"{FOLDER}/a.json").sha256
+    same = next(row for row in found.rows if row.key == "position.rms")
+    assert same.figures[0] == same.figures[2]
+    assert same.figures[1] == same.figures[3]
+
+
+FLAT = np.zeros((3, 4))
+WRONG_ARRAYS = {
+    "position: expected an array of shape (3, 3), found (4, 3)": {"position": np.zeros((4, 3))},
+    "q: expected an array of shape (6, 4), found (5, 4)": {"q": np.zeros((5, 4))},
+    "time: expected an array of shape (4), found (3,)": {"time": np.zeros(3)},
+    "pose: expected an array of shape (4), found (2,)": {"pose": ["a", "b"]},
+    "position: pose 2 has a value that is not finite": {"position": np.where(np.arange(4) == 1, np.nan, FLAT)},
+    "position: expected numbers, found <U1": {"position": np.full((3, 4), "x")},
+    "rotation: pose 1 is no rotation matrix": {"rotation": np.ones((3, 3, 4))},
+    "commanded_rotation: pose 3 is no rotation matrix": {
+        "commanded_rotation": np.eye(3)[..., None] * np.array([1, 1, -1, 1])
+    },
+    "sigma_position: expected standard deviations above 0": {"sigma_position": FLAT},
+}
+
+
+@pytest.mark.parametrize("message", WRONG_ARRAYS)
+def test_wrong_arrays_are_bad_input(message: str) -> None:
+    columns = {"position": FLAT, "q": np.zeros((6, 4))} | WRONG_ARRAYS[message]
+    with pytest.raises(robacc.InputError) as caught:
+        robacc.estimate(robacc.Measurements(**columns), robot=ROBOT)
+    assert message in [str(problem) for problem in caught.value.problems]
+
+
+def test_everything_wrong_with_arrays_is_said_at_once() -> None:
+    data = robacc.Measurements(position=FLAT, q=np.zeros((5, 4)), sigma_position=FLAT, time=np.full(4, np.inf))
+    with pytest.raises(robacc.InputError) as caught:
+        robacc.estimate(data, robot=ROBOT)
+    assert len(caught.value.problems) == 3
+
+
+def estimate_world() -> None:
+    robacc.estimate(POSES, robot=ROBOT, frame="world")  # type: ignore[arg-type]
+
+
+WRONG_CALLS: dict[str, Callable[[], object]] = {
+    "frame: expected one of 'tool', 'base', None, found 'world'": estimate_world,
+    "seed: expected a number of at least 0, found -1": lambda: robacc.estimate(POSES, robot=ROBOT, seed=-1),
+    "folds: expected a number of between 2 and 50, found 1": lambda: robacc.calibrate(
+        POSES, robot=ROBOT, fit="base_frame", folds=1
+    ),
+    "--fit names no effect": lambda: robacc.calibrate(POSES, robot=ROBOT, fit=()),
+    "base_link and tip_link choose a chain of a URDF as it is read": lambda: robacc.estimate(
+        POSES, robot=robacc.read_robot(ROBOT), tip_link="flange"
+    ),
+    "--base-link and --tip-link choose a chain of the URDF that --robot names": lambda: robacc.estimate(
+        POSES, base_link="base"
+    ),
+    "ordered is of a file as it is read; use read_poses(path, ordered=True)": lambda: robacc.trace(
+        sample(), robot=ROBOT, ordered=True
+    ),
+    "the poses has no joint columns q1 … q6, which a fit needs": lambda: robacc.trace(
+        robacc.Measurements(position=FLAT), robot=ROBOT
+    ),
+    "--noise: expected a length and perhaps an angle": lambda: robacc.predict(
+        ROBOT, against=POSES, noise="1mm,1deg,1deg"
+    ),
+    "--noise: expected a size that is not negative, found -0.1": lambda: robacc.simulate(ROBOT, poses=3, noise=-0.1),
+    "--noise: expected a number with a unit (m, mm, um), found nan": lambda: robacc.simulate(
+        ROBOT, poses=3, noise=float("nan")
+    ),
+    "poses: expected a number of between 1 and 1e+06, found 0": lambda: robacc.simulate(ROBOT, poses=0),
+    "--payload: a payload is a number that is not negative, found -1": lambda: robacc.simulate(
+        ROBOT, poses=3, payload=(1, -1)
+    ),
+    "--temperature: expected finite numbers": lambda: robacc.simulate(ROBOT, poses=3, temperature=float("inf")),
+    "time_step: expected a number of at least 0, found -2": lambda: robacc.simulate(ROBOT, poses=3, time_step=-2),
+    "standard input can be read once: - is given more than once": lambda: robacc.iso9283("-", "-"),
+    "standard input can be read once: --poses or --against, not both": lambda: robacc.predict(
+        ROBOT, poses="-", against="-"
+    ),
+    "standard input can be read once": lambda: robacc.compare("-", "-"),
+    "no schema 'estimat'; there are calibrate, check": lambda: robacc.schema("estimat"),
+}
+
+
+@pytest.mark.parametrize("message", WRONG_CALLS)
+def test_wrong_calls_are_usage_errors(message: str) -> None:
+    with pytest.raises(robacc.UsageError) as caught:
+        WRONG_CALLS[message]()
+    assert message in str(caught.value)
+
+
+def test_result_that_is_none_of_its_command_is_bad_input(tmp_path: Path) -> None:
+    document = json.loads((Path(FOLDER) / "a.json").read_text(encoding="utf-8"))
+    document["poses"]["group"] = ["a"] * 60
+    (tmp_path / "bad.json").write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(robacc.InputError, match=r"is a result of robacc estimate, but is not as expected"):
+        robacc.check(tmp_path / "bad.json", f"{FOLDER}/gate.yaml")
+
+
+def test_errors_have_one_root_and_every_problem() -> None:
+    assert issubclass(robacc.InputError, robacc.RobaccError)
+    assert issubclass(robacc.UsageError, robacc.RobaccError)
+    with pytest.raises(robacc.InputError) as caught:
+        robacc.estimate("none.csv")
+    assert [type(one) for one in caught.value.problems] == [robacc.Problem]
+
+
+def test_import_is_cheap_and_names_load_when_used() -> None:
+    code = (
+        "import sys, robacc; print([m for m in ('numpy', 'scipy', 'yaml', 'typer', 'json') if m in sys.modules]);"
+        "print(robacc.estimate.__module__, 'numpy' in sys.modules, 'yourdfpy' in sys.modules, 'typer' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split("\n")[:2] == ["[]", "robacc.api.estimate True False False"]
+
+
+def test_every_name_is_there_and_seen_by_type_checkers() -> None:
+    tree = ast.parse(Path(robacc.__file__).read_text(encoding="utf-8"))
+    seen = {
+        alias.asname: f"{node.module}".removeprefix("robacc.")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("robacc.")
+        for alias in node.names
+        if alias.name == alias.asname
+    }
+    assert seen.pop("__version__") == "version"
+    assert seen == robacc._HOMES
+    assert set(robacc.__all__) <= set(dir(robacc))
+    for name in robacc.__all__:
+        assert getattr(robacc, name).__doc__ if name != "__version__" else robacc.__version__
+    with pytest.raises(AttributeError, match=r"module 'robacc' has no attribute 'estimte'"):
+        _ = robacc.estimte
+
+
+@pytest.mark.parametrize("module", ["robacc", *MODULES])
+def test_examples_of_docstrings_run(module: str) -> None:
+    found = doctest.testmod(importlib.import_module(module))
+    assert found.failed == 0
+
+
+def test_every_call_has_an_example() -> None:
+    for name in robacc.__all__:
+        if name.islower() and not name.startswith(("_", "write_", "read_r")):
+            assert ">>> " in (inspect.getdoc(getattr(robacc, name)) or ""), name
+
+
+SCRIPT = """\
+import numpy as np
+import robacc
+
+robot: robacc.Robot = robacc.read_robot("robot.yaml")
+data = robacc.read_poses("poses.csv", robot=robot)
+found = robacc.estimate(data, robot=robot, align=("base_frame",), frame="tool")
+rms: float = found.position.rms
+grade: str = found.grade.grade
+worst: tuple[int, ...] = tuple(pose.line for pose in found.worst_position)
+fitted = robacc.calibrate("poses.csv", robot="robot.yaml", fit="base_frame")
+fitted.write_model("better.yaml")
+closed = robacc.trace("poses.csv", robot=fitted.robot, declared=["base_frame"])
+named: list[str] = [one.effect for one in closed.findings]
+predicted = robacc.predict(robot, poses=np.zeros((6, 3)), noise=None)
+criteria = robacc.iso9283("a.csv", "b.csv", rated_load=10.0)
+both = robacc.compare(found, closed, "stored.json", by="position.p95")
+status: int = robacc.check(both, "gate.yaml").exit_status
+made: robacc.Measurements = robacc.simulate(robot, poses=10, noise="0.02mm").data
+try:
+    text: str = predicted.to_json()
+except robacc.InputError as error:
+    problems: tuple[robacc.Problem, ...] = error.problems
+results: list[robacc.Result] = [found, fitted, closed, predicted, criteria, both]
+"""
+
+
+def test_a_typed_script_passes_mypy_and_a_wrong_one_does_not(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    wrong = 'import robacc\nrobacc.estimte("p.csv")\nrobacc.estimate("p.csv", frame="world")\n'
+    wrong += "x: str = robacc.compare().rows\n"
+    (tmp_path / "wrong.py").write_text(wrong, encoding="utf-8")
+    checked = ["-m", "mypy", "--strict", "--config-file", "pyproject.toml", str(tmp_path / "script.py")]
+    done = subprocess.run([sys.executable, *checked], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "Success: no issues found in 1 source file\n")
+    done = subprocess.run(
+        [sys.executable, *checked[:-1], str(tmp_path / "wrong.py")], capture_output=True, text=True, check=False
+    )
+    lines = [line.split("wrong.py:")[1].split(":")[0] for line in done.stdout.splitlines() if "wrong.py:" in line]
+    assert lines == ["2", "3", "4"]
+
+
+def test_without_poses_there_is_nothing_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "header.csv"
+    path.write_text("q1,q2,q3,q4,q5,q6,x,y,z\n", encoding="utf-8")
+    for call in (
+        lambda: robacc.estimate(path, robot=ROBOT),
+        lambda: robacc.estimate(path, robot=ROBOT, align="base_frame"),
+        lambda: robacc.calibrate(path, robot=ROBOT, fit="base_frame"),
+        lambda: robacc.simulate(ROBOT, at=path),
+    ):
+        with pytest.raises(robacc.InputError) as caught:
+            call()
+        assert str(caught.value) == f"{path}: there are no poses; one row is needed at least below the header"
+
+
+def test_a_compliance_without_equilibrium_is_bad_input() -> None:
+    soft = {"effect": "joint_compliance", "joints": ["j2"], "values": {"j2": 1.0}}
+    robot = dataclasses.replace(robacc.read_robot("sample_data/trace/robot.yaml"), effects=(soft,))
+    with pytest.raises(
+        robacc.InputError, match="a compliance is too large for the arm's weight; check its unit"
+    ) as caught:
+        robacc.simulate(robot, poses=3)
+    assert caught.value.exit_status == 3

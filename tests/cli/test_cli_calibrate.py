@@ -1,0 +1,304 @@
+"""`robacc calibrate` from files to its table, its JSON and the model it writes; calibration as a library."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arms import arm
+from typer.testing import CliRunner, Result
+
+from robacc.calibration import calibrate
+from robacc.cli.main import app
+from robacc.effects.request import parse_requests
+from robacc.measurements import Measurements
+from robacc.modelling.model import predict
+from robacc.modelling.robot_file import read_robot
+from robacc.poses.csv_file import read_poses
+from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.simulation.simulate import Plan, simulate
+
+GEOMETRY = "base_frame,tool_frame,joint_offset,link_geometry"
+NOISE = 2e-5
+TRUE = (
+    {"effect": "joint_offset", "joints": ["j2", "j3"], "values": {"j2": 1e-3, "j3": -5e-4}},
+    {"effect": "link_geometry", "joints": ["j2"], "values": {"j2.a": 4e-4, "j2.alpha": 3e-4}},
+    {"effect": "gear_ratio", "joints": ["j2"], "values": {"j2": 5e-4}},
+)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``arm.yaml`` with tolerances, ``poses.csv`` and ``apart.csv`` of one that is wrong, full poses."""
+    folder = tmp_path_factory.mktemp("calibrate")
+    robot = arm("puma560").robot
+    tolerance = {"theta": 1e-6, "d": 1e-3, "a": 1e-3, "alpha": 1e-3}
+    joints = tuple(dataclasses.replace(joint, tolerance=tolerance) for joint in robot.joints)
+    plain = tuple(dataclasses.replace(joint, tolerance={}) for joint in robot.joints)
+    for name, changes in (
+        ("arm", {"joints": joints}),
+        ("bare", {"joints": plain}),
+        ("true", {"effects": TRUE, "effect_units": (1.0, 1.0)}),
+    ):
+        (folder / f"{name}.yaml").write_text(robot_to_yaml(dataclasses.replace(robot, **changes)), encoding="utf-8")
+    for name, seed in (("poses", "1"), ("apart", "2")):
+        noise = ["--noise", "0.02mm", "--noise-orientation", "0.02mrad"]
+        arguments = ["--poses", "50", "--seed", seed, *noise, "-o", str(folder / f"{name}.csv")]
+        assert run("simulate", str(folder / "true.yaml"), *arguments).exit_code == 0
+    return folder
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+
+
+def command(files: Path, fit: str, *more: str) -> tuple[str, ...]:
+    return ("calibrate", str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), "--fit", fit, *more)
+
+
+@cache
+def document(files: Path, fit: str, *more: str) -> dict[str, Any]:
+    done = run(*command(files, fit, *more, "--format", "json"))
+    assert done.exit_code == 0
+    found: dict[str, Any] = json.loads(done.stdout, parse_constant=pytest.fail)
+    return found
+
+
+def values(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {one["name"]: one for one in found["parameters"]}
+
+
+def test_json_has_the_contract_keys(files: Path) -> None:
+    found = document(files, GEOMETRY)
+    assert found["schema"] == "robacc.calibrate/2"
+    assert found["n_poses"] == 50
+    assert set(found["noise"]) >= {"position_m", "orientation_rad", "source"}
+    for stage in ("nominal", "before", "after"):
+        for kind in ("fitted", "held_out"):
+            for quantity, unit in (("position", "m"), ("orientation", "rad")):
+                names = {f"{name}_{unit}" for name in ("rms", "mean_error", "p95", "max")}
+                assert set(found[stage][kind][quantity]) >= names
+    for name, one in values(found).items():
+        assert set(one) >= {"name", "value", "std", "unit"}
+        assert (one["std"] is None) == ("why" in one), name
+    assert "joint_offset.j1 cannot be told from base_frame.yaw" in values(found)["joint_offset.j1"]["why"]
+    identifiability = found["identifiability"]
+    assert (
+        identifiability["n_identifiable"] == 4 * 6 + 6 - 1
+    )  # the axes of joints 2 and 3 are parallel: their rotation about y is idle
+    assert set(identifiability["observability"]) == {"O1", "O2", "O3", "O4", "O5"}
+    assert identifiability["condition_number"] > 1
+    dropped = {one["name"] for one in identifiability["not_identifiable"]}
+    assert dropped == {name for name, one in values(found).items() if one["std"] is None}
+
+
+def test_stages_are_before_and_after(files: Path) -> None:
+    found = document(files, f"{GEOMETRY},gear_ratio[j2]")
+    rms = [found[stage]["held_out"]["position"]["rms_m"] for stage in ("nominal", "before", "after")]
+    assert min(rms[:2]) > 5 * rms[2]
+    assert rms[2] < 1.6 * np.sqrt(3) * NOISE
+    assert found["after"]["fitted"]["position"]["rms_m"] < rms[2]
+    gear = values(found)["gear_ratio.j2"]
+    assert abs(gear["value"] - 5e-4) < 4 * gear["std"]
+    # Noise by the residual: 300 numbers less 31.
+    assert found["noise"]["source"] == "residual"
+    assert found["noise"]["position_m"] == pytest.approx(NOISE, rel=0.2)
+    assert found["gain_m"]["low"] > 0
+
+
+def test_joints_in_brackets_and_without(files: Path) -> None:
+    exactly = document(files, "base_frame,joint_offset[j2,j3],gear_ratio[all]")
+    names = set(values(exactly))
+    assert {name for name in names if name.startswith("joint_offset")} == {"joint_offset.j2", "joint_offset.j3"}
+    assert {name for name in names if name.startswith("gear_ratio")} == {f"gear_ratio.j{i}" for i in range(1, 7)}
+    # Without brackets where the data show it.
+    found = document(files, f"{GEOMETRY},gear_ratio")
+    assert {name for name in values(found) if name.startswith("gear_ratio")} == {"gear_ratio.j2"}
+
+
+def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    done = run(*command(files, f"{GEOMETRY},gear_ratio[j2]", "--write-model", str(model), "--format", "json"))
+    fitted = json.loads(done.stdout)["after"]["fitted"]
+    data = read_poses(str(files / "poses.csv"))
+    residual = np.linalg.norm(data.position - predict(read_robot(model), data).translation, axis=0)
+    assert fitted["position"]["rms_m"] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0, abs=1e-12)
+    fresh = json.loads(run("estimate", str(files / "apart.csv"), "--robot", str(model), "--format", "json").stdout)
+    assert fresh["position"]["rms_m"] < 1.6 * np.sqrt(3) * NOISE
+    # Near nominal: no length of a kilometre that another takes back.
+    for before, after in zip(read_robot(files / "arm.yaml").joints, read_robot(model).joints, strict=True):
+        for label, value in after.parameters.items():
+            assert abs(value - before.parameters.get(label, 0.0)) < 0.01
+
+
+@pytest.mark.parametrize("name", ["puma560", "panda", "stanford", "urdf:ur10", "targets:puma560"])
+def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
+    robot = arm(name).robot
+    joint = arm(name).names[1]
+    wrong = ({"effect": "joint_offset", "joints": [joint], "values": {joint: 1e-3}},)
+    data = simulate(dataclasses.replace(robot, effects=wrong), Plan(40, seed=5, noise_position=NOISE)).data
+    wave = f"transmission_error[{joint}]"
+    found = calibrate(robot, data, parse_requests(f"{GEOMETRY},backlash[{joint}],{wave},instrument_scale"))
+    poses = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
+    np.testing.assert_allclose(poses.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(poses.rotation, found.fit.poses.rotation, rtol=0, atol=1e-12)
+
+
+def test_constants_that_do_not_differ_are_drawn_to_the_file(files: Path) -> None:
+    # Of the lengths only a of the second joint is wrong, of the angles three.
+    found, alone = document(files, GEOMETRY), document(files, GEOMETRY, "--no-shrink")
+    chance = {one["name"]: one["probability"] for kind in found["shrinkage"] for one in kind["constants"]}
+    assert {name for name, p in chance.items() if p > 0.5} >= {"link_geometry.j2.a", "joint_offset.j2"}
+    assert [kind["unit"] for kind in found["shrinkage"]] == ["rad", "m"]
+    assert alone["shrinkage"] == []
+    assert found["degrees_of_freedom"] > alone["degrees_of_freedom"] + 3
+    for name in chance:
+        drawn, free = values(found)[name], values(alone)[name]
+        assert drawn["std"] == pytest.approx(free["std"], rel=1e-6)
+        assert abs(drawn["value"]) < 0.1 * drawn["std"] or chance[name] > 0.05
+    assert document(files, "base_frame,tool_frame,joint_offset[all],link_geometry[all]")["shrinkage"] == []
+    assert document(files, GEOMETRY, "--prior")["shrinkage"] == []
+
+
+def test_the_table_says_what_is_drawn(files: Path) -> None:
+    text = " ".join(run(*command(files, GEOMETRY)).stdout.split())
+    assert "1 of 8 lengths differs from the robot file's value, link_geometry.j2.a; the others are drawn to it" in text
+    assert "standard errors are of the poses alone, drawn or not; --no-shrink draws nothing" in text
+    assert "drawn to it" not in run(*command(files, GEOMETRY, "--no-shrink")).stdout
+    offsets = " ".join(run(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry")).stdout.split())
+    assert "drawn to it" in offsets
+
+
+def test_tolerances_as_priors(files: Path) -> None:
+    free = document(files, "joint_offset,link_geometry")
+    held = document(files, "joint_offset,link_geometry", "--prior")
+    # The file is sure of its zeros to a microradian: they stay there, though a milliradian off.
+    assert abs(values(free)["joint_offset.j2"]["value"]) > 5e-4
+    assert abs(values(held)["joint_offset.j2"]["value"]) < 2e-5
+    assert values(held)["joint_offset.j2"]["std"] <= 1.01e-6
+    bare = run("calibrate", str(files / "poses.csv"), "--robot", str(files / "bare.yaml"), "--fit", GEOMETRY, "--prior")
+    assert bare.exit_code == 2
+    assert "has no tolerance on any joint" in bare.stderr
+
+
+def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
+    lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
+    header = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    columns = lines[header].split(",")
+    row = lines[header + 7].split(",")
+    row[columns.index("x")] = str(float(row[columns.index("x")]) + 0.02)
+    lines[header + 7] = ",".join(row)
+    poses = tmp_path / "poses.csv"
+    poses.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    arguments = ("calibrate", str(poses), "--robot", str(files / "arm.yaml"), "--fit", GEOMETRY, "--format", "json")
+    done = run(*arguments)
+    found = json.loads(done.stdout)
+    assert [one["line"] for one in found["outliers"]] == [header + 8]
+    assert f"left out as no part of the rest: 1 row(s), on line(s) {header + 8}" in done.stderr
+    every = json.loads(run(*arguments, "--all-rows").stdout)
+    assert every["outliers"] == []
+    assert every["after"]["fitted"]["position"]["max_m"] > 5e-3
+
+
+def test_the_table(files: Path) -> None:
+    done = run(*command(files, GEOMETRY))
+    assert done.exit_code == 0
+    at = -1
+    for part in (
+        "Calibration from 50 measured poses",
+        "Before and after",
+        "as delivered",
+        "base and tool",
+        "calibrated",
+    ):
+        at = done.stdout.index(part, at + 1)
+    for part in ("Coefficients", "standard error", "joint_offset.j2", "condition number"):
+        assert part in done.stdout
+    # Without sigma columns the rows are weighed by what is left of them, so that chi-square tells nothing.
+    assert "mm along each axis, estimated from the residual" in done.stdout
+    assert "chi-square" not in done.stdout
+    assert "joint_offset.j1 cannot be told from base_frame.yaw" in " ".join(done.stdout.split())
+
+
+def test_a_file_of_its_own_judges(files: Path) -> None:
+    found = document(files, GEOMETRY, "--holdout", str(files / "apart.csv"))
+    assert found["n_folds"] == 0
+    assert found["after"]["held_out"] != document(files, GEOMETRY)["after"]["held_out"]
+
+
+@pytest.mark.parametrize(
+    ("fit", "message"),
+    [
+        ("geer_ratio", "no effect 'geer_ratio', did you mean 'gear_ratio'?"),
+        ("", "--fit names no effect"),
+        ("thermal_expansion", "thermal_expansion cannot be fitted: neither temperature_c nor time_s varies"),
+        ("gear_ratio[j7]", "no joint 'j7'"),
+    ],
+)
+def test_wrong_usage_is_status_2(files: Path, fit: str, message: str) -> None:
+    done = run(*command(files, fit))
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert message in done.stderr
+
+
+def test_too_few_poses_are_status_3(files: Path, tmp_path: Path) -> None:
+    few = tmp_path / "few.csv"
+    lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
+    few.write_text("\n".join(lines[:5]) + "\n", encoding="utf-8")
+    done = run("calibrate", str(few), "--robot", str(files / "arm.yaml"), "--fit", GEOMETRY)
+    assert (done.exit_code, done.stdout) == (3, "")
+    assert "too few for" in done.stderr
+    assert "measure more poses or fit fewer effects" in done.stderr
+
+
+def few_poses(n: int) -> Measurements:
+    robot = arm("puma560").robot
+    return simulate(
+        dataclasses.replace(robot, effects=TRUE), Plan(n, seed=3, noise_position=NOISE, orientation=False)
+    ).data
+
+
+def test_warnings_of_poses_too_few() -> None:
+    found = calibrate(arm("puma560").robot, few_poses(14), parse_requests(GEOMETRY), shrink=False)
+    text = "\n".join(found.warnings)
+    assert "more numbers measured than coefficients fitted: measure more poses" in text
+    assert "poses held out are predicted much worse than those fitted: fewer effects or more poses" in text
+    assert found.leverage
+    assert found.leverage[0][1] == max(share for _, share in found.leverage)
+    assert all(0.5 < share <= 1 + 1e-9 for _, share in found.leverage)
+    drawn = calibrate(arm("puma560").robot, few_poses(14), parse_requests(GEOMETRY))
+    assert any("more numbers measured than coefficients fitted: measure more" in warning for warning in drawn.warnings)
+    tiny = calibrate(arm("puma560").robot, few_poses(5), parse_requests("base_frame"))
+    assert tiny.after.held_out is None
+    assert any("too few to hold any out" in warning for warning in tiny.warnings)
+
+
+def test_leverages_are_the_hat_matrix() -> None:
+    data = few_poses(14)
+    found = calibrate(arm("puma560").robot, data, parse_requests("joint_offset,link_geometry"), shrink=False)
+    kept = found.fit.identifiability.kept
+    _, jacobian = found.fit.model.bind(data).linearise(found.fit.theta)
+    rows = (jacobian[:3, kept] * found.fit.weight[:, None, :]).transpose(2, 0, 1).reshape(-1, kept.size)
+    # Constants that so few poses hardly show are held by priors, which are rows of their own.
+    whole = np.vstack((rows, np.diag(np.sqrt(found.fit.precision))))
+    hat = np.diag(whole @ np.linalg.pinv(whole))[: rows.shape[0]].reshape(-1, 3).mean(axis=1)
+    # The normal equations are the last linearisation's, one short step before the coefficients.
+    assert dict(found.leverage) == pytest.approx({i: hat[i] for i in np.flatnonzero(hat > 0.5)}, rel=1e-3)
+
+
+def test_correlations_are_those_of_the_covariance() -> None:
+    data = few_poses(30)
+    found = calibrate(arm("puma560").robot, data, parse_requests(GEOMETRY))
+    names, covariance = found.fit.names, found.fit.covariance
+    assert found.correlations
+    for pair in found.correlations:
+        i, j = names.index(pair.first), names.index(pair.second)
+        assert pair.value == pytest.approx(covariance[i, j] / np.sqrt(covariance[i, i] * covariance[j, j]))
+        assert abs(pair.value) > 0.9
+    sizes = [abs(pair.value) for pair in found.correlations]
+    assert sizes == sorted(sizes, reverse=True)

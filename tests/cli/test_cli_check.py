@@ -1,0 +1,287 @@
+"""`robacc check`, and `--gate` with its outputs on the commands that have a result."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[2]
+POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
+ESTIMATE = ("estimate", POSES, "--robot", ROBOT)
+PASSING = "{key: position.rms, limit: 9 mm, reason: r}"
+FAILING = "{key: position.p95, limit: 0.1 mm, reason: r}"
+ELSEWHERE = "{key: verdict, limit: clean, reason: r}"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments)
+
+
+def gate(folder: Path, *criteria: str, name: str = "gate.yaml") -> str:
+    path = folder / name
+    path.write_text("robacc_gate: 1\nname: g\ncriteria:\n" + "".join(f"  - {one}\n" for one in criteria))
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``estimate.json`` and ``calibrate.json`` of the sample data."""
+    folder = tmp_path_factory.mktemp("stored")
+    assert run(*ESTIMATE, "--format", "json", "-o", str(folder / "estimate.json")).exit_code == 0
+    fitted = ("calibrate", POSES, "--robot", ROBOT, "--fit", "base_frame,tool_frame,joint_offset")
+    assert run(*fitted, "--format", "json", "-o", str(folder / "calibrate.json")).exit_code == 0
+    return folder
+
+
+def test_a_stored_result_is_judged_as_the_command_itself_is(stored: Path, tmp_path: Path) -> None:
+    path = gate(
+        tmp_path,
+        PASSING,
+        "{key: position.p95, limit: 2.7 mm, reason: r}",
+        "{key: position.max, limit: 3 mm, reason: r}",
+        "{key: grade, limit: E, reason: r}",
+        "{key: orientation.mean_error, limit: 0.2 deg, rule: guard_band, false_accept_risk: 0.01, reason: r}",
+    )
+    live = run(*ESTIMATE, "--gate", path, "--format", "json")
+    after = run("check", str(stored / "estimate.json"), "--gate", path, "--format", "json")
+    assert live.exit_code == after.exit_code == 4
+    gates = [json.loads(done.stdout)["gate"] for done in (live, after)]
+    assert gates[0] == gates[1]
+    document = json.loads(after.stdout)
+    assert document["schema"] == "robacc.check/1"
+    assert document["result"]["schema"] == "robacc.estimate/1"
+    assert [record["kind"] for record in document["inputs"]] == ["result", "gate"]
+    assert [record["kind"] for record in json.loads(live.stdout)["inputs"]] == ["poses", "robot", "gate"]
+
+
+def test_held_out_figures_and_gains_of_a_calibration(stored: Path, tmp_path: Path) -> None:
+    result = str(stored / "calibrate.json")
+    good = gate(
+        tmp_path,
+        "{key: after.held_out.position.rms, limit: 0.5 mm, reason: r}",
+        "{key: after.held_out.orientation.p95, limit: 1 deg, rule: guard_band, false_accept_risk: 0.05, reason: r}",
+        "{key: after.held_out.position.max, limit: 1 mm, reason: r}",
+        "{key: gain, at_least: 0.05 mm, reason: r}",
+    )
+    done = run("check", result, "--gate", good, "--format", "json")
+    assert done.exit_code == 0, done.stdout
+    one = json.loads(done.stdout)["gate"]["criteria"][0]
+    inside = json.loads((stored / "calibrate.json").read_text())["after"]["held_out"]["position"]
+    assert one["value"] == inside["rms_m"]
+    assert one["upper_bound"] == pytest.approx(inside["intervals"]["rms_m"]["upper_bound"], rel=1e-9)
+    assert one["n_poses"] == inside["n_commanded_poses"] == 60
+
+
+def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
+    from robacc.gates.lookup import Missing, figure, sample
+
+    document = json.loads((stored / "calibrate.json").read_text())
+    for stage in ("nominal", "before", "after"):
+        for kind in ("fitted", "held_out"):
+            for quantity in ("position", "orientation"):
+                key = f"{stage}.{kind}.{quantity}.rms"
+                errors, found = sample(document, key), figure(document, key, 0.95)
+                assert errors is not None
+                assert not isinstance(found, Missing)
+                assert found.value == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5), rel=1e-6)
+
+
+def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
+    import numpy as np
+
+    from robacc.gates.lookup import figure, sample
+
+    lines = Path(POSES).read_text().splitlines()
+    x = lines[1].split(",").index("x")
+    cells = lines[8].split(",")
+    cells[x] = repr(float(cells[x]) * 1.1)  # a broken beam, which is left out
+    lines[8] = ",".join(cells)
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
+    command = ("trace", str(tmp_path / "poses.csv"), "--robot", ROBOT, "--declared", "base_frame,tool_frame")
+    done = run(*command, "--named-only", "--format", "json")
+    assert done.exit_code == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert np.sum(np.logical_not(document["poses"]["used"])) == 1
+    for key in ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted"):
+        errors, found = sample(document, f"{key}.position.rms"), figure(document, f"{key}.position.rms", 0.95)
+        assert errors is not None
+        assert getattr(found, "value", None) == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5))
+
+
+def test_a_regression_gate_reads_its_baseline_from_beside_itself(stored: Path, tmp_path: Path) -> None:
+    shutil.copy(stored / "estimate.json", tmp_path / "baseline.json")
+    path = gate(tmp_path, "{key: position.rms, baseline: baseline.json, reason: r}")
+    same = run(*ESTIMATE, "--gate", path)
+    assert same.exit_code == 0
+    assert "1.80 mm, as the 1.80 mm in baseline.json" in " ".join(same.stdout.split())
+    aligned = run(*ESTIMATE, "--align", "base_frame", "--gate", path)
+    assert aligned.exit_code == 0
+    assert (
+        run(*ESTIMATE, "--align", "base_frame", "--format", "json", "-o", str(tmp_path / "baseline.json")).exit_code
+        == 0
+    )
+    worse = run(*ESTIMATE, "--gate", path, "--format", "json")
+    assert worse.exit_code == 4
+    assert [record["kind"] for record in json.loads(worse.stdout)["inputs"]][-2:] == ["gate", "baseline"]
+    (tmp_path / "baseline.json").unlink()
+    missing = run(*ESTIMATE, "--gate", path)
+    assert missing.exit_code == 3
+    assert missing.stdout == ""
+    assert f"{tmp_path / 'baseline.json'}: there is no such file" in missing.stderr
+
+
+def test_a_bad_gate_file_is_found_before_anything_is_computed(tmp_path: Path) -> None:
+    path = gate(tmp_path, "{key: positon.p95, limit: 1 mm, reason: r}", "{key: position.rms, limit: 1, reason: r}")
+    done = run("estimate", "nowhere.csv", "--gate", path)
+    assert done.exit_code == 3
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert lines[0] == f"error: {path}:4, criteria[0].key: no result has a key 'positon.p95'"
+    assert "expected a number with its unit" in lines[1]
+    assert "  tip: did you mean position.p95" in lines
+
+
+def test_a_stored_result_that_is_not_what_its_command_writes(stored: Path, tmp_path: Path) -> None:
+    document = json.loads((stored / "estimate.json").read_text())
+    document["poses"]["group"] = ["a"] * 60
+    (tmp_path / "odd.json").write_text(json.dumps(document))
+    done = run("check", str(tmp_path / "odd.json"), "--gate", gate(tmp_path, PASSING))
+    assert (done.exit_code, done.stdout) == (3, "")
+    assert f"error: {tmp_path / 'odd.json'}: is a result of robacc estimate, but is not as expected" in done.stderr
+
+
+def test_junit_and_output_are_written_whatever_the_outcome(tmp_path: Path) -> None:
+    path = gate(tmp_path, PASSING, FAILING, ELSEWHERE)
+    junit, output = tmp_path / "junit.xml", tmp_path / "summary.md"
+    done = run(*ESTIMATE, "--gate", path, "--junit", str(junit), "--format", "markdown", "-o", str(output))
+    assert (done.exit_code, done.stdout) == (4, "")
+    (suite,) = ElementTree.parse(junit).getroot()
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
+    text = output.read_text(encoding="utf-8")
+    assert text.startswith("## robacc estimate\n")
+    assert "Error of 60 measured poses" in text
+
+
+def test_a_stored_results_summary_is_the_gate_alone(stored: Path, tmp_path: Path) -> None:
+    path = gate(tmp_path, PASSING)
+    done = run("check", str(stored / "estimate.json"), "--gate", path, "--format", "markdown")
+    assert done.exit_code == 0
+    assert done.stdout.startswith("## robacc check\n\n### ✅ Gate g: PASS (1 pass)\n")
+    assert done.stdout.endswith("- **position.rms**: pass. Reason: r\n")
+
+
+def test_annotations_alone_reach_standard_output(tmp_path: Path) -> None:
+    done = run(*ESTIMATE, "--gate", gate(tmp_path, PASSING, FAILING), "--format", "github")
+    assert done.exit_code == 4
+    lines = done.stdout.splitlines()
+    assert [line.partition(" ")[0] for line in lines] == ["::notice", "::error", "::error"]
+
+
+def test_a_table_ends_with_the_gate(tmp_path: Path) -> None:
+    done = run(*ESTIMATE, "--gate", gate(tmp_path, PASSING))
+    assert done.exit_code == 0
+    assert "Error of 60 measured poses" in done.stdout
+    assert done.stdout.partition("Gate g: PASS (1 pass)\n")[1]
+
+
+def test_predict_has_no_intervals_and_says_so(tmp_path: Path) -> None:
+    robot = str(ROOT / "sample_data" / "robot.yaml")
+    tolerances = tmp_path / "t.yaml"
+    tolerances.write_text("units: {length: mm, angle: deg}\nall: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}\n")
+    command = ("predict", robot, "--samples", "50", "--tolerances", str(tolerances), "--gate")
+    bound = gate(tmp_path, "{key: position.p95, limit: 5 mm, reason: r}")
+    done = run(*command, bound)
+    assert done.exit_code == 5, done.stderr
+    assert "the result has no interval of it, and rule: bound takes one" in " ".join(done.stdout.split())
+    simple = gate(tmp_path, "{key: position.p95, limit: 5 mm, rule: simple, reason: r}", name="s.yaml")
+    assert run(*command, simple).exit_code == 0
+
+
+@pytest.mark.parametrize("form", ["table", "json", "markdown", "github"])
+def test_the_same_call_gives_the_same_bytes(form: str, tmp_path: Path) -> None:
+    path = gate(tmp_path, PASSING, FAILING, ELSEWHERE)
+    made = []
+    for number in (1, 2):
+        output, junit = tmp_path / f"{number}.out", tmp_path / f"{number}.xml"
+        run(*ESTIMATE, "--gate", path, "--format", form, "-o", str(output), "--junit", str(junit))
+        made.append((output.read_bytes(), junit.read_bytes()))
+    assert made[0] == made[1]
+
+
+def copies(folder: Path) -> dict[str, str]:
+    for name in ("poses.csv", "robot.yaml"):
+        shutil.copy(ROOT / "sample_data" / name, folder / name)
+    (folder / "link.csv").symlink_to(folder / "poses.csv")
+    (folder / "base.json").write_text("{}")
+    gate(folder, "{key: position.rms, baseline: base.json, reason: r}", name="regression.yaml")
+    gate(folder, PASSING)
+    return {path.name: str(path) for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--output", "poses.csv"),
+        ("--output", "robot.yaml"),
+        ("--output", "link.csv"),
+        ("--per-pose", "poses.csv"),
+        ("--gate", "gate.yaml", "--junit", "gate.yaml"),
+        ("--gate", "gate.yaml", "--junit", "poses.csv"),
+    ],
+)
+def test_nothing_that_is_read_is_overwritten(options: tuple[str, ...], tmp_path: Path) -> None:
+    files = copies(tmp_path)
+    before = {path: Path(path).read_bytes() for path in files.values()}
+    done = run(
+        "estimate", files["poses.csv"], "--robot", files["robot.yaml"], *(files.get(one, one) for one in options)
+    )
+    assert done.exit_code == 2
+    option, path = options[-2], files[options[-1]]
+    assert done.stderr == f"error: {option} {path} is an input too, and would be overwritten; name another file\n"
+    assert {path: Path(path).read_bytes() for path in files.values()} == before
+
+
+def test_a_model_a_baseline_and_a_report_are_guarded_too(stored: Path, tmp_path: Path) -> None:
+    files = copies(tmp_path)
+    fit = ("calibrate", files["poses.csv"], "--robot", files["robot.yaml"], "--fit", "base_frame")
+    model = run(*fit, "--write-model", files["robot.yaml"])
+    assert model.exit_code == 2
+    assert f"--write-model {files['robot.yaml']} is an input too" in model.stderr
+    shutil.copy(stored / "estimate.json", files["base.json"])
+    baseline = run(*ESTIMATE, "--gate", files["regression.yaml"], "--output", files["base.json"])
+    assert baseline.exit_code == 2
+    assert f"--output {files['base.json']} is an input too" in baseline.stderr
+    check = run("check", files["base.json"], "--gate", files["gate.yaml"], "-o", files["base.json"])
+    assert check.exit_code == 2
+
+
+def test_two_outputs_are_two_files(tmp_path: Path) -> None:
+    one = str(tmp_path / "x")
+    done = run(*ESTIMATE, "--output", one, "--per-pose", f"{tmp_path}/./x")
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: --output and --per-pose both name ")
+
+
+def test_junit_needs_a_gate(tmp_path: Path) -> None:
+    done = run(*ESTIMATE, "--junit", str(tmp_path / "j.xml"))
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr == "error: --junit writes the outcome of a gate, so it needs --gate\n"
+
+
+def test_examples_judge_what_they_are_written_for(stored: Path) -> None:
+    found: dict[str, Any] = {}
+    for name, result in (("assembly", "estimate"), ("machine_tending", "calibrate")):
+        path = str(ROOT / "configs" / "gates" / f"{name}.yaml")
+        done = run("check", str(stored / f"{result}.json"), "--gate", path, "--format", "json")
+        assert done.exit_code in (0, 4, 5)
+        found[name] = {one["key"]: one["outcome"] for one in json.loads(done.stdout)["gate"]["criteria"]}
+    assert "not_evaluated" not in {outcome for one in found.values() for outcome in one.values()}
+    assert found["machine_tending"]["after.held_out.position.p95"] == "pass"

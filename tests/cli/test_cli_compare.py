@@ -1,0 +1,370 @@
+"""`robacc compare` from stored results to its table and its JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+from robacc.comparison.reading import subject
+
+ROOT = Path(__file__).resolve().parents[2]
+ROBOT = ROOT / "configs" / "robots" / "ur10.yaml"
+STAGES = {"position", "before.held_out.position", "nominal.held_out.position", "after.fitted.position"}
+PLACES = np.random.default_rng(7).uniform(-0.8, 0.8, (60, 3))
+
+
+def robacc(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+
+
+def run(*arguments: str) -> Result:
+    return robacc("compare", *arguments)
+
+
+def document(*arguments: str) -> dict[str, Any]:
+    result = run(*arguments, "--format", "json")
+    assert result.exit_code == 0, result.stderr
+    found: dict[str, Any] = json.loads(result.stdout, parse_constant=pytest.fail)
+    return found
+
+
+def poses_csv(path: Path, seed: int, scale: float, n: int = 60, shift: float = 0.0) -> str:
+    """Commanded and attained positions, and ids; the same commands whatever the seed."""
+    places = PLACES[:n] + shift
+    attained = places + scale * np.random.default_rng(seed).standard_normal((n, 3))
+    lines = ["pose,cmd_x,cmd_y,cmd_z,x,y,z"]
+    lines += [",".join([f"P{i}", *(f"{value:.9f}" for value in (*places[i], *attained[i]))]) for i in range(n)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
+    """Estimates of made-up robots, each computed once: the path of the result."""
+    folder = tmp_path_factory.mktemp("results")
+
+    def estimate(name: str, seed: int, scale: float, *options: str, **changes: Any) -> str:
+        target = folder / f"{name}.json"
+        if not target.exists():
+            poses = poses_csv(folder / f"{name}.csv", seed, scale, **changes)
+            made = robacc("estimate", poses, "--format", "json", "--output", str(target), *options)
+            assert made.exit_code == 0, made.stderr
+        return str(target)
+
+    return estimate
+
+
+@pytest.fixture
+def good(stored: Callable[..., str]) -> str:
+    return stored("good", 1, 5e-5)
+
+
+@pytest.fixture
+def fair(stored: Callable[..., str]) -> str:
+    return stored("fair", 2, 5.5e-5)
+
+
+@pytest.fixture
+def poor(stored: Callable[..., str]) -> str:
+    return stored("poor", 3, 2e-4)
+
+
+def test_json_has_every_shared_figure_with_its_difference(good: str, poor: str) -> None:
+    found = document(good, poor)
+    assert found["schema"] == "robacc.compare/1"
+    assert [one["name"] for one in found["inputs"]] == ["good.json", "poor.json"]
+    assert [(one["name"], one["command"], one["n_poses"]) for one in found["results"]] == [
+        ("good", "estimate", 60),
+        ("poor", "estimate", 60),
+    ]
+    assert found["pairing"] == [
+        {"first": "good", "second": "poor", "paired": True, "n_shared": 60, "n_first": 60, "n_second": 60}
+    ]
+    one, other = (json.loads(Path(path).read_text(encoding="utf-8")) for path in (good, poor))
+    rms = found["statistics"][0]
+    assert (rms["key"], rms["unit"]) == ("position.rms", "m")
+    assert [value["value"] for value in rms["values"]] == [one["position"]["rms_m"], other["position"]["rms_m"]]
+    assert rms["values"][0]["lower"] == one["position"]["intervals"]["rms_m"]["lower"]
+    difference = rms["differences"][0]
+    assert difference["value"] == pytest.approx(other["position"]["rms_m"] - one["position"]["rms_m"], rel=1e-12)
+    assert difference["paired"] is True
+    assert difference["n_poses"] == 60
+    assert 0.0 < difference["lower"] < difference["value"] < difference["upper"]
+    assert difference["p_value"] < 1e-6
+    assert {"position.p95", "position.max", "position.mean_x", "position.sd_z", "position.longest_sd"} <= {
+        row["key"] for row in found["statistics"]
+    }
+    assert found["ranking"]["by"] == "position.rms"
+    assert [one["name"] for one in found["ranking"]["order"]] == ["good", "poor"]
+    assert found["ranking"]["text"] == ["good is better than poor"]
+    assert found["warnings"] == []
+
+
+def test_equal_files_do_not_differ_and_warn_of_nothing(good: str, tmp_path: Path) -> None:
+    copy = shutil.copy(good, tmp_path / "copy.json")
+    result = run(good, str(copy))
+    assert result.stderr == ""
+    assert "- good and copy cannot be told apart" in result.stdout
+    found = document(good, str(copy))
+    for row in found["statistics"]:
+        one = row["differences"][0]
+        assert (one["value"], one["lower"], one["upper"], one["p_value"]) == (0.0, 0.0, 0.0, 1.0)
+    assert [one["letters"] for one in found["ranking"]["order"]] == ["a", "a"]
+
+
+def test_the_same_call_gives_the_same_bytes(good: str, poor: str) -> None:
+    assert run(good, poor, "--format", "json").stdout == run(good, poor, "--format", "json").stdout
+
+
+def test_ranking_of_three_and_the_grade(good: str, fair: str, poor: str) -> None:
+    found = document(poor, good, fair, "--grade", "B")
+    assert [one["name"] for one in found["ranking"]["order"]] == ["good", "fair", "poor"]
+    assert [one["letters"] for one in found["ranking"]["order"]] == ["a", "a", "b"]
+    assert found["ranking"]["indistinguishable"] == [["good", "fair"]]
+    grade = found["grade"]
+    assert (grade["wanted"], grade["scale"]) == ("B", "CAD/CAM 0.1 mm, 0.1 degree")
+    assert grade["demonstrated_by"] == ["good", "fair"]
+    verdicts = {one["name"]: one for one in grade["results"]}
+    assert (verdicts["poor"]["verdict"], verdicts["poor"]["grade"]) == ("not_met", "D")
+    assert verdicts["poor"]["probability"] < 0.01
+    stored_grade = json.loads(Path(good).read_text(encoding="utf-8"))["grade"]
+    assert verdicts["good"]["position_upper_bound_m"] == stored_grade["position"]["upper_bound_m"]
+    table = run(poor, good, fair, "--grade", "B").stdout
+    assert "Grade B (scale: CAD/CAM 0.1 mm, 0.1 degree)" in table
+    assert "each grade is demonstrated by itself with 95 %, not all of them together" in " ".join(table.split())
+
+
+def test_a_grade_met_but_not_demonstrated_says_how_many_poses_it_takes(stored: Callable[..., str]) -> None:
+    near = stored("near", 5, 7.5e-5, n=40)
+    found = document(near, stored("good", 1, 5e-5), "--grade", "B")["grade"]["results"][0]
+    assert found["verdict"] == "met_not_demonstrated"
+    assert 0.5 < found["probability"] < 0.95
+    assert found["poses_to_demonstrate"] > 40
+    assert "poses in all would likely demonstrate it" in " ".join(
+        run(near, stored("good", 1, 5e-5), "--grade", "B").stdout.split()
+    )
+
+
+def test_a_scale_of_ones_own(good: str, poor: str, tmp_path: Path) -> None:
+    scale = tmp_path / "scale.yaml"
+    shutil.copy(ROOT / "configs" / "grades" / "machining.yaml", scale)
+    found = document(good, poor, "--grade", "medium", "--scale", str(scale))
+    assert found["grade"]["statistic"] == "rms"
+    assert found["grade"]["demonstrated_by"] == ["good"]
+    assert found["inputs"][-1]["kind"] == "scale"
+
+
+def test_results_of_different_scales_need_one_named(good: str, stored: Callable[..., str]) -> None:
+    scale = str(ROOT / "configs" / "grades" / "machining.yaml")
+    other = stored("machined", 1, 5e-5, "--scale", scale)
+    result = run(good, other, "--grade", "B")
+    assert result.exit_code == 2
+    assert "graded on CAD/CAM 0.1 mm, 0.1 degree and machining; say with --scale which is to hold" in result.stderr
+    found = run(good, other)
+    assert (
+        "warning: made differently, grade scale: good: CAD/CAM 0.1 mm, 0.1 degree; machined: machining" in found.stderr
+    )
+
+
+def test_what_was_made_differently_is_said(good: str, stored: Callable[..., str]) -> None:
+    other = stored("elsewhere", 4, 5e-5, "--confidence", "0.9", n=50, shift=0.3)
+    result = run(good, other)
+    assert result.exit_code == 0
+    assert "made differently, poses: good and elsewhere are not of the same poses" in result.stderr
+    assert "made differently, confidence: good: 0.95; elsewhere: 0.9 (their intervals are not alike)" in result.stderr
+    found = document(good, other)
+    assert not found["pairing"][0]["paired"]
+    assert "Welch's degrees of freedom" in found["statistics"][0]["differences"][0]["method"]
+    version = json.loads(Path(good).read_text(encoding="utf-8"))
+    older = Path(other).with_name("older.json")
+    older.write_text(json.dumps(version | {"robacc": "0.0.1"}), encoding="utf-8")
+    assert re.search(r"made differently, robacc version: good: .*; older: 0.0.1", run(good, str(older)).stderr)
+
+
+def test_some_of_the_poses(good: str, stored: Callable[..., str]) -> None:
+    part = stored("part", 6, 5e-5, n=45)
+    result = run(good, part)
+    assert "share 45 of 60 poses; their differences are over those alone" in result.stderr
+
+
+def test_baseline_by_name_or_path(good: str, poor: str) -> None:
+    for named in ("poor", poor):
+        found = document(good, poor, "--baseline", named)
+        assert found["baseline"] == "poor"
+        assert found["statistics"][0]["differences"][0]["name"] == "good"
+        assert found["statistics"][0]["differences"][0]["value"] < 0.0
+
+
+def test_files_of_one_name_are_told_apart(good: str, poor: str, tmp_path: Path) -> None:
+    paths = []
+    for folder, path in (("one", good), ("two", poor)):
+        (tmp_path / folder).mkdir()
+        paths.append(str(shutil.copy(path, tmp_path / folder / "result.json")))
+    assert [one["name"] for one in document(*paths)["results"]] == ["one/result", "two/result"]
+    assert [one["name"] for one in document(good, good)["results"]][1].endswith("good (2)")
+
+
+def test_many_results_stand_in_rows(good: str, fair: str, poor: str, stored: Callable[..., str]) -> None:
+    more = [stored(f"arm{i}", 10 + i, 1e-4) for i in range(3)]
+    table = run(good, fair, poor, *more).stdout
+    assert re.search(r"Position error, mm +rms +mean +95th percentile +maximum\n", table)
+    assert re.search(r"\narm2 +0\.\d+ +0\.\d+ +0\.\d+ +0\.\d+\n", table)
+
+
+def test_tables_fit_a_page(good: str, fair: str, poor: str) -> None:
+    for paths in ((good, poor), (good, fair, poor)):
+        for line in run(*paths, "--grade", "B").stdout.splitlines():
+            assert len(line) <= 90, line
+            assert line == line.rstrip()
+
+
+@pytest.fixture(scope="module")
+def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An estimate, two calibrations and a prediction of one simulated arm."""
+    folder = tmp_path_factory.mktemp("fits")
+    poses = str(folder / "poses.csv")
+    apart = str(folder / "holdout.csv")
+    for path, seed in ((poses, "0"), (apart, "1")):
+        call = ("simulate", str(ROBOT), "--poses", "40", "--noise", "0.05mm", "--seed", seed, "--output", path)
+        assert robacc(*call).exit_code == 0
+    fit = ("calibrate", poses, "--robot", str(ROBOT), "--folds", "2", "--fit")
+    calls = {
+        "estimate": ("estimate", poses, "--robot", str(ROBOT)),
+        "frames": (*fit, "base_frame"),
+        "offsets": (*fit, "base_frame,joint_offset[all]"),
+        "apart": (*fit, "base_frame", "--holdout", apart),
+        "predict": ("predict", str(ROBOT), "--samples", "50"),
+    }
+    found = {}
+    for name, call in calls.items():
+        found[name] = str(folder / f"{name}.json")
+        result = robacc(*call, "--format", "json", "--output", found[name])
+        assert result.exit_code == 0, result.stderr
+    return found
+
+
+def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
+    found = document(fits["frames"], fits["offsets"])
+    rows = {row["key"]: row for row in found["statistics"]}
+    same = rows["nominal.held_out.position.rms"]["differences"][0]
+    assert (same["value"], same["p_value"], same["method"]) == (0.0, 1.0, "the same at every pose")
+    after = rows["position.rms"]["differences"][0]
+    assert after["paired"]
+    assert after["p_value"] is not None
+    one = json.loads(Path(fits["frames"]).read_text(encoding="utf-8"))
+    assert rows["position.rms"]["values"][0]["value"] == one["after"]["held_out"]["position"]["rms_m"]
+    assert rows["after.fitted.position.rms"]["values"][0]["value"] == one["after"]["fitted"]["position"]["rms_m"]
+    table = run(fits["frames"], fits["offsets"]).stdout
+    assert re.search(r"Position rms, mm +frames +offsets", table)
+    assert "after, poses fitted" in table
+
+
+@pytest.mark.parametrize("name", ["estimate", "frames", "apart"])
+def test_figures_are_those_of_the_errors_they_are_tested_by(fits: dict[str, str], name: str) -> None:
+    found = subject(json.loads(Path(fits[name]).read_text(encoding="utf-8")), name, name, "")
+    owners = {"estimate": {"position"}, "frames": STAGES, "apart": STAGES}[name]
+    assert {owner for owner in found.errors if owner.endswith("position")} == owners
+    for owner, errors in found.errors.items():
+        lengths = np.linalg.norm(errors.vectors, axis=0)
+        # Errors of a fit are stored to 1e-12 m.
+        assert found.figures[f"{owner}.rms"].value == pytest.approx(np.sqrt(np.mean(lengths**2)), abs=2e-12)
+        assert found.figures[f"{owner}.max"].value == pytest.approx(np.max(lengths), abs=2e-12)
+
+
+def test_an_estimate_beside_a_calibration(fits: dict[str, str]) -> None:
+    result = run(fits["estimate"], fits["offsets"])
+    assert "made differently, command: estimate: estimate; offsets: calibrate" in result.stderr
+    assert "made differently, alignment: estimate: nothing aligned; offsets: fitted with the model" in result.stderr
+    found = document(fits["estimate"], fits["offsets"])
+    assert found["pairing"][0]["paired"]
+    assert "position.rms" in [row["key"] for row in found["statistics"]]
+
+
+def test_a_prediction_has_a_grade_and_demonstrates_nothing(fits: dict[str, str]) -> None:
+    found = document(fits["estimate"], fits["predict"], "--grade", "D")
+    predicted = found["grade"]["results"][1]
+    assert predicted["verdict"] in ("met_not_demonstrated", "not_met")
+    assert predicted["probability"] is None
+    assert predicted["why"] == "predicted from tolerances, not measured"
+    assert found["statistics"][0]["differences"][0]["p_value"] is None
+
+
+def test_iso9283_results_by_their_intervals(tmp_path: Path) -> None:
+    paths = []
+    for seed in ("1", "2"):
+        poses = str(tmp_path / f"arm{seed}.csv")
+        robacc(
+            "simulate",
+            str(ROBOT),
+            "--poses",
+            "5",
+            "--cycles",
+            "6",
+            "--noise",
+            "0.05mm",
+            "--seed",
+            seed,
+            "--output",
+            poses,
+        )
+        paths.append(str(tmp_path / f"arm{seed}.json"))
+        made = robacc("iso9283", poses, "--robot", str(ROBOT), "--format", "json", "--output", paths[-1])
+        assert made.exit_code == 0, made.stderr
+    found = document(*paths)
+    rows = {row["key"]: row for row in found["statistics"]}
+    assert found["ranking"]["by"] == "iso9283.AP.max"
+    assert "Zou and Donner" in rows["iso9283.RP.max"]["differences"][0]["method"]
+    assert rows["iso9283.RP.max"]["differences"][0]["p_value"] is not None
+    assert re.search(r"\nRP +\d", run(*paths).stdout)
+
+
+def test_standard_input_is_one_of_the_results(good: str, poor: str) -> None:
+    text = Path(good).read_text(encoding="utf-8")
+    result = CliRunner().invoke(app, ["compare", "-", poor, "--format", "json"], input=text)
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["results"][0]["name"] == "standard input"
+
+
+def test_output_is_written_whole(good: str, poor: str, tmp_path: Path) -> None:
+    target = tmp_path / "compared.json"
+    assert run(good, poor, "--format", "json", "--output", str(target)).stdout == ""
+    assert target.read_text(encoding="utf-8") == run(good, poor, "--format", "json").stdout
+    assert run(good, poor, "--format", "markdown").stdout.startswith("## robacc compare")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("{good}",), 2, "a comparison takes at least two results"),
+        (("-", "-"), 2, "standard input can be read once"),
+        (("{good}", "{good}", "--scale", "x.yaml"), 2, "--scale is of the grade that --grade names"),
+        (("{good}", "{good}", "--grade", "Z"), 2, "no grade 'Z' on the scale"),
+        (("{good}", "{good}", "--baseline", "x"), 2, "no result is named 'x'"),
+        (("{good}", "{good}", "--by", "x"), 2, "no shared figure 'x' to rank by"),
+        (("{good}", "none.json"), 3, "none.json: there is no such file"),
+    ],
+)
+def test_calls_and_files_that_are_wrong(good: str, arguments: tuple[str, ...], status: int, message: str) -> None:
+    result = run(*(one.format(good=good) for one in arguments))
+    assert result.exit_code == status
+    assert result.stdout == ""
+    assert message in result.stderr
+
+
+def test_the_problems_of_every_file_are_said_at_once(good: str, tmp_path: Path) -> None:
+    cut, other = tmp_path / "cut.json", tmp_path / "other.json"
+    cut.write_text(Path(good).read_text(encoding="utf-8")[:500], encoding="utf-8")
+    other.write_text("{}", encoding="utf-8")
+    result = run(str(cut), str(other), good)
+    assert result.exit_code == 3
+    assert "ends in the middle: it was cut short" in result.stderr
+    assert "is no result of robacc" in result.stderr

@@ -1,0 +1,256 @@
+"""`robacc estimate` from files to its table, its JSON and its per-pose CSV."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[2]
+POSES = ROOT / "sample_data" / "poses.csv"
+ROBOT = ROOT / "sample_data" / "robot.yaml"
+SAMPLE = (str(POSES), "--robot", str(ROBOT))
+GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "estimate.txt"
+
+COMMANDED = """\
+pose,x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg,cmd_x_mm,cmd_y_mm,cmd_z_mm,cmd_roll_deg,cmd_pitch_deg,cmd_yaw_deg
+a,100.12,200.00,300.05,0,0,90.02,100,200,300,0,0,90
+b,400.00,-99.91,250.03,10,0.03,0,400,-100,250,10,0,0
+c,-200.07,50.02,410.00,0,20,0,-200,50,410,0,20.01,0
+d,10.00,20.00,29.80,0,0,45,10,20,30,0,0,45.04
+e,15.03,20.06,30.02,-30.02,0,45,15,20,30,-30,0,45
+"""
+
+
+def run(*arguments: str, text: str | None = None) -> Result:
+    return CliRunner().invoke(app, ["estimate", *arguments], input=text, catch_exceptions=False)
+
+
+def document(*arguments: str, text: str | None = None) -> dict[str, object]:
+    result = run(*arguments, "--format", "json", text=text)
+    assert result.exit_code == 0
+    return json.loads(result.stdout, parse_constant=pytest.fail)
+
+
+def independent_errors() -> tuple[np.ndarray, np.ndarray]:
+    """Tool-frame errors of the commanded file, ``(n, 3)`` m and rad, by scipy."""
+    rows = [[float(cell) for cell in line.split(",")[1:]] for line in COMMANDED.splitlines()[1:]]
+    attained, commanded = np.hsplit(np.array(rows), 2)
+    turn_a, turn_c = (Rotation.from_euler("xyz", part[:, 3:], degrees=True) for part in (attained, commanded))
+    d = turn_c.inv().apply(attained[:, :3] - commanded[:, :3]) * 1e-3
+    return d, (turn_c.inv() * turn_a).as_rotvec()
+
+
+def test_json_has_the_contract_keys_and_the_right_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text(COMMANDED, encoding="utf-8")
+    found = document(str(path))
+    assert (found["schema"], found["n_poses"], found["frame"], found["seed"]) == ("robacc.estimate/1", 5, "tool", 0)
+    assert found["inputs"] == [
+        {"name": "poses.csv", "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "kind": "poses"}
+    ]
+    assert {"robacc", "command", "options", "notes", "warnings"} <= set(found)
+    for key, unit, errors in zip(("position", "orientation"), ("m", "rad"), independent_errors(), strict=True):
+        part = found[key]
+        size = np.linalg.norm(errors, axis=1)
+        centred = errors - errors.mean(axis=0)
+        for name, expected in {
+            f"errors_{unit}": errors,
+            f"mean_{unit}": errors.mean(axis=0),
+            f"covariance_{unit}2": errors.T @ errors / 5,
+            f"centred_covariance_{unit}2": centred.T @ centred / 5,
+            f"rms_{unit}": np.sqrt(np.mean(size**2)),
+            f"mean_error_{unit}": size.mean(),
+            f"p95_{unit}": np.percentile(size, 95),
+            f"max_{unit}": size.max(),
+        }.items():
+            np.testing.assert_allclose(part[name], expected, atol=1e-15, rtol=1e-10, err_msg=name)
+    grade = found["grade"]
+    assert isinstance(grade["demonstrated"], bool)
+    # The 95th percentile of the position error is 0.19 mm.
+    assert (grade["grade"], grade["demonstrated"]) == ("B", False)
+    assert found["worst_poses"]["by_position"][0]["line"] == 5
+
+
+def test_position_only_has_no_orientation() -> None:
+    text = "x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3.001\n1,2,4,1,2,4.002\n"
+    found = document("-", text=text)
+    assert (found["orientation"], found["frame"], found["inputs"][0]["name"]) == (None, "base", "-")
+    np.testing.assert_allclose(found["position"]["errors_m"], [[0, 0, -1e-3], [0, 0, -2e-3]], atol=1e-15)
+    refused = run("-", "--frame", "tool", text=text)
+    assert refused.exit_code == 2
+    assert "frame tool needs the commanded orientation" in refused.stderr
+
+
+def test_same_bytes_every_time_and_seed_matters() -> None:
+    first = run(*SAMPLE, "--format", "json").stdout
+    assert run(*SAMPLE, "--format", "json").stdout == first
+    other = json.loads(run(*SAMPLE, "--format", "json", "--seed", "1").stdout)
+    interval = json.loads(first)["position"]["intervals"]["mean_error_m"]
+    assert other["position"]["intervals"]["mean_error_m"]["lower"] != interval["lower"]
+    assert str(ROOT) not in first
+
+
+def test_alignment_stands_beside_the_unaligned_figures() -> None:
+    plain, aligned = document(*SAMPLE), document(*SAMPLE, "--align", "base_frame,tool_frame")
+    assert plain["alignment"] is plain["unaligned"] is None
+    assert aligned["alignment"]["what"] == ["base_frame", "tool_frame"]
+    assert aligned["alignment"]["n_parameters"] == len(aligned["alignment"]["parameters"]) == 12
+    for key, unit in (("position", "m"), ("orientation", "rad")):
+        for name in (f"rms_{unit}", f"mean_error_{unit}", f"p95_{unit}", f"max_{unit}"):
+            assert aligned["unaligned"][key][name] == pytest.approx(plain[key][name], rel=1e-12)
+    assert aligned["position"]["rms_m"] < 0.5 * plain["position"]["rms_m"]
+    table = run(*SAMPLE, "--align", "base_frame,tool_frame").stdout
+    assert "base_frame and tool_frame aligned with 12 parameters" in table
+    assert "unaligned" in table
+    assert "unaligned" not in run(*SAMPLE).stdout
+    assert "nothing aligned" in run(*SAMPLE).stdout
+
+
+def test_table_is_as_it_was() -> None:
+    """Golden: a change of looks is a change to review. Rewrite with the command in the failure's message."""
+    result = run("-", text=COMMANDED)
+    assert result.exit_code == 0
+    assert result.stdout == GOLDEN.read_text(encoding="utf-8"), f"robacc estimate - > {GOLDEN.name} if it should be"
+
+
+def test_table_fits_a_page_and_has_no_loose_ends() -> None:
+    for arguments in (SAMPLE, (*SAMPLE, "--align", "base_frame,tool_frame"), (*SAMPLE, "--frame", "base")):
+        lines = run(*arguments).stdout.splitlines()
+        names = [line for line in lines if "commanded by" in line]
+        assert all(len(line) <= 80 for line in lines if line not in names)
+        assert all(line == line.rstrip() for line in lines)
+
+
+def test_output_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    target = tmp_path / "result.json"
+    assert run(*SAMPLE, "--format", "json", "--output", str(target)).stdout == ""
+    whole = target.read_text(encoding="utf-8")
+    assert whole == run(*SAMPLE, "--format", "json").stdout
+    bad = tmp_path / "bad.csv"
+    bad.write_text("x,y,z\n1,2,oops\n", encoding="utf-8")
+    refused = run(str(bad), "--format", "json", "--output", str(target))
+    assert refused.exit_code == 3
+    assert target.read_text(encoding="utf-8") == whole
+    nowhere = run(*SAMPLE, "--output", str(tmp_path / "no" / "where.txt"))
+    assert nowhere.exit_code == 3
+    assert nowhere.stdout == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.csv", "result.json"]
+
+
+def test_table_to_a_file_is_the_table(tmp_path: Path) -> None:
+    target = tmp_path / "table.txt"
+    run(*SAMPLE, "--output", str(target))
+    assert target.read_text(encoding="utf-8") == run(*SAMPLE).stdout
+
+
+def test_bad_rows_are_all_named_with_line_and_column(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n1,,3,1,2,3\n1,2,3,1,2,up\n", encoding="utf-8")
+    result = run(str(path), "--format", "json")
+    assert result.exit_code == 3
+    assert result.stdout == ""
+    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert [f"{path}:3, y" in errors[0], f"{path}:4, cmd_z" in errors[1], len(errors)] == [True, True, 2]
+
+
+def test_warnings_go_to_standard_error_and_into_the_result(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("x,y,z,cmd_x,cmd_y,cmd_z,cmd_yy\n1,2,3,1,2,3,0\n", encoding="utf-8")
+    result = run(str(path), "--format", "json")
+    assert result.exit_code == 0
+    assert result.stderr.startswith("warning: ")
+    assert "cmd_yy" in result.stderr
+    assert any("cmd_yy" in warning for warning in json.loads(result.stdout)["warnings"])
+
+
+def test_per_pose_csv(tmp_path: Path) -> None:
+    target = tmp_path / "errors.csv"
+    quoted = COMMANDED.replace("\na,", '\n"a, first",')
+    assert run("-", "--per-pose", str(target), text=quoted).exit_code == 0
+    with target.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    d, delta = independent_errors()
+    assert [row["line"] for row in rows] == ["2", "3", "4", "5", "6"]
+    assert rows[0]["pose"] == "a, first"
+    np.testing.assert_allclose([[float(row[f"d{a}_m"]) for a in "xyz"] for row in rows], d, atol=1e-15)
+    np.testing.assert_allclose([[float(row[f"r{a}_rad"]) for a in "xyz"] for row in rows], delta, atol=1e-15)
+    np.testing.assert_allclose([float(row["error_m"]) for row in rows], np.linalg.norm(d, axis=1), atol=1e-15)
+
+
+def test_several_targets_are_reported_apart() -> None:
+    text = "target,x,y,z,cmd_x,cmd_y,cmd_z\n" + "".join(
+        f"{name},1,2,{3 + error},1,2,3\n" for name, error in (("t1", 1e-3), ("t2", 2e-3), ("t1", 3e-3), ("t2", 4e-3))
+    )
+    found = document("-", text=text)
+    assert [(target["target"], target["n_poses"]) for target in found["targets"]] == [("t1", 2), ("t2", 2)]
+    np.testing.assert_allclose([target["mean_error_m"] for target in found["targets"]], [2e-3, 3e-3], rtol=1e-9)
+    assert "Position error by target, mm" in run("-", text=text).stdout
+
+
+def test_grade_scale_of_the_users_own(tmp_path: Path) -> None:
+    scale = tmp_path / "scale.yaml"
+    scale.write_text(
+        "robacc: 1\nname: shop floor\nstatistic: max\nconfidence: 0.9\nunits: {length: mm, angle: deg}\n"
+        "steps:\n  - {grade: good, position: 10, orientation: 5}\notherwise: poor\n",
+        encoding="utf-8",
+    )
+    found = document(*SAMPLE, "--scale", str(scale))
+    assert (found["grade"]["grade"], found["grade"]["scale"]) == ("good", "shop floor")
+    assert found["inputs"][2]["kind"] == "scale"
+    # The scale demonstrates at its own confidence; the figures keep the one asked for.
+    assert (found["grade"]["confidence"], found["position"]["confidence"]) == (0.9, 0.95)
+    assert document(*SAMPLE, "--confidence", "0.99")["position"]["confidence"] == 0.99
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((str(POSES),), "do not say where the target was to be"),
+        ((*SAMPLE, "--align", "backlash"), "cannot align backlash"),
+        ((*SAMPLE, "--confidence", "2"), "at least 0.5 and below 1"),
+        ((str(POSES), "--tip-link", "flange"), "choose a chain of the URDF that --robot names"),
+    ],
+)
+def test_calls_that_do_not_fit_together_are_status_2(arguments: tuple[str, ...], message: str) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert message in result.stderr
+
+
+def test_a_mean_without_an_interval_has_the_digits_of_the_errors(tmp_path: Path) -> None:
+    """One pose twice, as far to one side as to the other: a mean of nothing but rounding shows no nine zeros."""
+    path = tmp_path / "poses.csv"
+    rows = "pose,x_mm,y_mm,z_mm,cmd_x_mm,cmd_y_mm,cmd_z_mm\na,100.3,0,0,100.1,0,0\na,99.9,0,0,100.1,0,0\n"
+    path.write_text(rows, encoding="utf-8")
+    lines = run(str(path)).stdout.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("mean vector"))
+    assert [line.split()[:2] for line in lines[first + 1 : first + 4]] == [[axis, "0.000"] for axis in "xyz"]
+
+
+@pytest.mark.parametrize(
+    ("align", "frame", "tested"),
+    [
+        ("base_frame,tool_frame", "tool", (False, False)),
+        ("tool_frame", "base", (True, True)),
+        ("base_frame", "base", (False, True)),
+        ("base_frame", "tool", (True, True)),
+    ],
+)
+def test_a_mean_that_the_alignment_made_zero_is_not_tested(align: str, frame: str, tested: tuple[bool, bool]) -> None:
+    found = document(*SAMPLE, "--align", align, "--frame", frame)
+    parts = [found["position"], found["orientation"]]
+    assert tuple(part["tests"]["zero_mean"]["p_value"] is not None for part in parts) == tested
+    for part, is_tested in zip(parts, tested, strict=True):
+        unit = "m" if part is parts[0] else "rad"
+        if not is_tested:
+            assert np.linalg.norm(part[f"mean_{unit}"]) < 1e-6 * part[f"rms_{unit}"]

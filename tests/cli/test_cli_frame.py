@@ -1,0 +1,178 @@
+"""The frame of the command line: exit statuses, what goes to which stream, colour, completion."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import pty
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import robacc
+from robacc.cli.main import COMMANDS, app
+from robacc.errors import MAX_PROBLEMS, InputError, Problem, UsageError
+from robacc.render.text.console import say_error
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLE = (str(ROOT / "sample_data" / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"))
+
+
+def run(*arguments: str, code: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
+    """A process of its own: ``python -m robacc``, or ``code`` run before the command line."""
+    start = ["-c", f"{code}\nfrom robacc.cli.main import main\nmain()"] if code else ["-m", "robacc"]
+    return subprocess.run(
+        [sys.executable, *start, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        check=False,
+    )
+
+
+def test_version_and_help() -> None:
+    done = run("--version")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"robacc {robacc.__version__}\n", "")
+    shown = CliRunner().invoke(app, ["--help"], terminal_width=100)
+    assert shown.exit_code == 0
+    for name in COMMANDS:
+        assert name in shown.stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
+    own = name.replace("-", "_")
+    function = getattr(import_module(f"robacc.cli.commands.{own}"), own)
+    assert (inspect.getdoc(function) or "").splitlines()[0] == COMMANDS[name]
+    assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
+
+
+def test_unknown_command_names_the_nearest() -> None:
+    result = CliRunner().invoke(app, ["estimat"])
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "Did you mean 'estimate'" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments", [["estimate"], ["estimate", "--nonsense", "x.csv"], ["estimate", "x", "--format", "y"]]
+)
+def test_wrong_usage_is_status_2(arguments: list[str]) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+
+
+def test_bad_input_is_status_3_with_a_line_on_standard_error() -> None:
+    result = CliRunner().invoke(app, ["estimate", "nowhere.csv"])
+    assert result.exit_code == 3
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: nowhere.csv: ")
+    assert result.stderr.count("\n") == 1
+
+
+def test_every_problem_has_its_line_and_each_tip_stands_once(capsys: pytest.CaptureFixture[str]) -> None:
+    problem = Problem("found 'a', expected a number", "p.csv", 3, "x", "write 0.5 or 5e-1")
+    many = [problem, Problem("is empty", column="y", fix="write 0.5 or 5e-1"), Problem("is odd")]
+    say_error(InputError(many, total=MAX_PROBLEMS + 3))
+    assert capsys.readouterr().err.splitlines() == [
+        "error: p.csv:3, x: found 'a', expected a number",
+        "error: y: is empty",
+        "error: is odd",
+        f"error: … and {MAX_PROBLEMS} more problems",
+        "  tip: write 0.5 or 5e-1",
+    ]
+    say_error(UsageError("one and two do not go together"))
+    assert capsys.readouterr().err == "error: one and two do not go together\n"
+
+
+def raising(statement: str) -> str:
+    """Code that makes reading poses raise."""
+    return f"import robacc.poses.csv_file as m\ndef f(*a, **k):\n    {statement}\nm.read_poses = f"
+
+
+def test_a_defect_ends_in_a_traceback_and_status_1() -> None:
+    done = run("estimate", *SAMPLE, code=raising("raise ZeroDivisionError('here')"))
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith("Traceback (most recent call last):")
+    assert done.stderr.endswith("ZeroDivisionError: here\n")
+
+
+def test_an_interrupt_ends_in_one_line_and_status_130() -> None:
+    done = run("estimate", *SAMPLE, code=raising("raise KeyboardInterrupt"))
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted; nothing was written\n")
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    reading, writing = os.pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "robacc", "estimate", *SAMPLE, "--format", "json"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
+    )
+    os.close(writing)
+    os.close(reading)
+    _, errors = process.communicate()
+    assert (process.returncode, errors) == (141, b"")
+
+
+def terminal(*arguments: str, **environment: str) -> str:
+    """What a terminal is sent on standard output and standard error."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "robacc", *arguments],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        cwd=ROOT,
+        env={**os.environ, "TERM": "xterm-256color", **environment},
+    )
+    os.close(theirs)
+    text = b""
+    while True:
+        try:
+            part = os.read(ours, 65536)
+        except OSError:  # what Linux says when the other side has closed
+            break
+        if not part:
+            break
+        text += part
+    process.wait()
+    os.close(ours)
+    return text.decode()
+
+
+def test_colour_on_a_terminal_only_and_not_against_the_readers_wish() -> None:
+    assert "\033[1m" in terminal("estimate", *SAMPLE, NO_COLOR="")
+    assert "\033[31merror: " in terminal("estimate", "nowhere.csv", NO_COLOR="")
+    assert "\033" not in terminal("estimate", *SAMPLE, NO_COLOR="1")
+    assert "\033" not in terminal("estimate", "nowhere.csv", NO_COLOR="1")
+    assert "\033" not in terminal("estimate", *SAMPLE, TERM="dumb", NO_COLOR="")
+    assert "\033" not in run("estimate", *SAMPLE, NO_COLOR="").stdout
+
+
+def test_a_terminal_without_the_signs_is_no_reason_to_crash() -> None:
+    done = run("estimate", *SAMPLE, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert done.returncode == 0
+    assert "95 % interval" in done.stdout
+
+
+def test_completion_knows_commands_and_their_options() -> None:
+    def complete(words: str, number: int) -> list[str]:
+        done = run(
+            code="import sys; sys.argv = ['robacc']",
+            _ROBACC_COMPLETE="complete_bash",
+            COMP_WORDS=words,
+            COMP_CWORD=str(number),
+        )
+        return done.stdout.split()
+
+    assert complete("robacc est", 1) == ["estimate"]
+    assert "--align" in complete("robacc estimate --al", 2)

@@ -1,0 +1,147 @@
+"""`robacc init`: what it writes is valid at once, and nothing is written over unasked."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+from robacc.modelling.robot_file import read_robot
+from robacc.poses.csv_file import read_poses
+from robacc.robots.assembly import build_chain
+from robacc.simulation.templates import poses_template
+
+URDF = """<robot name="two">
+  <link name="base"/><link name="arm"/><link name="hand"/>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.3" rpy="0.1 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="arm"/><child link="hand"/><origin xyz="0.4 0 0"/>
+    <axis xyz="1 0 0"/>{limit}</joint>
+</robot>
+"""
+LIMIT = '<limit lower="0" upper="0.2" effort="1" velocity="1"/>'
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments, catch_exceptions=False)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 6, 7, 12])
+def test_both_files_are_valid_at_once(count: int) -> None:
+    done = run("init", "--joints", str(count))
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert f"wrote robot.yaml ({count} joint{'s' * (count > 1)}) and poses.csv (8 rows, made up)" in done.stdout
+    robot, data = read_robot("robot.yaml"), read_poses("poses.csv")
+    assert len(robot.variables) == count
+    assert data.warnings == ()
+    assert data.q is not None
+    # The made-up error is of 0.1 mm along each axis.
+    errors = data.position - build_chain(robot).forward(data.q).translation
+    assert 2e-5 < np.sqrt(np.mean(errors**2)) < 3e-4
+    for command in done.stdout.splitlines():
+        words = command.split()
+        if words[0] == "robacc" and (words[1] == "show" or count == 6):
+            assert run(*words[1:]).exit_code == 0
+
+
+def test_commented_out_fields_are_valid_too() -> None:
+    run("init", "--joints", "6")
+    text = Path("robot.yaml").read_text(encoding="utf-8")
+    for line in ("sign: -1", "gear_ratio: 100", "mass: 40", "com: [", "tolerance: {", "effects:", "  - {effect:"):
+        assert f"# {line}" in text
+        text = text.replace(f"# {line}", line)
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("tool:")).replace(
+        "#   targets", "targets"
+    )
+    Path("full.yaml").write_text(text, encoding="utf-8")
+    robot = read_robot("full.yaml")
+    joint = robot.variables[0]
+    assert (joint.sign, joint.gear_ratio, joint.mass) == (-1, 100.0, 40.0)
+    assert joint.com == pytest.approx((-0.1, 0.0, 0.05))
+    assert set(joint.tolerance) == {"theta", "d", "a", "alpha"}
+    assert list(robot.targets) == ["t1", "t2", "t3"]
+    assert robot.effects[0]["effect"] == "joint_compliance"
+
+
+def test_every_field_has_its_comment() -> None:
+    run("init", "--joints", "6")
+    lines = Path("robot.yaml").read_text(encoding="utf-8").splitlines()
+    start = next(number for number, line in enumerate(lines) if line.startswith("joints:"))
+    for line in lines[: start + 8]:
+        if line and not line.startswith(("#", "joints:")):
+            assert "# " in line, line
+
+
+def test_from_a_urdf(folder: Path) -> None:
+    Path("two.urdf").write_text(URDF.format(limit=LIMIT), encoding="utf-8")
+    done = run("init", "two.urdf", "--folder", "new/place", "--robot", "r.yaml", "--poses", "p.csv")
+    assert (done.exit_code, done.stderr) == (0, "")
+    ours, theirs = read_robot("new/place/r.yaml"), read_robot("two.urdf")
+    q = np.array([[0.3, -1.0], [0.1, 0.05]])
+    np.testing.assert_array_equal(build_chain(ours).forward(q).matrices(), build_chain(theirs).forward(q).matrices())
+    text = Path("new/place/p.csv").read_text(encoding="utf-8")
+    assert "q1 is turn; q2 is slide" in text
+    assert "pose,q1_deg,q2_mm,x_mm,y_mm,z_mm" in text
+    data = read_poses("new/place/p.csv", joint_types=["revolute", "prismatic"], joint_names=["turn", "slide"])
+    assert data.q is not None
+    assert 0.0 <= data.q[1].min() <= data.q[1].max() <= 0.2
+    head = Path("new/place/r.yaml").read_text(encoding="utf-8").partition("robacc: 1")[0]
+    assert "made from two.urdf" in head
+    assert all(line.startswith("#") for line in head.splitlines())
+    assert str(folder) not in text + head
+
+
+def test_a_slide_without_limits_has_no_example_rows() -> None:
+    Path("two.urdf").write_text(URDF.format(limit=LIMIT), encoding="utf-8")
+    robot = read_robot("two.urdf")
+    joints = tuple(dataclasses.replace(joint, limits=None) for joint in robot.joints)
+    table, rows = poses_template(dataclasses.replace(robot, joints=joints), "r.yaml", "p.csv")
+    assert rows == 0
+    assert table.splitlines()[-1] == "pose,q1_deg,q2_mm,x_mm,y_mm,z_mm"
+    assert "made up" not in table
+
+
+def test_nothing_is_written_over_unasked() -> None:
+    Path("poses.csv").write_text("mine", encoding="utf-8")
+    refused = run("init", "--joints", "6")
+    assert (refused.exit_code, refused.stdout) == (2, "")
+    assert "poses.csv exists already; --force writes over" in refused.stderr
+    assert not Path("robot.yaml").exists()
+    assert Path("poses.csv").read_text(encoding="utf-8") == "mine"
+    assert run("init", "--joints", "6", "--force").exit_code == 0
+    assert read_poses("poses.csv").n == 8
+    assert "robot.yaml and poses.csv exist already" in run("init", "--joints", "6").stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        ((), 2, "give either a URDF or --joints"),
+        (("two.urdf", "--joints", "2"), 2, "give either a URDF or --joints"),
+        (("--joints", "0"), 2, "an arm has 1 to 30 joints, not 0"),
+        (("--joints", "31"), 2, "an arm has 1 to 30 joints, not 31"),
+        (("--joints", "2", "--robot", "x", "--poses", "./x"), 2, "both name x; name two files"),
+        (("--joints", "2", "--tip-link", "hand"), 2, "choose a chain of a URDF"),
+        (("two.urdf", "--robot", "two.urdf", "--force"), 2, "two.urdf is the URDF, and would be overwritten"),
+        (("none.urdf",), 3, "none.urdf: there is no such file"),
+        (("arm.yaml",), 2, "arm.yaml is a robot file already"),
+        (("--joints", "2", "--folder", "two.urdf"), 3, "two.urdf: cannot be made: "),
+    ],
+)
+def test_calls_that_do_not_fit(arguments: tuple[str, ...], status: int, message: str) -> None:
+    Path("two.urdf").write_text(URDF.format(limit=LIMIT), encoding="utf-8")
+    run("init", "--joints", "2", "--robot", "arm.yaml", "--poses", "arm.csv")
+    done = run("init", *arguments)
+    assert (done.exit_code, done.stdout) == (status, "")
+    assert message in done.stderr
+    assert not Path("robot.yaml").exists()

@@ -1,0 +1,307 @@
+"""`robacc estimate` on several files: one table, one document or a file each, failures in their place."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+from robacc.cli.many import distinct_names
+from robacc.parallel import Died, each, usable_cores
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLE = ROOT / "sample_data"
+ROBOT = ("--robot", str(SAMPLE / "robot.yaml"))
+HOW = (*ROBOT, "--align", "base_frame,tool_frame")
+GATE = "robacc_gate: 1\nname: g\ncriteria:\n  - {{key: position.rms, limit: {limit} mm, reason: r}}\n"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["estimate", *arguments], catch_exceptions=False)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Three files: the sample's poses, the first half of them, and one with two bad rows between them."""
+    lines = (SAMPLE / "poses.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "a.csv").write_text("".join(lines), encoding="utf-8")
+    (tmp_path / "b.csv").write_text("".join([*lines[:8], "1,2,3\n", "x,y\n"]), encoding="utf-8")
+    (tmp_path / "c.csv").write_text("".join(lines[:32]), encoding="utf-8")
+    return tmp_path
+
+
+def files(folder: Path, names: str = "abc") -> list[str]:
+    return [str(folder / f"{name}.csv") for name in names]
+
+
+def test_one_table_with_the_failure_in_its_place(folder: Path) -> None:
+    done = run(*files(folder, "cba"), *HOW)
+    assert done.exit_code == 3
+    rows = [line for line in done.stdout.splitlines() if ".csv" in line]
+    assert [row.split()[0] for row in rows] == ["c.csv", "b.csv", "a.csv"]
+    for row, name in ((rows[0], "c"), (rows[2], "a")):
+        found = json.loads(run(*files(folder, name), *HOW, "--format", "json").stdout)
+        sizes = [1e3 * found["position"][key] for key in ("rms_m", "p95_m", "max_m")]
+        assert [float(cell) for cell in row.split()[2:5]] == pytest.approx(sizes, rel=6e-3)
+        proven = "yes" if found["grade"]["demonstrated"] else "no"
+        assert row.split()[-2:] == [found["grade"]["grade"], proven]
+    assert rows[1].split(maxsplit=1)[1] == "failed: line 9: found 3 fields, expected 14 as in the header (and 1 more)"
+    assert "1 of 3 files could not be estimated" in done.stdout
+    assert [line.split(": ")[1] for line in done.stderr.splitlines() if line.startswith("error")] == [
+        f"{folder / 'b.csv'}:{line}" for line in (9, 10)
+    ]
+
+
+def test_all_of_them_well_is_status_0_and_says_nothing_more(folder: Path) -> None:
+    done = run(*files(folder, "ac"), *HOW)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "could not" not in done.stdout
+
+
+def test_one_document_holds_what_each_file_alone_gives(folder: Path) -> None:
+    done = run(*files(folder), *HOW, "--format", "json")
+    assert done.exit_code == 3
+    document = json.loads(done.stdout)
+    assert (document["schema"], document["n_files"], document["n_failed"]) == ("robacc.estimate-many/1", 3, 1)
+    assert [one["kind"] for one in document["inputs"]] == ["robot"]
+    assert str(folder) not in done.stdout
+    for one in document["results"]:
+        name = one["file"].removesuffix(".csv")
+        if name == "b":
+            assert (one["done"], one["exit_status"], one["summary"], one["n_problems"]) == (False, 3, None, 2)
+            assert [problem["line"] for problem in one["problems"]] == [9, 10]
+            assert "result" not in one
+            continue
+        alone = json.loads(run(*files(folder, name), *HOW, "--format", "json").stdout)
+        assert one["result"] == alone
+        assert one["summary"]["rms_m"] == alone["position"]["rms_m"]
+        assert one["summary"]["n_poses"] == alone["n_poses"]
+
+
+def test_processes_change_nothing(folder: Path) -> None:
+    alone = run(*files(folder), *HOW, "--format", "json", "--jobs", "1")
+    several = run(*files(folder), *HOW, "--format", "json", "--jobs", "3")
+    assert (several.exit_code, several.stdout, several.stderr) == (alone.exit_code, alone.stdout, alone.stderr)
+
+
+@pytest.mark.parametrize(("form", "suffix"), [("json", ".json"), ("table", ".txt"), ("markdown", ".md")])
+def test_a_folder_takes_each_result_as_the_command_alone_writes_it(folder: Path, form: str, suffix: str) -> None:
+    out = folder / "new" / "results"
+    errors = folder / "errors"
+    options = (*HOW, "--format", form)
+    done = run(*files(folder), *options, "--output", f"{out}/", "--per-pose", f"{errors}/")
+    assert done.exit_code == 3
+    assert sorted(path.name for path in out.iterdir()) == [f"a{suffix}", f"c{suffix}"]
+    for name in "ac":
+        alone = run(*files(folder, name), *options, "--per-pose", str(folder / "alone.csv"))
+        assert (out / f"{name}{suffix}").read_text(encoding="utf-8") == alone.stdout
+        assert (errors / f"{name}.csv").read_bytes() == (folder / "alone.csv").read_bytes()
+    if form == "json":
+        entries = json.loads(done.stdout)["results"]
+        assert [one["written"] for one in entries] == ["a.json", None, "c.json"]
+        assert not any("result" in one for one in entries)
+    else:
+        assert "b.csv" in done.stdout
+
+
+def test_output_to_a_file_is_what_standard_output_shows(folder: Path) -> None:
+    for form in ("table", "json", "markdown", "github"):
+        target = folder / f"all.{form}"
+        shown = run(*files(folder), *HOW, "--format", form)
+        assert run(*files(folder), *HOW, "--format", form, "--output", str(target)).stdout == ""
+        assert target.read_text(encoding="utf-8") == shown.stdout
+
+
+@pytest.mark.parametrize(
+    ("limit", "names", "status"), [(9, "ac", 0), (0.45, "ac", 5), (0.1, "ac", 4), (9, "abc", 3), (0.1, "abc", 3)]
+)
+def test_the_gate_judges_each_and_the_worst_status_counts(folder: Path, limit: float, names: str, status: int) -> None:
+    gate = folder / "gate.yaml"
+    gate.write_text(GATE.format(limit=limit), encoding="utf-8")
+    junit = folder / "junit.xml"
+    done = run(*files(folder, names), *HOW, "--gate", str(gate), "--junit", str(junit))
+    assert done.exit_code == status
+    word = {0: "pass", 4: "fail", 5: "inconclusive"}.get(status, "pass" if limit == 9 else "fail")
+    assert done.stdout.splitlines()[4].split()[-1] == word
+    assert ("a.csv, position.rms: " in done.stdout) == (word != "pass")
+    suites = list(ElementTree.parse(junit).getroot())
+    assert [suite.get("name") for suite in suites] == [f"{name}.csv" for name in names]
+    assert [suite.get("id") for suite in suites] == [str(number) for number in range(len(names))]
+    failed = [bool(int(suite.get("failures", "")) + int(suite.get("errors", ""))) for suite in suites]
+    assert failed == [name == "b" or word != "pass" for name in names]
+    document = json.loads(run(*files(folder, names), *HOW, "--gate", str(gate), "--format", "json").stdout)
+    assert document["results"][0]["gate"] == document["results"][0]["result"]["gate"]
+
+
+def test_annotations_say_what_became_of_each_file(folder: Path) -> None:
+    gate = folder / "gate.yaml"
+    gate.write_text(GATE.format(limit=0.45), encoding="utf-8")
+    lines = run(*files(folder), *HOW, "--format", "github").stdout.splitlines()
+    assert [line.split("::")[1].split()[0] for line in lines] == ["notice", "error", "notice"]
+    assert "60 poses; rms 0.469 mm" in lines[0]
+    judged = run(*files(folder), *HOW, "--format", "github", "--gate", str(gate)).stdout.splitlines()
+    assert [line.split("::")[1].split()[0] for line in judged] == ["warning", "error", "warning"]
+
+
+def test_warnings_carry_their_files_name(folder: Path) -> None:
+    far = "x,y,z,cmd_x,cmd_y,cmd_z,cmd_yy\n1,2,3,1,2,4,0\n1.1,2,3,1.1,2,4,0\n"
+    for path in files(folder, "ac"):
+        Path(path).write_text(far, encoding="utf-8")
+    done = run(*files(folder, "ac"))
+    assert [line.partition("; ")[0] for line in done.stderr.splitlines()] == [
+        text
+        for name in "ac"
+        for text in (
+            f"warning: {folder / name}.csv:1: unknown column 'cmd_yy' is ignored",
+            f"warning: {name}.csv: errors this large come from frames that do not agree rather than from the arm",
+        )
+    ]
+
+
+def test_one_page_has_the_results_side_by_side(folder: Path) -> None:
+    page = folder / "page.html"
+    assert run(*files(folder), *HOW, "--report", str(page)).exit_code == 3
+    text = page.read_text(encoding="utf-8")
+    assert "2 results side by side" in text
+    assert "a.csv" in text
+
+
+def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:
+    (folder / "c.csv").write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3.001\n1,2,4,1,2,4.002\n", encoding="utf-8")
+    done = run(*files(folder, "ac"))
+    assert done.exit_code == 3
+    assert "a.csv               failed: the poses do not say where the target was to be" in done.stdout
+    assert json.loads(run(*files(folder, "ac"), "--format", "json").stdout)["results"][0]["exit_status"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (["a", "-"], 2, "standard input is one file"),
+        (["a", "c", "a"], 2, "a.csv is given twice"),
+        (["a", "c", "--confidence", "2"], 2, "below 1, not 2"),
+        (["a", "c", "--align", "base_frame"], 2, "it needs --robot"),
+        (["a", "c", "--tip-link", "t"], 2, "the URDF that --robot names"),
+        (["a", "c", "--robot", "none.yaml"], 3, "none.yaml: there is no such file"),
+        (["a", "c", "--scale", "none.yaml"], 3, "none.yaml: there is no such file"),
+        (["a", "c", "--per-pose", "x.csv"], 2, "of several files it is a folder"),
+        (["a", "c", "--per-pose", "./"], 2, "a.csv is an input too, and would be overwritten"),
+        (["a", "c", "--output", "a.csv/"], 3, "a.csv/: cannot be made: "),
+        (["sub/c", "c", "sub-c", "--output", "out/"], 2, "would both be written to out/sub-c.txt"),
+    ],
+)
+def test_what_is_wrong_for_all_is_said_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], status: int, message: str
+) -> None:
+    monkeypatch.chdir(folder)
+    Path("sub").mkdir()
+    for name in ("sub/c", "sub-c"):
+        Path(f"{name}.csv").write_bytes(Path("a.csv").read_bytes())
+    words = [f"{one}.csv" if one in ("a", "c", "sub/c", "sub-c") else one for one in arguments]
+    done = run(*words)
+    assert (done.exit_code, done.stdout) == (status, "")
+    assert message in done.stderr
+    assert done.stderr.count("error: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["x/a.csv", "x/b.csv"], ["a.csv", "b.csv"]),
+        (["x/a.csv", "y/a.csv", "y/b.csv"], ["x/a.csv", "y/a.csv", "b.csv"]),
+        (["m/x/a.csv", "n/x/a.csv", "./a.csv"], ["m/x/a.csv", "n/x/a.csv", "a.csv"]),
+    ],
+)
+def test_names_are_as_short_as_they_can_be_told_apart(paths: list[str], names: list[str]) -> None:
+    assert distinct_names(paths) == names
+
+
+def doubled_or_dead(task: int) -> tuple[int, int]:
+    """What a process of the pool does: dies of 2, crashes of 3, doubles the rest."""
+    if task == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if task == 3:
+        raise ZeroDivisionError
+    return 2 * task, os.getpid()
+
+
+def test_a_process_that_dies_takes_one_task_with_it(capfd: pytest.CaptureFixture[str]) -> None:
+    found = dict(each(doubled_or_dead, range(8), 2))
+    assert "ZeroDivisionError" in capfd.readouterr().err
+    assert (found.pop(2), found.pop(3)) == (Died(-signal.SIGKILL), Died(1))
+    assert {number: outcome[0] for number, outcome in found.items()} == {0: 0, 1: 2, 4: 8, 5: 10, 6: 12, 7: 14}
+    # Two at first, and one for each that died.
+    assert len({outcome[1] for outcome in found.values()}) <= 4
+    assert os.getpid() not in {outcome[1] for outcome in found.values()}
+
+
+def test_one_job_is_done_here() -> None:
+    assert list(each(doubled_or_dead, [5, 6], 1)) == [(0, (10, os.getpid())), (1, (12, os.getpid()))]
+    assert usable_cores() >= 1
+
+
+@pytest.mark.parametrize(("code", "message", "status"), [(-9, "want of memory", 3), (1, "which is a defect", 1)])
+def test_what_is_said_of_a_file_whose_process_died(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, code: int, message: str, status: int
+) -> None:
+    def dying(work: object, tasks: list[object], jobs: int) -> object:
+        yield 1, Died(code)
+        yield from each(work, tasks[:1], 1)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("robacc.parallel.each", dying)
+    done = run(*files(folder, "ac"), *HOW)
+    assert done.exit_code == status
+    assert message in done.stdout
+    assert "a.csv                  60" in done.stdout
+
+
+def test_an_interrupt_leaves_whole_files_and_no_process(folder: Path) -> None:
+    # A pipe that nobody writes to: its reader waits for ever, so the command is at work when the interrupt comes,
+    # however fast or loaded the machine is.
+    waiting = [folder / f"waiting{number}.csv" for number in range(2)]
+    for path in waiting:
+        os.mkfifo(path)
+    out = folder / "out"
+    options = (*ROBOT, "--format", "json", "--jobs", "2", "--output", f"{out}/")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "robacc", "estimate", *files(folder, "ac"), *map(str, waiting), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        start_new_session=True,
+    )
+    while process.poll() is None and not all((out / f"{name}.json").exists() for name in "ac"):
+        time.sleep(0.01)
+    # As a terminal does: to every process of the group.
+    os.killpg(process.pid, signal.SIGINT)
+    shown, errors = process.communicate()
+    assert (process.returncode, shown) == (130, "")
+    assert errors.startswith("interrupted; ")
+    assert errors.count("\n") == 1
+    assert f"of 4 results are in {out}/" in errors
+    for path in out.iterdir():
+        assert path.suffix == ".json", "a half-written file is left"
+        json.loads(path.read_text(encoding="utf-8"))
+    assert len(list(out.iterdir())) == 2
+    assert _ended(process.pid), "a process is left"
+
+
+def _ended(group: int) -> bool:
+    """Whether no process of the group is left, soon or after a long wait."""
+    for _ in range(60_000):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.01)
+    return False

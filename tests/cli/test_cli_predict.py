@@ -1,0 +1,180 @@
+"""``robacc predict`` as a process: exit statuses, standard output, the contract's keys, files."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+
+PROJECT = Path(__file__).resolve().parents[2]
+PUMA = "configs/robots/puma560.yaml"
+SAMPLE = ("sample_data/robot.yaml", "--against", "sample_data/poses.csv")
+TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.02, d: 0.2, a: 0.2, alpha: 0.01}\n"
+
+
+def run(*arguments: str) -> Result:
+    """In this process, which is faster; standard output and standard error are kept apart."""
+    with contextlib.chdir(PROJECT):
+        return CliRunner().invoke(app, ["predict", *arguments])
+
+
+def test_as_a_process() -> None:
+    environment = os.environ | {"PYTHONPATH": str(PROJECT), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "robacc", "predict", PUMA, "--samples", "20", "--format", "json"]
+    result = subprocess.run(command, cwd=PROJECT, env=environment, capture_output=True, text=True)
+    assert (result.returncode, result.stderr) == (0, "")
+    # The same call gives the same bytes, in another process too.
+    assert result.stdout == run(PUMA, "--samples", "20", "--format", "json").stdout
+
+
+def document(*arguments: str) -> dict[str, Any]:
+    result = run(*arguments, "--format", "json")
+    assert (result.exit_code, result.stderr) == (0, "")
+    found: dict[str, Any] = json.loads(result.stdout)
+    return found
+
+
+def test_json_has_the_contracts_keys() -> None:
+    found = document(PUMA, "--samples", "50", "--allocate", "C", "--seed", "3")
+    assert found["schema"] == "robacc.predict/1"
+    assert found["seed"] == 3
+    assert [file["kind"] for file in found["inputs"]] == ["robot"]
+    assert found["n_poses"] == 50
+    for name, unit in (("position", "m"), ("orientation", "rad")):
+        part = found[name]
+        covariances = np.array(part[f"covariance_{unit}2"])
+        assert covariances.shape == (50, 3, 3)
+        traces = np.trace(covariances, axis1=1, axis2=2)
+        assert part[f"rms_{unit}"] == pytest.approx(np.sqrt(traces.mean()))
+        assert part["worst"][f"rms_{unit}"] == pytest.approx(np.sqrt(traces[part["worst"]["pose"]]))
+        assert len(part["worst"]["q"]) == 6
+    for name in ("share_position", "share_orientation"):
+        assert sum(entry[name] for entry in found["budget"]) == pytest.approx(1.0, abs=1e-9)
+    assert {"parameter", "joint"} <= set(found["budget"][0])
+    assert found["budget"][0]["parameter"].startswith(found["budget"][0]["joint"])
+    assert found["allocation"]["met"] is True
+    assert found["against"] is None
+
+
+def test_table_is_plain_and_at_most_80_columns_wide(tmp_path: Path) -> None:
+    tolerances = tmp_path / "t.yaml"
+    tolerances.write_text(TOLERANCES)
+    result = run(*SAMPLE, "--align", "base_frame,tool_frame", "--tolerances", str(tolerances), "--allocate", "C")
+    assert (result.exit_code, result.stderr) == (0, "")
+    text = result.stdout
+    assert "\x1b" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    for part in (
+        "Accuracy to be expected of sample arm, from 24 tolerances\nat the 60 poses of sample_data/poses.csv\n",
+        "normal: a tolerance t is one standard deviation, variance t²",
+        "Grade E predicted (scale: CAD/CAM 0.1 mm, 0.1 degree)",
+        "█",
+        "Tolerances for grade C",
+        "Against 60 measured poses of sample_data/poses.csv",
+        "measured, base_frame and tool_frame aligned\n",
+        "Likelihood ratio of the predicted covariance",
+        "Variance components (one standard deviation)",
+        "One robot is one draw",
+    ):
+        assert part in text
+    # Each line of the budget has its share and its bar, the largest filling its columns.
+    line = next(line for line in text.splitlines() if line.startswith("j2.theta"))
+    assert line.split()[1] == "0.0200°"
+    assert not re.search(r"\d °", text)
+    enough = run(PUMA, "--samples", "10", "--allocate", "E").stdout
+    assert "the given tolerances reach it already" in enough
+
+
+def test_against_in_json(tmp_path: Path) -> None:
+    tolerances = tmp_path / "t.yaml"
+    tolerances.write_text(TOLERANCES)
+    found = document(*SAMPLE, "--tolerances", str(tolerances), "--align", "base_frame", "--noise", "0.05mm,0.1mrad")
+    against = found["against"]
+    assert against["noise"]["position_m"] == pytest.approx(5e-5)
+    assert against["noise"]["source_orientation"] == "given"
+    tests = against["normalised_squared_error"]
+    assert tests["total"]["dof"] == 6 * 60 - 6
+    assert tests["total"]["dof"] == tests["parameters"]["dof"] + tests["noise"]["dof"]
+    assert tests["total"]["statistic"] == pytest.approx(tests["parameters"]["statistic"] + tests["noise"]["statistic"])
+    assert {"factor", "statistic", "p_value"} <= set(against["likelihood_ratio"])
+    names = [component["name"] for component in against["variance_components"]["components"]]
+    assert names == ["theta", "d", "a", "alpha"]
+    assert [file["kind"] for file in found["inputs"]] == ["robot", "tolerances", "against"]
+
+
+def test_per_pose_file(tmp_path: Path) -> None:
+    target = tmp_path / "poses.csv"
+    found = document(PUMA, "--samples", "7", "--per-pose", str(target))
+    rows = list(csv.DictReader(io.StringIO(target.read_text())))
+    assert [row["pose"] for row in rows] == [f"sample {k}" for k in range(1, 8)]
+    covariances = np.array(found["position"]["covariance_m2"])
+    assert [float(row["v_xz_m2"]) for row in rows] == covariances[:, 0, 2].tolist()
+    assert [float(row["j1"]) for row in rows][found["position"]["worst"]["pose"]] == found["position"]["worst"]["q"][0]
+    np.testing.assert_allclose(
+        [float(row["rms_rad"]) for row in rows],
+        np.sqrt(np.trace(found["orientation"]["covariance_rad2"], axis1=1, axis2=2)),
+    )
+
+
+def test_poses_of_a_file_and_another_scale(tmp_path: Path) -> None:
+    scale = tmp_path / "scale.yaml"
+    scale.write_text(
+        "robacc: 1\nname: mine\nstatistic: rms\nconfidence: 0.95\nunits: {length: mm, angle: deg}\n"
+        "steps: [{grade: fine, position: 5}]\notherwise: coarse\n"
+    )
+    found = document(
+        "sample_data/robot.yaml", "--poses", "sample_data/poses.csv", "--scale", str(scale), "--tolerances",
+        _written(tmp_path, TOLERANCES),
+    )  # fmt: skip
+    assert found["n_poses"] == 60
+    assert found["grade"]["grade"] == "fine"
+    assert found["grade"]["share_of_poses_meeting"] == {"fine": 1.0}
+    assert found["position"]["worst"]["label"].startswith("line ")
+
+
+def _written(folder: Path, text: str) -> str:
+    path = folder / "tolerances.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("--poses", "a.csv", "--samples", "5"), 2, "--poses and --samples both say where to predict; give one"),
+        (("--against", "a.csv", "--samples", "5"), 2, "--against predicts at the measured poses; leave out --samples"),
+        (("--align", "base_frame"), 2, "--align is about measured poses, so it needs --against"),
+        (("--noise", "1mm"), 2, "--noise is about measured poses, so it needs --against"),
+        (("--poses", "a.csv", "--target", "t"), 2, "--target is of sampled configurations"),
+        (("--poses", "-", "--against", "-"), 2, "standard input can be read once"),
+        (("--allocate", "Z"), 2, "no grade 'Z' on the scale CAD/CAM 0.1 mm, 0.1 degree; it has A, B, C, D, E"),
+        (("--against", "sample_data/poses.csv", "--noise", "0.02"), 2, "--noise: '0.02' has no unit; write one"),
+        (("--against", "sample_data/poses.csv", "--noise", "1,2,3"), 2, "--noise: expected a length and perhaps an"),
+        (("--tolerances", "nowhere.yaml"), 3, "nowhere.yaml: there is no such file"),
+    ],
+)
+def test_wrong_usage(arguments: tuple[str, ...], status: int, message: str) -> None:
+    result = run(PUMA, *arguments)
+    assert result.exit_code == status
+    assert message in result.stderr
+    assert result.stdout == ""
+
+
+def test_a_robot_without_tolerances_is_bad_input() -> None:
+    result = run("sample_data/robot.yaml")
+    assert result.exit_code == 3
+    assert "no parameter of sample arm has a tolerance, so no error can be predicted" in result.stderr
+    assert "tip: give --tolerances FILE" in result.stderr

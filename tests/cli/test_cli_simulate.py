@@ -1,0 +1,269 @@
+"""``robacc simulate``, ``robacc effects`` and ``robacc export`` from the command line."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+from robacc.effects import REGISTRY
+from robacc.modelling.model import predict
+from robacc.modelling.robot_file import read_robot
+from robacc.poses.csv_file import read_poses
+from robacc.robots.description import Frame
+from robacc.robots.yamlwrite import robot_to_yaml
+from robacc.simulation.simulate import Plan, simulate
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLES = ROOT / "sample_data"
+TRUTH = SAMPLES / "trace" / "truth.yaml"
+PUMA = ROOT / "configs" / "robots" / "puma560.yaml"
+SCARA = ROOT / "configs" / "robots" / "scara.yaml"
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(*arguments: object, status: int = 2) -> str:
+    result = run(*arguments)
+    assert result.exit_code == status
+    assert result.stdout == ""
+    return " ".join(result.stderr.split())
+
+
+def test_what_simulate_writes_reads_back_to_the_last_digit(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    assert run("simulate", TRUTH, "--poses", 30, "--seed", 4, "-o", path).exit_code == 0
+    robot = read_robot(TRUTH)
+    data = read_poses(path, joint_names=robot.variable_names)
+    assert data.n == 30
+    np.testing.assert_array_equal(data.position, predict(robot, data).translation)
+    assert run("simulate", TRUTH, "--poses", 30, "--seed", 4).stdout == path.read_text(encoding="utf-8")
+
+
+def test_ordered_rows_say_how_the_joints_moved(tmp_path: Path) -> None:
+    # The columns left out, the order of rows gives the same prediction: backlash of the third joint included.
+    path = tmp_path / "poses.csv"
+    assert run("simulate", TRUTH, "--poses", 30, "--seed", 4, "--no-motion", "-o", path).exit_code == 0
+    data = read_poses(path, ordered=True)
+    np.testing.assert_array_equal(data.position, predict(read_robot(TRUTH), data).translation)
+
+
+def test_options_become_columns() -> None:
+    arguments = ("--poses", 4, "--cycles", 2, "--noise", "20um", "--noise-orientation", "0.001deg", "--sigma")
+    more = ("--commanded", "--time-step", 30, "--temperature", "22:28", "--payload", "0,2", "--sampling", "random")
+    header = run("simulate", PUMA, *arguments, *more).stdout.splitlines()[1].split(",")
+    assert {"cmd_x", "cmd_qw", "sigma_x", "sigma_r", "time_s", "temperature_c", "payload_kg", "dir_q1"} <= set(header)
+    assert {"speed_q6", "pose", "cycle", "qw"} <= set(header)
+    header = run("simulate", PUMA, "--poses", 4, "--position-only", "--no-motion").stdout.splitlines()[1]
+    assert header == "q1,q2,q3,q4,q5,q6,x,y,z,pose"
+
+
+def test_noise_comes_in_the_unit_behind_it() -> None:
+    def position(*options: object) -> list[str]:
+        return [line.split(",")[6] for line in run("simulate", PUMA, "--poses", 3, *options).stdout.splitlines()[2:]]
+
+    assert position("--noise", "20um") == position("--noise", "0.02mm") == position("--noise", "2e-5m")
+    assert position("--noise", "0") == position()
+    assert position("--noise", "20um") != position()
+
+
+def test_the_file_says_what_noise_is_in_it() -> None:
+    def head(*options: object) -> str:
+        return run("simulate", PUMA, "--poses", 3, *options).stdout.splitlines()[0]
+
+    assert head().endswith(" with seed 0, no noise; nothing was measured.")
+    both = ("--noise", "20um", "--noise-orientation", "0.02mrad")
+    assert head(*both).endswith(", noise 0.02 mm and 0.02 mrad; nothing was measured.")
+    assert head(*both, "--position-only").endswith(", noise 0.02 mm; nothing was measured.")
+
+
+def test_a_plan_names_no_target_and_all_are_measured_at_each_of_its_poses(tmp_path: Path) -> None:
+    robot = dataclasses.replace(read_robot(PUMA), targets={"a": Frame((0.05, 0.0, 0.1)), "b": Frame((0.0, 0.05, 0.1))})
+    file, plan, poses = tmp_path / "robot.yaml", tmp_path / "plan.csv", tmp_path / "poses.csv"
+    file.write_text(robot_to_yaml(robot), encoding="utf-8")
+    plan.write_text("q1,q2,q3,q4,q5,q6\n0.1,0.2,0.3,0.4,0.5,0.6\n0.2,0.2,0.3,0.4,0.5,0.6\n", encoding="utf-8")
+    assert run("simulate", file, "--at", plan, "-o", poses).exit_code == 0
+    data = read_poses(poses)
+    assert data.q is not None
+    assert data.target is not None
+    assert data.target.tolist() == ["a", "b", "a", "b"]
+    assert data.q[0].tolist() == [0.1, 0.1, 0.2, 0.2]
+
+
+def test_a_urdf_is_simulated_as_the_robot_file_is(tmp_path: Path) -> None:
+    urdf = tmp_path / "puma.urdf"
+    assert run("export", PUMA, "--urdf", urdf).exit_code == 0
+    same = (
+        run("simulate", PUMA, "--poses", 5, "--noise", "1um").stdout,
+        run("simulate", urdf, "--poses", 5, "--noise", "1um").stdout,
+    )
+    one, other = (np.array([row.split(",")[6:9] for row in text.splitlines()[2:]], dtype=float) for text in same)
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+
+
+def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    arguments = ("simulate", PUMA, "--poses", 20, "--outliers", 2, "--outlier-size", "3mm")
+    result = run(*arguments, "-o", path, "--format", "json")
+    found = json.loads(result.stdout)
+    assert found["schema"] == "robacc.simulate/1"
+    assert found["n_poses"] == 20
+    assert found["seed"] == 0
+    assert found["file_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    head = path.read_text(encoding="utf-8").splitlines()[1]
+    assert head == f"# Outliers on lines {', '.join(map(str, found['outlier_lines']))}"
+    data = read_poses(path)
+    off = np.linalg.norm(data.position - predict(read_robot(PUMA), data).translation, axis=0)
+    assert [data.line(i) for i in np.flatnonzero(off > 1e-3)] == found["outlier_lines"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--noise", "2cm"), "--noise: expected a number with a unit (m, mm, um), found '2cm'"),
+        (("--noise", "0.02"), "--noise: '0.02' has no unit; write one behind it (m, mm, um), as in 0.02mm"),
+        (("--noise-orientation", "1e-4"), "--noise-orientation: '1e-4' has no unit; write one behind it (rad, mrad,"),
+        (("--outlier-size", "3"), "--outlier-size: '3' has no unit"),
+        (("--noise", "-1mm"), "--noise: expected a size that is not negative, found '-1mm'"),
+        (("--noise-orientation", "x"), "--noise-orientation: expected a number with a unit (rad, mrad, urad, deg)"),
+        (("--temperature", "warm"), "--temperature: expected numbers separated by ':', found 'warm'"),
+        (("--temperature", "1:2:3"), "--temperature: expected one number or two as 22:28, found '1:2:3'"),
+        (("--payload", "1,x"), "--payload: expected numbers separated by ',', found '1,x'"),
+        (("--payload", "1,-2"), "--payload: a payload is a number that is not negative, found -2"),
+        (("--sigma",), "--sigma needs a noise above zero"),
+        (("--outliers", "9"), "9 outliers are more than the 5 rows"),
+        (("--format", "json"), "--format json tells of the file that --output names; name one"),
+    ],
+)
+def test_each_wrong_option_has_its_message(arguments: tuple[str, ...], message: str) -> None:
+    assert message in refused("simulate", PUMA, "--poses", 5, *arguments)
+
+
+def test_no_poses_is_wrong_usage_and_a_slide_without_limits_wrong_input(tmp_path: Path) -> None:
+    assert "Invalid value for '--poses'" in refused("simulate", PUMA, "--poses", 0)
+    path = tmp_path / "slide.yaml"
+    path.write_text(SCARA.read_text(encoding="utf-8").replace("limits: [0, 195]", ""), encoding="utf-8")
+    assert "the slide j3 has no limits" in refused("simulate", path, "--poses", 3, status=3)
+
+
+def test_an_effect_that_lacks_its_circumstance_names_the_options(tmp_path: Path) -> None:
+    path = tmp_path / "drifting.yaml"
+    entry = "effects: [{effect: frame_drift, values: {x: 1e-4}}]\n"
+    path.write_text(PUMA.read_text(encoding="utf-8") + entry, encoding="utf-8")
+    message = refused("simulate", path, "--poses", 3)
+    assert "frame_drift needs the column time_s" in message
+    assert "--time-step, --temperature and --payload give circumstances" in message
+
+
+def commands() -> list[str]:
+    return re.findall(r"^robacc simulate .*$", (SAMPLES / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", commands())
+def test_sample_data_are_what_their_readme_says(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    *arguments, target = shlex.split(command)[1:]
+    monkeypatch.chdir(ROOT)
+    assert run(*arguments, tmp_path / "poses.csv").exit_code == 0
+    robot = read_robot(ROOT / arguments[1])
+    again = read_poses(tmp_path / "poses.csv", joint_names=robot.variable_names)
+    stored = read_poses(ROOT / target, joint_names=robot.variable_names)
+    # Not the bytes: another machine's mathematical library may round a sine the other way.
+    np.testing.assert_allclose(again.position, stored.position, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(again.q, stored.q)
+
+
+def test_every_file_of_the_sample_data_has_a_line_in_their_readme() -> None:
+    text = (SAMPLES / "README.md").read_text(encoding="utf-8")
+    files = [path.relative_to(SAMPLES) for path in SAMPLES.rglob("*") if path.is_file() and path.name != "README.md"]
+    assert len(files) > 6
+    for path in files:
+        assert f"| `{path.as_posix()}` |" in text, path
+    assert len(commands()) == 3
+
+
+def test_the_catalogue_lists_every_effect() -> None:
+    table = run("effects").stdout
+    found = json.loads(run("effects", "--format", "json").stdout)
+    assert found["schema"] == "robacc.effects/1"
+    assert [effect["name"] for effect in found["effects"]] == list(REGISTRY)
+    for effect in found["effects"]:
+        assert f"\n{effect['name']}\n" in f"\n{table}"
+        assert {"equation", "unit", "usual_size", "needs", "confused_with", "example", "source"} <= set(effect)
+        assert "offered" not in effect
+    assert max(map(len, table.splitlines())) <= 80
+    for label in ("equation", "unit", "usual size", "needs", "confused with"):
+        assert table.count(f"\n  {label:<16}") == len(REGISTRY)
+
+
+def test_one_effect_in_detail_and_one_that_is_none() -> None:
+    text = run("effects", "backlash", "--robot", PUMA).stdout
+    assert "{effect: backlash, joints: [j2], values: {j2: -1e-4}}" in text
+    assert "offered on j1, j2, j3, j4, j5, j6" in text
+    assert "backlash.j2 (rad)" in text
+    assert "Ruderman" in text
+    assert "36 more" in run("effects", "joint_correction", "--robot", PUMA).stdout
+    assert "no effect 'backlsh', did you mean 'backlash'?" in refused("effects", "backlsh")
+
+
+def test_what_is_offered_for_a_robot_and_its_poses() -> None:
+    def offers(*options: object) -> dict[str, str | None]:
+        found = json.loads(run("effects", *options, "--format", "json").stdout)
+        assert all(effect["offered"] == (effect["why"] is None) for effect in found["effects"])
+        return {effect["name"]: effect["why"] for effect in found["effects"]}
+
+    robot = offers("--robot", SCARA)
+    assert {name for name, why in robot.items() if why} == {"lateral_compliance", "base_compliance"}
+    both = offers("--robot", SAMPLES / "trace" / "robot.yaml", "--poses", SAMPLES / "trace" / "poses.csv")
+    assert both["payload_compliance"] == "no payload_kg column"
+    assert both["frame_drift"] == "no time_s that varies"
+    assert both["backlash"] is None
+    no_motion = ("--robot", SAMPLES / "robot.yaml", "--poses", SAMPLES / "poses.csv")
+    assert offers(*no_motion)["approach_lag"] == "no speed_q columns (and rows not --ordered)"
+    assert offers(*no_motion, "--ordered")["approach_lag"] is None
+    text = run("effects", "--robot", SCARA).stdout
+    assert "not offered: no masses in the robot file" in text
+
+
+def test_poses_without_a_robot_cannot_be_judged() -> None:
+    message = "--poses, --ordered, --base-link and --tip-link go with --robot"
+    assert message in refused("effects", "--poses", SAMPLES / "poses.csv")
+
+
+def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    result = run("export", TRUTH, "--urdf", urdf, "--format", "json")
+    assert result.exit_code == 0
+    found = json.loads(result.stdout)
+    assert found["schema"] == "robacc.export/1"
+    assert found["urdf_sha256"] == hashlib.sha256(urdf.read_bytes()).hexdigest()
+    carried_not = [loss for loss in found["not_carried"] if loss.startswith("effect")]
+    assert carried_not == ["effect joint_compliance", "effect backlash"]
+    for loss in found["not_carried"]:
+        assert f"a URDF cannot carry {loss}" in result.stderr
+    # Frames, zeros and lengths among the effects are geometry, which a URDF carries: what is left out is the rest.
+    truth = read_robot(TRUTH)
+    data = simulate(dataclasses.replace(truth, effects=truth.effects[:4]), Plan(9)).data
+    assert [entry["effect"] for entry in truth.effects[4:]] == ["joint_compliance", "backlash"]
+    read = predict(read_robot(urdf), data)
+    np.testing.assert_allclose(read.translation, data.position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(read.rotation, data.rotation, rtol=0, atol=1e-12)
+
+
+def test_export_to_standard_output_is_the_urdf_and_nothing_else(tmp_path: Path) -> None:
+    result = run("export", PUMA, "--urdf", "-")
+    assert result.stdout.startswith("<?xml")
+    assert result.stdout.rstrip().endswith("</robot>")
+    assert "warning: a URDF cannot carry gear ratio" in result.stderr
+    message = "--format json tells of the file that --urdf names; name one other than -"
+    assert message in refused("export", PUMA, "--urdf", "-", "--format", "json")
+    assert "its folder does not exist" in refused("export", PUMA, "--urdf", tmp_path / "no" / "x.urdf", status=3)

@@ -1,0 +1,243 @@
+"""`robacc trace` from files to its table, its JSON and the model it writes."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arms import arm
+from typer.testing import CliRunner, Result
+
+from robacc.cli.main import app
+from robacc.modelling.model import predict
+from robacc.modelling.robot_file import read_robot
+from robacc.poses.csv_file import read_poses
+from robacc.robots.yamlspec import robot_to_yaml
+
+DECLARED = "base_frame,tool_frame,joint_offset"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``arm.yaml`` as delivered, ``poses.csv`` of one with backlash, ``apart.csv`` more of them, ``clean.csv``."""
+    folder = tmp_path_factory.mktemp("trace")
+    robot = dataclasses.replace(arm("puma560").robot, effects=())
+    zeros = {"effect": "joint_offset", "joints": ["j2", "j3"], "values": {"j2": 1e-3, "j3": -5e-4}}
+    backlash = {"effect": "backlash", "joints": ["j2"], "values": {"j2": 2e-4}}
+    for name, effects in (("arm", ()), ("true", (zeros, backlash)), ("clean", (zeros,))):
+        text = robot_to_yaml(dataclasses.replace(robot, effects=effects, effect_units=(1.0, 1.0)))
+        (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+    for name, of, seed in (("poses", "true", "1"), ("apart", "true", "2"), ("clean", "clean", "3")):
+        arguments = ["--poses", "50", "--seed", seed, "--noise", "0.02mm", "--position-only"]
+        done = run("simulate", str(folder / f"{of}.yaml"), *arguments, "-o", str(folder / f"{name}.csv"))
+        assert done.exit_code == 0
+    return folder
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+
+
+def command(files: Path, *more: str, poses: str = "poses", declared: str = DECLARED) -> tuple[str, ...]:
+    return ("trace", str(files / f"{poses}.csv"), "--robot", str(files / "arm.yaml"), "--declared", declared, *more)
+
+
+@cache
+def document(files: Path, *more: str, poses: str = "poses") -> dict[str, Any]:
+    done = run(*command(files, *more, "--format", "json", poses=poses))
+    assert done.exit_code == 0
+    # One document and nothing else; NaN and Infinity are no JSON.
+    found: dict[str, Any] = json.loads(done.stdout, parse_constant=pytest.fail)
+    return found
+
+
+FIGURES = {"rms_m", "mean_error_m", "p95_m", "max_m"}
+
+
+def test_json_has_the_contract_keys(files: Path) -> None:
+    found = document(files)
+    assert found["schema"] == "robacc.trace/2"
+    assert {"robacc", "command", "options", "inputs", "seed", "candidates"} <= set(found)
+    assert (found["n_poses"], found["verdict"], found["seed"]) == (50, "explained", 0)
+    assert set(found["noise"]) >= {"position_m", "orientation_rad", "source"}
+    for stage in ("nominal", "before", "after"):
+        for kind in ("fitted", "held_out"):
+            assert set(found[stage][kind]["position"]) >= FIGURES
+            assert found[stage][kind]["orientation"] is None
+    (finding,) = found["findings"]
+    keys = {"effect", "joints", "alternatives", "p_value", "held_out_before_m", "held_out_after_m", "parameters"}
+    assert keys <= set(finding)
+    assert (finding["effect"], finding["joints"]) == ("backlash", ["j2"])
+    assert all({"effect", "joints"} <= set(other) for other in finding["alternatives"])
+    (parameter,) = finding["parameters"]
+    assert (parameter["name"], parameter["unit"]) == ("backlash.j2", "rad")
+    assert abs(parameter["value"] - 2e-4) < 4 * parameter["std"]
+    assert set(found["unexplained"]) >= {"rms_m", "noise_rms_m", "structured", "p_value", "hints"}
+    for one in found["parameters"]:
+        assert set(one) >= {"name", "value", "std", "unit"}
+        assert (one["std"] is None) == ("why" in one)
+    hashes = {Path(one["name"]).name: one["sha256"] for one in found["inputs"]}
+    for name in ("poses.csv", "arm.yaml"):
+        assert hashes[name] == hashlib.sha256((files / name).read_bytes()).hexdigest()
+
+
+def test_every_candidates_score_at_every_step_is_there(files: Path) -> None:
+    steps = document(files)["candidates"]
+    assert [step["step"] for step in steps] == list(range(len(steps)))
+    (added,) = {step["effect"] for step in steps if step["action"] == "add"}
+    assert added == "backlash[j2]"
+    first = steps[0]["ranking"]
+    assert {("backlash", ("j2",)), ("gear_ratio", ("j3",)), ("joint_compliance", ("j2",))} <= {
+        (one["effect"], tuple(one["joints"])) for one in first
+    }
+    assert all({"evidence_nats", "p_value", "log_prior"} <= set(one) for one in first)
+    assert all(0 <= one["p_value"] <= 1 for step in steps for one in step["ranking"])
+    offered = {one["effect"] for one in document(files)["not_offered"]}
+    assert {"payload_compliance", "frame_drift"} <= offered
+
+
+def test_before_is_the_declared_and_after_the_finding(files: Path) -> None:
+    found = document(files)
+    rms = {stage: found[stage]["held_out"]["position"]["rms_m"] for stage in ("nominal", "before", "after")}
+    assert rms["nominal"] > 3 * rms["before"] > 9 * rms["after"]
+    # Delivered figures are what `robacc estimate` says of the same poses.
+    estimate = json.loads(
+        run("estimate", str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), "--format", "json").stdout
+    )
+    assert found["nominal"]["fitted"]["position"]["rms_m"] == pytest.approx(estimate["position"]["rms_m"], rel=1e-12)
+    assert found["gain_m"]["low"] < found["gain_m"]["value"] < found["gain_m"]["high"]
+
+
+def test_the_table_tells_the_story_in_order(files: Path) -> None:
+    done = run(*command(files))
+    assert done.exit_code == 0
+    at = -1
+    for part in (
+        "Trace of 50 measured poses: explained",
+        "1. The residual",
+        "2. What competed",
+        "3. What was found",
+        "1) backlash on j2",
+        "4. Before and after",
+        "as delivered",
+        "declared fitted",
+        "with findings",
+        "5. What is left",
+    ):
+        at = done.stdout.index(part, at + 1)
+    assert "held out" in done.stdout
+    assert done.stderr == ""
+
+
+def test_a_clean_arm(files: Path) -> None:
+    found = document(files, poses="clean")
+    assert (found["verdict"], found["findings"]) == ("clean", [])
+    assert found["after"] == found["before"]
+    done = run(*command(files, poses="clean"))
+    assert "clean: nothing beyond what is declared" in done.stdout
+    assert "nothing, at a false-alarm rate" in done.stdout
+    assert "with findings" not in done.stdout
+
+
+def test_the_written_model_is_a_robot_file_that_finds_nothing_more(files: Path, tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    found = json.loads(run(*command(files, "--format", "json", "--write-model", str(model))).stdout)
+    data = read_poses(str(files / "poses.csv"))
+    residual = np.linalg.norm(data.position - predict(read_robot(model), data).translation, axis=0)
+    fitted = found["after"]["fitted"]["position"]
+    assert fitted["rms_m"] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0, abs=1e-12)
+    assert fitted["max_m"] == pytest.approx(residual.max(), rel=0, abs=1e-12)
+    text = model.read_text(encoding="utf-8")
+    assert text.startswith("# written by robacc")
+    assert "poses.csv" in text.splitlines()[0]
+    assert "backlash" in text
+    again = run("trace", str(files / "poses.csv"), "--robot", str(model), "--declared", DECLARED, "--format", "json")
+    assert json.loads(again.stdout)["findings"] == []
+    # Poses that had no part in it: what is left is noise, root three times 0.02 mm, and the coefficients' own error.
+    fresh = json.loads(run("estimate", str(files / "apart.csv"), "--robot", str(model), "--format", "json").stdout)
+    assert fresh["position"]["rms_m"] < 1.3 * np.sqrt(3) * 2e-5
+
+
+def test_poses_held_out_by_a_file(files: Path) -> None:
+    found = document(files, "--holdout", str(files / "apart.csv"))
+    assert found["n_folds"] == 0
+    assert [one["kind"] for one in found["inputs"]] == ["poses", "robot", "holdout"]
+    assert found["after"]["held_out"]["position"]["rms_m"] < 1.3 * np.sqrt(3) * 2e-5
+
+
+@pytest.mark.parametrize("name", ["trace", "calibrate"])
+def test_poses_that_were_fitted_are_not_held_out(files: Path, tmp_path: Path, name: str) -> None:
+    lines = (files / "apart.csv").read_text(encoding="utf-8").splitlines()
+    lines.append((files / "poses.csv").read_text(encoding="utf-8").splitlines()[-1])
+    mixed = tmp_path / "mixed.csv"
+    mixed.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    option = {"trace": "--declared", "calibrate": "--fit"}[name]
+    arguments = [str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), option, DECLARED]
+    done = run(name, *arguments, "--holdout", str(mixed))
+    assert done.exit_code == 3
+    assert (
+        f"{mixed}:{len(lines)}: 1 of 51 poses held out is among the fitted poses too, the first is line" in done.stderr
+    )
+    assert "leave them out of one of the two" in done.stderr
+
+
+def test_the_same_call_gives_the_same_bytes(files: Path) -> None:
+    first = run(*command(files, "--format", "json")).stdout
+    assert run(*command(files, "--format", "json")).stdout == first
+
+
+@pytest.mark.parametrize(
+    ("declared", "message"),
+    [
+        ("base_frame,backlsh", "no effect 'backlsh', did you mean 'backlash'?"),
+        ("joint_offset[j9]", "no joint 'j9'; this arm has j1, j2, j3, j4, j5, j6"),
+        ("frame_drift", "frame_drift cannot be fitted: "),
+        ("base_frame[j1]", "base_frame acts on no joint in particular; write it without brackets"),
+        ("joint_offset[]", "joint_offset[] names no joint"),
+        ("joint_offset[j1", "cannot read"),
+    ],
+)
+def test_wrong_declarations_are_status_2(files: Path, declared: str, message: str) -> None:
+    done = run(*command(files, declared=declared))
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert message in done.stderr
+
+
+def test_poses_without_joints_and_a_robot_that_is_none(files: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare.csv"
+    bare.write_text("x,y,z\n1,2,3\n", encoding="utf-8")
+    done = run("trace", str(bare), "--robot", str(files / "arm.yaml"))
+    assert done.exit_code == 3
+    assert "column q1 is missing" in done.stderr
+    bare.write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n", encoding="utf-8")
+    done = run("trace", str(bare), "--robot", str(files / "arm.yaml"))
+    assert done.exit_code == 2
+    assert "has no joint columns q1 … q6, which a fit needs" in done.stderr
+    lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
+    header = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    missing = tmp_path / "missing.csv"
+    missing.write_text("\n".join(",".join(line.split(",")[:8]) for line in lines[header:]) + "\n", encoding="utf-8")
+    done = run("trace", str(missing), "--robot", str(files / "arm.yaml"))
+    assert done.exit_code == 3
+    assert "z" in done.stderr
+    assert run("trace", str(files / "poses.csv"), "--robot", str(files / "poses.csv")).exit_code == 3
+    assert run("trace", str(files / "poses.csv")).exit_code == 2
+
+
+def test_nothing_is_written_where_the_data_are_refused(files: Path, tmp_path: Path) -> None:
+    model, output = tmp_path / "model.yaml", tmp_path / "result.json"
+    few = tmp_path / "few.csv"
+    lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
+    few.write_text("\n".join(lines[:4]) + "\n", encoding="utf-8")
+    arguments = ("--write-model", str(model), "--output", str(output), "--format", "json")
+    done = run("trace", str(few), "--robot", str(files / "arm.yaml"), "--declared", DECLARED, *arguments)
+    assert done.exit_code == 3
+    assert not model.exists()
+    assert not output.exists()

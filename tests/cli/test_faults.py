@@ -1,0 +1,263 @@
+"""What ends a run from outside: an interrupt, an end, a full disk, a closed or broken pipe, a second run."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robacc.errors import InputError
+from robacc.io.files import read_text, sha256_of, write_text
+
+PROJECT = Path(__file__).resolve().parents[2]
+SAMPLES = PROJECT / "sample_data"
+ESTIMATE = ("estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml"))
+
+
+def robacc(*arguments: str) -> tuple[str, ...]:
+    return (sys.executable, "-m", "robacc", *arguments)
+
+
+def run(*arguments: str, before: Callable[[], None] | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        robacc(*arguments), capture_output=True, text=True, timeout=60, check=False, preexec_fn=before
+    )
+
+
+def shell(line: str) -> subprocess.CompletedProcess[str]:
+    command = f'"{sys.executable}" -m robacc'
+    line = line.format(robacc=command, estimate=f"{command} {' '.join(ESTIMATE)}", samples=SAMPLES)
+    return subprocess.run(("bash", "-c", line), capture_output=True, text=True, timeout=60, check=False)
+
+
+def helpers_of(process: int) -> list[int]:
+    """Processes that a process started."""
+    try:
+        return [int(one) for one in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """So many poses that a trace shares its folds with a second process."""
+    path = tmp_path_factory.mktemp("faults") / "poses.csv"
+    truth = str(SAMPLES / "trace" / "truth.yaml")
+    options = ("--poses", "2500", "--seed", "3", "--noise", "0.02mm", "--position-only", "-o", str(path))
+    assert run("simulate", truth, *options).returncode == 0
+    return path
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir() or (os.cpu_count() or 1) < 2, reason="needs /proc, two cores")
+@pytest.mark.parametrize(
+    ("number", "times", "status", "told"),
+    [
+        (signal.SIGINT, 1, 130, "interrupted; nothing was written\n"),
+        (signal.SIGINT, 3, 130, "interrupted; nothing was written\n"),
+        (signal.SIGTERM, 1, 143, ""),
+    ],
+)
+def test_a_trace_that_is_ended_at_work(
+    many: Path, tmp_path: Path, number: int, times: int, status: int, told: str
+) -> None:
+    """As from a terminal, where the interrupt reaches the helpers too: one line, no helper left, no file."""
+    robot = str(SAMPLES / "trace" / "robot.yaml")
+    declared = ("--declared", "base_frame,tool_frame,joint_offset,link_geometry")
+    files = ("-o", str(tmp_path / "t.txt"), "--write-model", str(tmp_path / "m.yaml"))
+    process = subprocess.Popen(
+        robacc("trace", str(many), "--robot", robot, *declared, *files),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    while process.poll() is None and len(helpers_of(process.pid)) < 2:
+        time.sleep(0.01)
+    time.sleep(0.1)
+    helpers = helpers_of(process.pid)
+    assert len(helpers) == 2
+    for _ in range(times):
+        if process.poll() is None:
+            (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+        time.sleep(0.02)
+    out, err = process.communicate(timeout=20)
+    # After an interrupt within exec() Python ends itself by the signal, which a shell shows as the same 130.
+    assert process.returncode in (status, -number)
+    assert (out, err) == ("", told)
+    assert not [one for one in helpers if Path(f"/proc/{one}").exists()]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("delay", [0.15, 0.3])
+def test_an_interrupt_while_it_starts(delay: float) -> None:
+    process = subprocess.Popen(
+        robacc("trace", str(SAMPLES / "trace/poses.csv"), "--robot", str(SAMPLES / "trace/robot.yaml")),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    # Until Python itself is up, an interrupt is Python's to answer.
+    while process.poll() is None and "robacc" not in Path(f"/proc/{process.pid}/cmdline").read_text():
+        time.sleep(0.005)
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert out == ""
+    if "runpy" not in err:
+        assert err == "interrupted; nothing was written\n"
+
+
+def limited() -> None:
+    """No file above 4 kB, as on a full disk."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+
+def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    path.write_text("old")
+    done = run(*ESTIMATE, "--format", "json", "-o", str(path), before=limited)
+    assert (done.returncode, done.stdout) == (3, "")
+    assert done.stderr == f"error: {path}: cannot be written: file too large\n"
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("result.json", "old")]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    "command", ["{estimate} --format json", "{robacc} show {samples}/robot.yaml", "{robacc} --help"]
+)
+def test_a_full_standard_output(command: str) -> None:
+    done = shell(f"{command} > /dev/full")
+    told = "error: standard output: cannot be written: no space left on device\n"
+    assert (done.returncode, done.stderr) == (3, told)
+
+
+@pytest.mark.parametrize(
+    ("line", "status", "told"),
+    [
+        ("{estimate} >&-", 3, "error: standard output: cannot be written: not writable\n"),
+        ("{estimate} -o /dev/null >&-", 0, ""),
+        ("{robacc} estimate - <&-", 3, "error: <stdin>: the file is empty\n"),
+        ("{robacc} estimate nowhere.csv 2>&-", 3, ""),
+        ("{estimate} --format json | head -1; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} show {samples}/robot.yaml | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} --help | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} trace --help | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} --version | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} estimate nowhere.csv 2>&1 | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+        ("{robacc} estimate --foo 2>&1 | true; exit ${{PIPESTATUS[0]}}", 141, ""),
+    ],
+)
+def test_closed_streams_and_broken_pipes(line: str, status: int, told: str) -> None:
+    done = shell(line)
+    assert done.returncode == status
+    assert done.stderr.startswith(told)
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="needs /dev/stdout")
+def test_pipes_that_have_a_name_are_written_to(tmp_path: Path) -> None:
+    plain = shell("{estimate} --format json").stdout
+    for line in ("{estimate} --format json -o /dev/stdout | cat", "{estimate} --format json -o >(cat) | cat"):
+        done = shell(line)
+        assert (done.returncode, done.stdout, done.stderr) == (0, plain, "")
+
+
+@pytest.mark.parametrize("option", ["-o", "--write-model", "--report"])
+def test_an_output_without_a_folder_is_refused_before_the_work(option: str, tmp_path: Path) -> None:
+    path = tmp_path / "none" / "x"
+    # The poses are not looked at: what is wrong with them would be said first.
+    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, str(path))
+    assert (done.returncode, done.stdout) == (3, "")
+    assert (
+        done.stderr == f"error: {path}: cannot be written: its folder does not exist\n  tip: create the folder first\n"
+    )
+    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, str(tmp_path))
+    assert done.stderr == f"error: {tmp_path}: is a folder; a file's name is needed to write to\n"
+    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, "")
+    long = {"-o": "--output"}.get(option, option)
+    assert (done.returncode, done.stderr) == (2, f"error: {long} names no file\n")
+
+
+def test_links_that_lead_nowhere(tmp_path: Path) -> None:
+    dangling = tmp_path / "link.json"
+    dangling.symlink_to(tmp_path / "missing" / "r.json")
+    with pytest.raises(InputError, match="its folder does not exist; create the folder first"):
+        write_text(dangling, "x")
+    assert list(tmp_path.iterdir()) == [dangling]
+
+
+def test_two_runs_on_one_file_and_one_that_is_killed(tmp_path: Path) -> None:
+    """Whoever comes last has written the whole file; one that is killed at any moment has written nothing of it."""
+    path = tmp_path / "result.json"
+    command = robacc(*ESTIMATE, "--format", "json", "-o", str(path))
+    for one in [subprocess.Popen(command) for _ in range(2)]:
+        assert one.wait(60) == 0
+    whole = path.read_text()
+    assert json.loads(whole)["n_poses"] == 60
+    code = (
+        "import os, signal\nfrom robacc.io import files\n"
+        "files.os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
+        f"files.write_text({str(path)!r}, 'new' * 100000)"
+    )
+    assert subprocess.run((sys.executable, "-c", code), check=False).returncode == -signal.SIGKILL
+    assert path.read_text() == whole
+
+
+def test_a_digest_is_of_the_bytes_that_were_read(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text("abc")
+    read_text(path)
+    path.write_text("changed meanwhile")
+    # FIPS 180-2, appendix B.1.
+    assert sha256_of(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert sha256_of(path) != "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+@pytest.mark.parametrize(
+    ("line", "status", "wanted"),
+    [
+        ("{robacc} show - < {samples}/robot.yaml", 0, "sample arm"),
+        ("{robacc} show <(cat {samples}/robot.yaml) --format json", 0, "{digest}"),
+        ("{robacc} export - --urdf - < {samples}/robot.yaml 2> /dev/null | {robacc} show -", 0, "sample arm"),
+        ("echo '{gate}' | {estimate} --gate - --junit - -o /dev/null", 0, '<testsuite id="0"'),
+        ("{estimate} --gate <(echo '{gate}') --format json", 0, '"outcome": "pass"'),
+        ("{estimate} --format json | {robacc} check - --gate <(echo '{gate}')", 0, "pass"),
+        ("{robacc} estimate - --robot - < {samples}/robot.yaml", 2, "standard input can be read once"),
+        ("{estimate} --gate g --junit -", 2, "both name standard output; name a file for one of them"),
+    ],
+)
+def test_dash_is_standard_input_and_output_everywhere(line: str, status: int, wanted: str) -> None:
+    gate = "{{robacc_gate: 1, name: g, criteria: [{{key: position.rms, limit: 9 mm, reason: r}}]}}"
+    digest = sha256_of(SAMPLES / "robot.yaml")
+    if "--gate g " in line:
+        line = line.replace("--gate g", "--gate {samples}/../configs/gates/assembly.yaml")
+    done = shell(line.replace("{gate}", gate))
+    assert done.returncode == status, done.stderr
+    assert wanted.replace("{digest}", digest) in done.stdout + done.stderr
+
+
+def test_rows_that_repeat_one_another_are_told_of(tmp_path: Path) -> None:
+    from robacc.poses.csv_file import read_poses
+
+    rng = np.random.default_rng(0)
+    rows = [",".join(map(repr, row)) for row in rng.normal(size=(40, 6)).tolist()]
+    path = tmp_path / "poses.csv"
+    head = "x,y,z,cmd_x,cmd_y,cmd_z"
+    path.write_text("\n".join([head, *rows]))
+    assert not [text for text in read_poses(path).warnings if "repeat" in text]
+    path.write_text("\n".join([head, *rows, rows[7], rows[3]]))
+    (told,) = [text for text in read_poses(path).warnings if "repeat" in text]
+    assert told.startswith(f"{path}: 2 rows repeat an earlier one in every column, as line 4")

@@ -1,0 +1,140 @@
+"""Text in and out, and which format a robot is in."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+from robot_files import MINIMAL
+
+from robacc.errors import InputError, UsageError
+from robacc.io.files import read_text, sha256_of, write_text
+from robacc.modelling.robot_file import read_robot
+
+
+def test_text_is_read_whatever_marks_its_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    for encoding in ("utf-8", "utf-8-sig", "utf-16"):
+        path.write_text("name: bär\r\n", encoding=encoding, newline="")
+        assert read_text(path).splitlines() == ["name: bär"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"a\nb\0c", ":2: is not a text file: it holds a NUL byte"),
+        (b"a\nb\n\xe4", ":3: is not UTF-8 text (byte 0xe4); save it as UTF-8"),
+        (b"\xff\xfea", ":1: is not UTF-16 text"),
+        (b"x" * 2000, ": is larger than 0.000976562 MiB, the most that is read as text"),
+    ],
+)
+def test_what_is_no_text_is_said(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_text(path, limit=1024)
+    assert f"{path}{message}" in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    for path, message in [(tmp_path, "is a folder, not a file"), (tmp_path / "no.yaml", "there is no such file")]:
+        with pytest.raises(InputError, match=message):
+            read_text(path)
+    with pytest.raises(InputError, match="cannot be read: not a directory"):
+        read_text(write(tmp_path / "file", "x") / "a.yaml")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_text("a\0b")
+    with pytest.raises(InputError, match="cannot be read: no such file"):
+        sha256_of(tmp_path / "no.yaml")
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_sha256(tmp_path: Path) -> None:
+    # FIPS 180-2, appendix B.1.
+    digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert sha256_of(write(tmp_path / "abc", "abc")) == digest
+
+
+def test_text_is_written_whole_and_keeps_permissions_and_links(tmp_path: Path) -> None:
+    path = write(tmp_path / "out.txt", "old")
+    path.chmod(0o640)
+    link = tmp_path / "link"
+    link.symlink_to(path)
+    write_text(link, "neu ü\r\n")
+    assert path.read_bytes() == "neu ü\r\n".encode()
+    assert link.is_symlink()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    write_text(tmp_path / "fresh", "x")
+    mask = os.umask(0)
+    os.umask(mask)
+    assert stat.S_IMODE((tmp_path / "fresh").stat().st_mode) == 0o666 & ~mask
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["fresh", "link", "out.txt"]
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "out.txt", "old")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match="cannot be written: no space left on device"):
+        write_text(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="its folder does not exist; create the folder first"):
+        write_text(tmp_path / "no" / "out.txt", "x")
+    with pytest.raises(InputError, match="is a folder; a file's name is needed to write to"):
+        write_text(tmp_path, "x")
+    path = write(tmp_path / "out.txt", "old")
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anything, so the mode alone shows nothing
+    with pytest.raises(InputError, match="cannot be written: the file is write-protected"):
+        write_text(path, "new")
+    assert path.read_text() == "old"
+
+
+def test_what_is_no_plain_file_is_written_to() -> None:
+    write_text(os.devnull, "x")
+    assert Path(os.devnull).is_char_device()
+
+
+def test_content_decides_the_format(tmp_path: Path) -> None:
+    urdf = '<?xml version="1.0"?>\n<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+    urdf += '<parent link="a"/><child link="b"/></joint></robot>'
+    assert read_robot(write(tmp_path / "robot.txt", urdf)).convention == "urdf"
+    assert read_robot(write(tmp_path / "robot.urdf", urdf), base_link="a", tip_link="b").tip_link == "b"
+    assert read_robot(write(tmp_path / "robot.cfg", MINIMAL)).convention == "standard"
+    assert read_robot(write(tmp_path / "bom.yaml", "\ufeff" + MINIMAL)).name == "arm"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.stl", "solid", "is a shape (.stl), which has no joints; a robot file (YAML) or a URDF is needed"),
+        ("a.urdf.xacro", "<robot/>", "is xacro, not yet URDF; run xacro on it first"),
+        ("a.csv", "x,y\n1,2\n", "is a table, not a robot; a robot file (YAML) or a URDF is needed"),
+        ("a.sdf", "<sdf/>", "the root element is <sdf>, so this is an SDF model"),
+        ("a.xml", "<mujoco/>", "the root element is <mujoco>, so this is a MuJoCo model"),
+        ("a.urdf", "robacc: 1", "not well-formed XML"),
+    ],
+)
+def test_other_files_are_named(tmp_path: Path, name: str, content: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_robot(write(tmp_path / name, content))
+    assert message in str(caught.value)
+
+
+def test_links_with_a_robot_file_are_wrong_usage(tmp_path: Path) -> None:
+    path = write(tmp_path / "arm.yaml", MINIMAL)
+    for option in ({"base_link": "a"}, {"tip_link": "b"}):
+        with pytest.raises(UsageError, match="--base-link and --tip-link choose a chain of a URDF"):
+            read_robot(path, **option)

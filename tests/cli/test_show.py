@@ -1,0 +1,214 @@
+"""``robacc show``: its figures, its table, its JSON, its exit statuses."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from robacc.io.files import sha256_of
+from robacc.modelling.robot_file import read_robot
+from robacc.render.text.robot import render_robot
+from robacc.robots.assembly import build_chain
+from robacc.robots.description import Frame, Joint, Mimic, Robot
+from robacc.robots.summary import Reach, find_reach, low_discrepancy, summarise
+
+PROJECT = Path(__file__).resolve().parents[2]
+CONFIGS = PROJECT / "configs" / "robots"
+
+
+def run(*arguments: str, cwd: Path = PROJECT) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(PROJECT), "COLUMNS": "100"}
+    command = [sys.executable, "-m", "robacc", "show", *arguments]
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
+
+
+def drawn(robot: Robot, width: int = 100) -> str:
+    stream = io.StringIO()
+    Console(file=stream, width=width, color_system=None).print(render_robot(summarise(robot)))
+    return stream.getvalue()
+
+
+def row(text: str, heading: str, name: str) -> list[str]:
+    """The cells of the row ``name`` of the table under ``heading``."""
+    lines = text[text.index(heading) :].splitlines()
+    return next(line.split() for line in lines[1:] if line.split()[:1] == [name])
+
+
+def test_table_is_in_millimetres_and_degrees() -> None:
+    result = run("configs/robots/irb1600.yaml")
+    assert (result.returncode, result.stderr) == (0, "")
+    text = result.stdout
+    assert text.startswith("ABB IRB 1600-x/1.45\nstandard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha); 6 joints\n")
+    assert row(text, "Geometry", "j1") == ["j1", "q", "486.5", "150", "-90"]
+    assert row(text, "Geometry", "j2") == ["j2", "q", "-", "90", "0", "700", "0"]
+    assert row(text, "Drives", "j3") == ["j3", "revolute", "-245", "65", "°", "+1", "-"]
+    assert "payload  at (0, 0, 100) mm in the last link's frame" in text
+    assert "masses   not known" in text
+    assert "effects  none" in text
+    assert "\x1b" not in text
+
+
+def test_json_is_the_contracts_and_nothing_else() -> None:
+    path = CONFIGS / "stanford.yaml"
+    result = run(str(path), "--format", "json")
+    assert (result.returncode, result.stderr) == (0, "")
+    document = json.loads(result.stdout)
+    robot = read_robot(path)
+    assert document["schema"] == "robacc.show/1"
+    assert document["inputs"] == [{"name": path.name, "sha256": sha256_of(path), "kind": "robot"}]
+    assert document["options"] == {"base_link": None, "tip_link": None}
+    assert str(PROJECT) not in result.stdout
+    assert document["n_joints"] == 6
+    third = document["joints"][2]
+    assert (third["type"], third["unit"], third["limits"]) == ("prismatic", "m", [0.3048, 1.27])
+    assert third["parameters"] == pytest.approx(dict(robot.joints[2].parameters), rel=1e-11)
+    assert document["moved_mass_kg"] == pytest.approx(9.29 + 5.01 + 4.25 + 1.08 + 0.63 + 0.51)
+    assert set(document["reach"]) == {"tool"}
+
+
+def test_output_file_holds_what_standard_output_would(tmp_path: Path) -> None:
+    shown = run("configs/robots/ur10.yaml", "--format", "json").stdout
+    result = run("configs/robots/ur10.yaml", "--format", "json", "--output", str(tmp_path / "out.json"))
+    assert (result.returncode, result.stdout) == (0, "")
+    assert (tmp_path / "out.json").read_text() == shown
+
+
+def test_exit_statuses(tmp_path: Path) -> None:
+    missing = run("nothing.yaml")
+    assert (missing.returncode, missing.stdout) == (3, "")
+    assert "error: nothing.yaml: there is no such file" in missing.stderr
+    usage = run("configs/robots/ur10.yaml", "--tip-link", "x")
+    assert usage.returncode == 2
+    assert "choose a chain of a URDF" in usage.stderr
+    assert run().returncode == 2
+
+
+def test_reach_of_arms_that_can_be_worked_out() -> None:
+    # A SCARA stretched out: 0.8 m across; its hand lowest is 0.877 - 0.2 - 0.195 up, highest 0.677.
+    scara = find_reach(read_robot(CONFIGS / "scara.yaml"), Frame())
+    assert scara.sampled == pytest.approx(np.hypot(0.8, 0.677), abs=1e-6)
+    # The bound knows no directions: (0.425, 0.877), (0.375), (slide 0.195 and hand 0.2 along one axis).
+    assert scara.bound == pytest.approx(np.hypot(0.425, 0.877) + np.hypot(0.375, 0.195) + 0.2)
+    # A slide counts with the end that lies farther out.
+    slide = Joint("s", "prismatic", dict.fromkeys(("theta", "d", "a", "alpha"), 0.0), limits=(-0.3, 0.1))
+    assert find_reach(Robot("r", "standard", (slide,)), Frame()) == Reach(0.3, 0.3)
+    robot = read_robot(CONFIGS / "ur10.yaml")
+    reach = find_reach(robot, Frame())
+    # Against a search that shares nothing with it but the chain.
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (6, 20_000))
+    found = np.linalg.norm(build_chain(robot).forward(q).translation, axis=0).max()
+    assert reach.sampled is not None
+    assert reach.bound is not None
+    assert found - 1e-3 < reach.sampled <= reach.bound
+
+
+def test_reach_is_measured_from_the_robots_base_and_per_target() -> None:
+    robot = read_robot(CONFIGS / "scara.yaml")
+    moved = replace(robot, base=Frame((5.0, 0, 0)), targets={"a": Frame(), "b": Frame((0, 0, 0.1))})
+    summary = summarise(moved)
+    assert summary.reach["a"] == find_reach(robot, Frame())
+    assert summary.reach["b"].sampled == pytest.approx(np.hypot(0.8, 0.577), abs=1e-6)
+    assert "reach    b: 986 mm" in drawn(moved)
+    assert "target   a: (0, 0, 0) mm, rpy (0, 0, 0)°" in drawn(moved)
+
+
+def test_a_slide_without_limits_has_no_reach() -> None:
+    robot = read_robot(CONFIGS / "stanford.yaml")
+    joints = tuple(replace(joint, limits=None) for joint in robot.joints)
+    assert find_reach(replace(robot, joints=joints), Frame()).sampled is None
+    assert "reach    not known: a slide has no limits" in drawn(replace(robot, joints=joints))
+
+
+def test_samples_fill_the_cube_more_evenly_than_chance() -> None:
+    for dimensions in (1, 2, 6, 12):
+        points = low_discrepancy(dimensions, 1000)
+        assert points.shape == (dimensions, 1000)
+        assert np.all((points >= 0) & (points < 1))
+        for line in points:
+            counts = np.histogram(line, bins=50, range=(0, 1))[0]
+            # Twenty a bin; chance alone would scatter by 4.4.
+            assert counts.std() < 2
+
+
+def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
+    zero = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw", "offset"), 0.0)
+    joints = (
+        Joint("stand", "fixed", zero | {"z": 0.5}),
+        Joint(
+            "turn",
+            "revolute",
+            zero | {"roll": np.pi / 2, "offset": 0.1},
+            axis=(0.0, 1.0, 0.0),
+            sign=-1,
+            gear_ratio=80.0,
+        ),
+        Joint("copy", "revolute", zero, mimic=Mimic("turn", -2.0), mass=1.25, com=(0.1, 0.0, 0.0)),
+    )
+    effects = ({"effect": "backlash"}, {"effect": "gear_ratio"})
+    text = drawn(Robot("u", "urdf", joints, base_link="foot", tip_link="hand", effects=effects))
+    assert "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis; 1 joint, foot to hand" in text
+    assert row(text, "Geometry", "stand") == ["stand", "0", "0", "500", "0", "0", "0", "0", "fixed"]
+    assert row(text, "Geometry", "turn") == ["turn", "0", "0", "0", "90", "0", "0", "5.7296", "y"]
+    assert row(text, "Drives", "turn") == ["turn", "revolute", "-", "-", "°", "-1", "80"]
+    assert row(text, "Drives", "copy") == ["copy", "revolute", "-", "-", "°", "+1", "-", "-2", "x", "turn"]
+    assert row(text, "Links", "copy") == ["copy", "1.25", "100", "0", "0"]
+    assert "effects  backlash, gear_ratio" in text
+
+
+def test_names_are_not_cut_in_a_narrow_terminal() -> None:
+    robot = read_robot(CONFIGS / "ur10.yaml")
+    assert "shoulder_lift_joint" in drawn(robot, width=60)
+
+
+BAD_EFFECTS = """  - {effect: wobble, joints: [shoulder]}
+  - {effect: backlash, joints: [j7], values: {j7: 1}}
+  - {effect: backlash, joints: [j1], values: }
+  - {effect: backlash, joints: [j1], values: {j1: "1"}}
+  - {effect: backlash, joints: [j1], size: 3, values: {j1: 1}}
+  - {effect: backlash, joints: [j1]}
+  - {effect: joint_offset, joints: [j1], values: {j1: 6.2}}
+  - {effect: joint_offset, joints: [j1], values: {j1: 0.1}}
+  - {effect: joint_offset, joints: [j2], values: {j2: 1e9}}
+"""
+
+
+def test_effects_that_no_command_could_apply_are_refused_with_their_lines(tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    text = (CONFIGS / "irb1600.yaml").read_text(encoding="utf-8")
+    start = text.count("\n") + 2
+    path.write_text(f"{text}effects:\n{BAD_EFFECTS}", encoding="utf-8")
+    result = run(str(path))
+    assert (result.returncode, result.stdout) == (3, "")
+    told = [line.removeprefix(f"error: {path}:") for line in result.stderr.splitlines() if line.startswith("error")]
+    expected = [
+        "effects[0]: no effect 'wobble', did you mean 'axis_wobble'? The catalogue: base_frame",
+        "effects[1]: joints must be a list of j1, j2",
+        "effects[2]: values must be a mapping of name to number, found None",
+        "effects[3]: values.j1 must be a finite number, found '1'",
+        "effects[4]: backlash knows the setting by: approach or gravity",
+        "effects[5]: backlash[j1] has no values, so it would do nothing; write values: {name: number}",
+        "effects[7]: is joint_offset[j1] of effects[6] again, and the two would add up",
+        "effects[8]: values.j2 is more than a turn; expected a small angle, found 1e+09",
+    ]
+    for line, one in zip(told, expected, strict=True):
+        number = start + int(one[len("effects[")])
+        assert line.startswith(f"{number}, {one}")
+    assert "tip: give one entry with the sum of the values" in result.stderr
+
+
+def test_effects_are_shown_with_their_values() -> None:
+    result = run("sample_data/trace/truth.yaml")
+    assert result.returncode == 0
+    assert "         joint_compliance.j2 = 8.72665e-07 rad/(N m)\n" in result.stdout
+    found = json.loads(run("sample_data/trace/truth.yaml", "--format", "json").stdout)["robot"]["coefficients"]
+    # The file has degrees.
+    assert {"name": "backlash.j3", "value": pytest.approx(np.deg2rad(-0.009)), "unit": "rad"} in found

@@ -1,0 +1,139 @@
+"""What poses cannot tell apart: decided before the fit, the same every time, and said in words."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arms import arm
+
+from robacc.effects import REGISTRY
+from robacc.fitting.identifiability import DEPENDENT, Dropped, identify
+from robacc.fitting.solver import Options, fit
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.simulation.simulate import Plan, simulate
+
+GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
+
+
+def poses(name: str, n: int = 40, seed: int = 2, *, orientation: bool = True) -> Measurements:
+    plan = Plan(n, seed=seed, noise_position=2e-5, noise_orientation=2e-5, orientation=orientation)
+    return simulate(arm(name).robot, plan).data
+
+
+def geometric_model(name: str, data: Measurements, effects: tuple[str, ...] = GEOMETRY) -> Model:
+    one = arm(name)
+    return Model.of(one.robot, [REGISTRY[effect].default(one, data) for effect in effects])
+
+
+def test_a_column_that_others_make_up_is_dropped_with_its_partners() -> None:
+    rng = np.random.default_rng(0)
+    a, b, c, noise = rng.normal(size=(4, 50))
+    matrix = np.stack((a, 1e-6 * b, 2 * a - 3 * b, np.zeros(50), c, c + 1e-4 * noise), axis=1)
+    found = identify(matrix, ("a", "b", "ab", "nothing", "c", "nearly c"), 50)
+    assert found.kept.tolist() == [0, 1, 4, 5]
+    assert [drop.name for drop in found.dropped] == ["ab", "nothing"]
+    assert set(found.dropped[0].partners) == {"a", "b"}
+    assert (
+        found.dropped[0].why == f"ab cannot be told from {', '.join(found.dropped[0].partners)} together on these poses"
+    )
+    assert found.dropped[1].why == "nothing has no effect on these poses"
+
+
+def test_words_for_one_partner_and_for_many() -> None:
+    assert Dropped("x", ("y",)).why == "x cannot be told from y on these poses"
+    many = Dropped("x", ("a", "b", "c", "d", "e")).why
+    assert many == "x cannot be told from a, b, c, d … together on these poses"
+
+
+@pytest.mark.parametrize(("angle", "kept"), [(3 * DEPENDENT, 2), (DEPENDENT / 3, 1)])
+def test_the_limit_is_the_part_that_is_new(angle: float, kept: int) -> None:
+    # Two unit columns at a known angle; neither the units of a column nor its order in the rows matters.
+    matrix = np.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)], [0.0, 0.0]])
+    for scale in (np.ones(2), np.array([1e5, 1e-5])):
+        assert identify(matrix * scale, ("one", "other"), 3).kept.size == kept
+        assert identify((matrix * scale)[::-1], ("one", "other"), 3).kept.size == kept
+
+
+def test_a_lever_that_no_instrument_sees_tells_nothing() -> None:
+    matrix = np.diag([1.0, DEPENDENT / 3, DEPENDENT / 3])
+    assert identify(matrix, ("a", "b", "c"), 3).kept.tolist() == [0, 1, 2]
+    assert identify(matrix, ("a", "b", "c"), 3, ("rad", "rad", "m")).kept.tolist() == [0, 2]
+
+
+def test_observability_indices_are_those_of_the_definition() -> None:
+    matrix = np.diag([3.0, 5.0]) @ np.array([[1.0, 0.6], [0.0, 0.8]])
+    found = identify(matrix, ("a", "b"), 16)
+    columns = matrix / np.linalg.norm(matrix, axis=0)
+    # The singular values of two unit columns at an angle follow from its cosine alone.
+    cosine = columns[:, 0] @ columns[:, 1]
+    first, last = np.sqrt(1 + abs(cosine)), np.sqrt(1 - abs(cosine))
+    expected = {
+        "O1": np.sqrt(first * last) / 4,
+        "O2": last / first,
+        "O3": last,
+        "O4": last**2 / first,
+        "O5": 1 / (1 / first + 1 / last),
+    }
+    assert found.observability() == pytest.approx(expected, rel=1e-12)
+    assert found.condition == pytest.approx(first / last, rel=1e-12)
+
+
+def test_nothing_to_fit_is_well_conditioned() -> None:
+    found = identify(np.zeros((0, 0)), (), 5)
+    assert (found.kept.size, found.condition, found.observability()) == (0, 1.0, {})
+
+
+def test_the_first_joints_zero_is_the_bases_yaw() -> None:
+    data = poses("puma560")
+    found = fit(geometric_model("puma560", data, ("base_frame", "joint_offset")), data)
+    (dropped,) = found.dropped
+    assert (dropped.name, dropped.partners) == ("joint_offset.j1", ("base_frame.yaw",))
+    assert dropped.why == "joint_offset.j1 cannot be told from base_frame.yaw on these poses"
+    i = found.names.index("joint_offset.j1")
+    assert found.theta[i] == 0.0
+    assert np.isnan(found.covariance[i, i])
+
+
+def test_without_a_free_base_the_first_joints_zero_has_a_number() -> None:
+    data = poses("puma560")
+    found = fit(geometric_model("puma560", data, ("joint_offset",)), data)
+    assert not found.dropped
+    assert np.isfinite(np.diag(found.covariance)).all()
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford", "panda", "urdf:ur10"])
+def test_the_number_kept_is_the_rank_that_numpy_finds(name: str) -> None:
+    data = poses(name, 60)
+    model = geometric_model(name, data)
+    found = fit(model, data, Options(misfit=(2e-5, 2e-5)))
+    bound = model.bind(data)
+    columns = np.moveaxis(bound.linearise(np.zeros(len(bound.terms)))[1], 1, 2).reshape(-1, len(bound.terms))
+    rank = np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), tol=1e-7)
+    revolute = sum(joint.type == "revolute" for joint in arm(name).robot.variables)
+    prismatic = len(arm(name).names) - revolute
+    # 4 R + 2 P + 6: Everett, Driels, Mooring 1987.
+    assert found.identifiability.kept.size == rank == 4 * revolute + 2 * prismatic + 6
+
+
+def test_poses_too_much_alike_lose_coefficients() -> None:
+    # A joint that never moved is part of a link: 4 R + 6 of an arm of one joint fewer.
+    data = poses("puma560", 60)
+    assert data.q is not None
+    q = data.q.copy()
+    q[3] = 0.3
+    still = dataclasses.replace(data, q=q)
+    assert fit(geometric_model("puma560", data), data).identifiability.kept.size == 4 * 6 + 6
+    assert fit(geometric_model("puma560", still), still).identifiability.kept.size == 4 * 5 + 6
+
+
+def test_the_decision_does_not_depend_on_the_order_of_rows_or_on_the_run() -> None:
+    data = poses("panda", 50, orientation=False)
+    shuffled = data.subset(np.random.default_rng(3).permutation(data.n))
+    first, again, other = (fit(geometric_model("panda", one), one) for one in (data, data, shuffled))
+    assert first.dropped == again.dropped
+    np.testing.assert_array_equal(first.theta, again.theta)
+    assert [drop.name for drop in first.dropped] == [drop.name for drop in other.dropped]
+    assert [set(drop.partners) for drop in first.dropped] == [set(drop.partners) for drop in other.dropped]

@@ -1,0 +1,144 @@
+"""Normal equations: the gradient of the cost itself, blocks, rows left out, and a Jacobian built in part."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arms import arm
+
+import robacc.fitting.normal_equations
+from robacc.effects import REGISTRY
+from robacc.fitting.normal_equations import PoseEquations
+from robacc.fitting.solver import Options, fit
+from robacc.geometry import compose, exp_so3
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.simulation.simulate import Plan, simulate
+
+ORIENTATION = (True, False)
+EVERY_KIND = (
+    "base_frame",
+    "joint_offset",
+    "link_geometry",
+    "gear_ratio",
+    "joint_compliance",
+    "payload_compliance",
+    "lateral_compliance",
+    "axis_wobble",
+    "instrument_scale",
+)
+
+
+def measured(n: int = 40, *, orientation: bool = True) -> Measurements:
+    return simulate(
+        arm("puma560").robot,
+        Plan(n, seed=3, noise_position=2e-5, noise_orientation=2e-5, orientation=orientation, payloads=(0.0, 2.0)),
+    ).data
+
+
+def model(data: Measurements, *names: str) -> Model:
+    one = arm("puma560")
+    return Model.of(one.robot, [REGISTRY[name].default(one, data) for name in names])
+
+
+def weights(equations: PoseEquations, n: int, seed: int = 0) -> np.ndarray:
+    """Of position as it comes, one weight for a pose's three orientations."""
+    rng = np.random.default_rng(seed)
+    turned = np.broadcast_to(rng.uniform(1e3, 1e4, n), (equations.rows - 3, n))
+    return np.concatenate((rng.uniform(1e4, 1e5, (3, n)), turned))
+
+
+def test_the_gradient_is_that_of_the_cost_for_orientations_far_off() -> None:
+    data = measured()
+    assert data.rotation is not None
+    rng = np.random.default_rng(1)
+    turned = compose(exp_so3(rng.normal(scale=0.5, size=(3, data.n))), data.rotation)
+    far = dataclasses.replace(data, rotation=turned)
+    equations = PoseEquations(model(far, "joint_offset", "link_geometry", "joint_compliance"), far)
+    weight = weights(equations, far.n)
+    theta = rng.normal(scale=1e-3, size=len(equations.terms)) * [term.typical / 1e-3 for term in equations.terms]
+    _, normal = equations.linearise(theta, weight)
+    for i, term in enumerate(equations.terms):
+        step = np.zeros(theta.size)
+        step[i] = 1e-2 * term.typical
+        costs = [float(np.square(equations.outcome(theta + s * step).residual * weight).sum()) for s in (1, -1)]
+        # Central difference: rounding 1e-16 of the cost, curvature 1e-5 squared of it.
+        slope = (costs[1] - costs[0]) / (4 * step[i])
+        assert slope == pytest.approx(normal.gradient[i], rel=1e-6, abs=1e-9 * normal.energy / step[i])
+
+
+@pytest.mark.parametrize("orientation", ORIENTATION)
+def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = measured(orientation=orientation)
+    free = ("base_frame", "joint_offset", "link_geometry", "payload_compliance", "instrument_scale")
+    theta = np.full(len(PoseEquations(model(data, *free), data).terms), 1e-4)
+    results = []
+    for block in (4096, 7):
+        monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", block)
+        equations = PoseEquations(model(data, *free), data)
+        weight = weights(equations, data.n)
+        outcome, summed = equations.linearise(theta, weight)
+        triangle, factorised = equations.factorise(theta, weight)
+        np.testing.assert_array_equal(outcome.residual, equations.outcome(theta).residual)
+        np.testing.assert_allclose(triangle.T @ triangle, summed.gram, rtol=0, atol=1e-12 * summed.gram.max())
+        results += [summed, factorised]
+    for one in results[1:]:
+        scale = np.sqrt(np.diag(results[0].gram))
+        np.testing.assert_allclose(
+            one.gram / scale[:, None] / scale, results[0].gram / scale[:, None] / scale, atol=1e-12
+        )
+        np.testing.assert_allclose(one.gradient / scale, results[0].gradient / scale, rtol=1e-9, atol=1e-9)
+        assert one.energy == pytest.approx(results[0].energy, rel=1e-12)
+
+
+@pytest.mark.parametrize("orientation", ORIENTATION)
+def test_a_row_without_weight_takes_no_part(orientation: bool) -> None:
+    data = measured(orientation=orientation)
+    some = np.arange(data.n) % 3 > 0
+    equations = PoseEquations(model(data, "joint_offset"), data)
+    weight = weights(equations, data.n)
+    theta = np.full(len(equations.terms), 1e-3)
+    _, masked = equations.linearise(theta, weight * some)
+    part = data.subset(np.flatnonzero(some))
+    _, alone = PoseEquations(model(part, "joint_offset"), part).linearise(theta, weight[:, some])
+    np.testing.assert_allclose(masked.gram, alone.gram, rtol=1e-12)
+    np.testing.assert_allclose(masked.gradient, alone.gradient, rtol=1e-9)
+    assert masked.energy == pytest.approx(alone.energy, rel=1e-12)
+
+
+def test_what_the_linearisation_expects_elsewhere() -> None:
+    data = measured()
+    equations = PoseEquations(model(data, "joint_offset"), data)
+    _, normal = equations.linearise(np.zeros(len(equations.terms)), weights(equations, data.n))
+    solution = np.linalg.solve(normal.gram, normal.moment)
+    assert normal.left(solution) == pytest.approx(normal.energy - normal.gradient @ solution, rel=1e-9)
+    assert normal.left(normal.theta) == pytest.approx(normal.energy)
+
+
+def test_columns_built_in_part_are_those_of_the_whole() -> None:
+    data = measured()
+    bound = model(data, *EVERY_KIND).bind(data)
+    rng = np.random.default_rng(5)
+    theta = rng.normal(size=len(bound.terms)) * [0.1 * term.typical for term in bound.terms]
+    poses, whole = bound.linearise(theta)
+    for columns in (np.arange(0, theta.size, 3), np.array([theta.size - 1, 2]), np.zeros(0, dtype=np.int64)):
+        again, some = bound.linearise(theta, columns)
+        np.testing.assert_allclose(some, whole[:, columns], rtol=1e-13, atol=1e-15)
+        np.testing.assert_array_equal(again.translation, poses.translation)
+
+
+@pytest.mark.parametrize("n", [12, 40])
+def test_steps_end_where_rounding_begins(n: int) -> None:
+    data = measured(n)
+    found = fit(
+        model(data, "joint_offset", "link_geometry"), data, Options(robust=False, misfit=(2e-5, 2e-5), tolerance=1e-15)
+    )
+    assert found.steps <= 6
+    # One step more from there moves no coefficient by a millionth of its standard error.
+    again = PoseEquations(found.model, data)
+    again.columns = found.identifiability.kept
+    _, normal = again.linearise(found.theta, found.weight)
+    error = np.sqrt(np.diag(found.covariance))[again.columns]
+    assert np.abs(np.linalg.solve(normal.gram, normal.gradient) / error).max() < 1e-6

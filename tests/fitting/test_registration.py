@@ -1,0 +1,181 @@
+"""Base and target found from any start: metres away at any angle, several targets, rows that are gross errors."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arms import arm
+
+from robacc.errors import InputError, UsageError
+from robacc.fitting.closed_form import register_frames
+from robacc.fitting.registration import align
+from robacc.geometry import exp_so3, rpy_from_rotation
+from robacc.measurements import Measurements
+from robacc.modelling.model import predict
+from robacc.robots.description import Frame, Robot
+from robacc.simulation.simulate import Plan, simulate
+
+NOISE = 2e-5
+BOTH = ("base_frame", "tool_frame")
+
+
+def anywhere(rng: np.random.Generator, reach: float) -> Frame:
+    """A frame up to ``reach`` away along each axis, turned about any axis by any angle."""
+    axis = rng.normal(size=(3, 1))
+    turn = exp_so3(rng.uniform(0, np.pi) * axis / np.linalg.norm(axis))
+    return Frame(tuple(rng.uniform(-reach, reach, 3)), tuple(float(a) for a in rpy_from_rotation(turn[..., 0])))
+
+
+def displaced(robot: Robot, seed: int) -> Robot:
+    """The same arm standing elsewhere, with its target, or each of them, elsewhere on the flange."""
+    rng = np.random.default_rng(seed)
+    robot = dataclasses.replace(robot, base=anywhere(rng, 5.0))
+    if robot.targets:
+        return dataclasses.replace(robot, targets={name: anywhere(rng, 0.2) for name in robot.targets})
+    return dataclasses.replace(robot, tool=anywhere(rng, 0.2))
+
+
+def measured(name: str, seed: int, *, orientation: bool, noise: float = 0.0, outliers: int = 0) -> Measurements:
+    plan = Plan(
+        40,
+        seed=seed,
+        orientation=orientation,
+        noise_position=noise,
+        noise_orientation=noise,
+        outliers=outliers,
+        outlier_size=0.4,
+    )
+    return simulate(displaced(arm(name).robot, seed), plan).data
+
+
+def turned_by(robot: Robot, data: Measurements) -> float:
+    """Largest angle between predicted and measured orientation, rad."""
+    assert data.rotation is not None
+    cosine = 0.5 * (np.einsum("ijn,ijn->n", data.rotation, predict(robot, data).rotation) - 1.0)
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
+
+
+@pytest.mark.parametrize("orientation", [True, False])
+@pytest.mark.parametrize("name", ["puma560", "panda", "stanford", "urdf:ur10", "targets:puma560"])
+def test_exact_poses_are_met_from_any_start(name: str, orientation: bool) -> None:
+    for seed in range(3):
+        data = measured(name, seed, orientation=orientation)
+        found = align(arm(name).robot, data, BOTH)
+        # A rounding of five metres, some hundred operations on.
+        np.testing.assert_allclose(predict(found.robot, data).translation, data.position, rtol=0, atol=1e-9)
+        if orientation:
+            assert turned_by(found.robot, data) < 1e-7  # arccos near one loses half the digits
+
+
+@pytest.mark.parametrize("what", [("base_frame",), ("tool_frame",)])
+def test_one_frame_alone_is_found_and_the_other_left(what: tuple[str, ...]) -> None:
+    robot = arm("puma560").robot
+    rng = np.random.default_rng(5)
+    base, tool = (anywhere(rng, 3.0), robot.tool) if what == ("base_frame",) else (robot.base, anywhere(rng, 0.2))
+    truth = dataclasses.replace(robot, base=base, tool=tool)
+    data = simulate(truth, Plan(20, seed=5)).data
+    found = align(robot, data, what)
+    assert found.effects == what
+    assert found.n_parameters == 6
+    for name, value in (("base", base), ("tool", tool)):
+        frame = getattr(found.robot, name)
+        np.testing.assert_allclose(frame.xyz, value.xyz, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(frame.rpy, value.rpy, rtol=0, atol=1e-9)
+    expected = [(f"{what[0]}.{label}") for label in ("x", "y", "z", "roll", "pitch", "yaw")]
+    assert [one.name for one in found.parameters] == expected
+    assert [one.unit for one in found.parameters] == ["m"] * 3 + ["rad"] * 3
+
+
+def test_standard_errors_are_the_scatter_over_noise() -> None:
+    """Of 200 sets of noisy poses; a standard deviation of 200 is known to 5 %, and the largest of 12 to some 15 %."""
+    robot = arm("puma560").robot
+    rng = np.random.default_rng(3)
+    truth = dataclasses.replace(robot, base=anywhere(rng, 2.0), tool=anywhere(rng, 0.2))
+    values, errors = [], []
+    for seed in range(200):
+        plan = Plan(15, seed=seed, noise_position=1e-4, noise_orientation=1e-4)
+        found = align(robot, simulate(truth, plan).data, BOTH)
+        values.append([one.value for one in found.parameters])
+        errors.append([one.std for one in found.parameters])
+    scatter, told = np.std(values, axis=0), np.sqrt(np.mean(np.square(errors), axis=0))
+    np.testing.assert_allclose(told, scatter, rtol=0.2)
+
+
+@pytest.mark.parametrize("orientation", [True, False])
+@pytest.mark.parametrize("name", ["puma560", "panda", "targets:puma560"])
+def test_gross_errors_do_not_move_the_frames(name: str, orientation: bool) -> None:
+    for seed in range(3):
+        clean = measured(name, seed, orientation=orientation)
+        # A tenth of the rows half a metre off.
+        data = measured(name, seed, orientation=orientation, noise=NOISE, outliers=clean.n // 10)
+        found = align(arm(name).robot, data, BOTH)
+        error = np.linalg.norm(predict(found.robot, clean).translation - clean.position, axis=0)
+        # Twelve coefficients (more with two targets) from over a hundred numbers: well below the noise on average.
+        assert np.sqrt(np.mean(error**2)) < NOISE
+
+
+def test_the_closed_form_alone_is_near_with_full_poses() -> None:
+    # What the least squares starts from is exact where orientation was measured and nothing is wrong but the frames.
+    data = measured("panda", 9, orientation=True)
+    found = register_frames(arm("panda").robot, data, True, True)
+    np.testing.assert_allclose(predict(found, data).translation, data.position, rtol=0, atol=1e-8)
+
+
+def test_frames_of_a_wrong_arm_are_the_least_squares_ones() -> None:
+    # Beside it every nearby frame is worse: the alignment of an arm with other errors is a minimum all the same.
+    robot = arm("puma560").robot
+    wrong = dataclasses.replace(robot, effects=({"effect": "joint_offset", "joints": ["j3"], "values": {"j3": 3e-3}},))
+    data = simulate(displaced(wrong, 3), Plan(40, seed=3, orientation=False)).data
+    found = align(robot, data, BOTH).robot
+
+    def squares(candidate: Robot) -> float:
+        return float(np.sum(np.square(predict(candidate, data).translation - data.position)))
+
+    best = squares(found)
+    assert best > 1e-6
+    for frame in ("base", "tool"):
+        for axis in range(3):
+            for step in (-1e-5, 1e-5):
+                was = getattr(found, frame)
+                xyz = tuple(value + step * (i == axis) for i, value in enumerate(was.xyz))
+                assert squares(dataclasses.replace(found, **{frame: Frame(xyz, was.rpy)})) > best
+                if frame == "base":
+                    rpy = tuple(value + step * (i == axis) for i, value in enumerate(was.rpy))
+                    assert squares(dataclasses.replace(found, base=Frame(was.xyz, rpy))) > best
+
+
+def test_what_a_point_cannot_show_is_said() -> None:
+    data = measured("puma560", 1, orientation=False)
+    found = align(arm("puma560").robot, data, BOTH)
+    assert found.n_parameters == 9
+    assert found.notes == tuple(
+        f"tool_frame.{label} has no effect on these poses" for label in ("roll", "pitch", "yaw")
+    )
+
+
+def test_nothing_asked_for_is_nothing_moved() -> None:
+    robot = arm("puma560").robot
+    assert register_frames(robot, measured("puma560", 1, orientation=False), False, False) is robot
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        (("joint_offset",), "cannot align joint_offset; choose among base_frame, tool_frame"),
+        ((), "cannot align nothing; choose among base_frame, tool_frame"),
+    ],
+)
+def test_other_things_are_not_aligned(what: tuple[str, ...], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        align(arm("puma560").robot, measured("puma560", 1, orientation=False), what)
+
+
+def test_too_few_poses_are_refused() -> None:
+    robot = arm("puma560").robot
+    data = measured("puma560", 1, orientation=False)
+    with pytest.raises(InputError, match=r"2 poses: finding base_frame or tool_frame needs at least 3"):
+        align(robot, data.subset(np.arange(2)), BOTH)
+    with pytest.raises(InputError, match=r"9 numbers measured \(3 poses\), too few for 9 coefficients"):
+        align(robot, data.subset(np.arange(3)), BOTH)

@@ -1,0 +1,188 @@
+"""Constants drawn to the table: fewer errors where few are wrong, none more where all are, intervals that hold."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+from arms import arm
+
+from robacc.effects import REGISTRY
+from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.sparse_prior import shrink_to_nominal
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+from robacc.robots.description import Robot
+from robacc.simulation.simulate import Plan, simulate
+
+NOISE = 2e-5
+PLAN = Plan(60, noise_position=NOISE, orientation=False)
+CONSTANTS = ("joint_offset", "link_geometry")
+ONE = ({"effect": "link_geometry", "joints": ["j2"], "values": {"j2.a": 5e-4}},)
+
+
+def measured(effects: tuple[dict[str, object], ...], seed: int, name: str = "puma560") -> Measurements:
+    robot = dataclasses.replace(arm(name).robot, effects=effects, effect_units=(1.0, 1.0))
+    return simulate(robot, dataclasses.replace(PLAN, seed=seed)).data
+
+
+def plain(data: Measurements, *names: str, robot: str = "puma560") -> Fit:
+    one = arm(robot)
+    free = [REGISTRY[name].default(one, data) for name in ("base_frame", "tool_frame", *names)]
+    return fit(Model.of(one.robot, free), data, Options(misfit=(NOISE, NOISE)))
+
+
+@cache
+def everywhere() -> tuple[dict[str, object], ...]:
+    """Every constant off by some 0.2 mm or mrad, as a robot file has it."""
+    found = plain(measured((), 0), *CONSTANTS)
+    rng = np.random.default_rng(3)
+    entries: list[dict[str, object]] = []
+    for number, effect in enumerate(found.model.free):
+        if effect.name in CONSTANTS:
+            own = [n for n, owner in zip(found.names, found.owners, strict=True) if owner == number]
+            values = {n.partition(".")[2]: float(rng.choice([-1, 1]) * rng.uniform(1e-4, 3e-4)) for n in own}
+            entries.append({"effect": effect.name, "joints": list(effect.joints), "values": values})
+    return tuple(entries)
+
+
+def error(found: Fit, robot: Robot) -> float:
+    """Root mean square of what is predicted wrong at poses of their own, m."""
+    fresh = simulate(robot, Plan(200, seed=77, orientation=False)).data
+    missed = fresh.position - found.model.bind(fresh).poses(found.theta).translation
+    return float(np.sqrt(np.mean(np.sum(np.square(missed), axis=0))))
+
+
+def test_where_one_length_is_wrong_it_is_found_and_noise_moves_no_other() -> None:
+    robot = dataclasses.replace(arm("puma560").robot, effects=ONE, effect_units=(1.0, 1.0))
+    squares = np.zeros(2)
+    for seed in range(1, 6):
+        data = measured(ONE, seed)
+        alone = plain(data, "link_geometry")
+        found, kinds = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
+        lengths = next(kind for kind in kinds if kind.unit == "m")
+        chances = dict(zip(lengths.names, lengths.probability, strict=True))
+        assert chances.pop("link_geometry.j2.a") > 0.999
+        assert max(chances.values()) < 0.5
+        assert lengths.width == pytest.approx(5e-4, rel=0.2)
+        # What is found is as least squares has it, and standard errors are those of least squares.
+        at = found.names.index("link_geometry.j2.a")
+        deviation = float(np.sqrt(alone.covariance[at, at]))
+        assert found.theta[at] == pytest.approx(5e-4, abs=4 * deviation)
+        np.testing.assert_array_equal(found.covariance, alone.covariance)
+        assert found.degrees_of_freedom > alone.degrees_of_freedom + 4
+        squares += np.square((error(found, robot), error(alone, robot)))
+    # 26 coefficients against 10 known in advance: sqrt(10 / 26) at best.
+    assert np.sqrt(squares[0] / squares[1]) < 0.75
+
+
+def test_where_most_are_wrong_least_squares_stays() -> None:
+    data = measured(everywhere(), 1)
+    alone = plain(data, *CONSTANTS)
+    found, kinds = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
+    assert kinds == ()
+    assert found is alone
+
+
+def test_kinds_are_judged_apart() -> None:
+    # Every offset wrong, no length: only lengths are drawn.
+    entry = {"effect": "joint_offset", "joints": ["j2", "j3", "j4", "j5", "j6"]}
+    values = {"j2": 1e-3, "j3": -8e-4, "j4": 9e-4, "j5": -1e-3, "j6": 7e-4}
+    twists = {"effect": "link_geometry", "joints": ["j1", "j2", "j3", "j4", "j5"]}
+    off = {f"j{i}.alpha": 1e-3 * (-1) ** i for i in range(1, 6)}
+    data = measured(({**entry, "values": values}, {**twists, "values": off}), 2)
+    alone = plain(data, *CONSTANTS)
+    found, kinds = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
+    assert [kind.unit for kind in kinds] == ["m"]
+    lengths = [i for i in found.identifiability.kept if found.names[i] in kinds[0].names]
+    assert np.linalg.norm(found.theta[lengths]) < 0.5 * np.linalg.norm(alone.theta[lengths])
+
+
+def test_effects_that_are_not_named_and_kinds_of_few_are_left_alone() -> None:
+    data = measured(ONE, 1)
+    alone = plain(data, "link_geometry")
+    assert shrink_to_nominal(alone, data, Options(), ("joint_offset",)) == (alone, ())
+    scara = arm("scara")
+    free = [REGISTRY["joint_offset"].default(scara, data, scara.names[:2])]
+    still = simulate(scara.robot, PLAN).data
+    few = fit(Model.of(scara.robot, free), still, Options(misfit=(NOISE, NOISE)))
+    assert shrink_to_nominal(few, still, Options(), CONSTANTS) == (few, ())
+
+
+def test_probabilities_are_those_of_all_subsets_counted() -> None:
+    # Bayes' rule over the 2^n models of which offsets differ, with the widths and shares that were found.
+    entry = {"effect": "joint_offset", "joints": ["panda_joint4"], "values": {"panda_joint4": 4e-4}}
+    data = measured((entry,), 4, "panda")
+    alone = plain(data, "joint_offset", robot="panda")
+    _, (kind,) = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
+    kept = [alone.names[i] for i in alone.identifiability.kept]
+    own, others = [kept.index(name) for name in kind.names], [i for i, n in enumerate(kept) if n not in kind.names]
+    share = (sum(kind.probability) + 0.5) / (len(own) + 1.0)
+    evidence, models = [], list(product((False, True), repeat=len(own)))
+    for chosen in models:
+        inside = [own[i] for i in np.flatnonzero(chosen)]
+        columns = others + inside
+        prior = np.array([0.0] * len(others) + [kind.width**-2] * len(inside))
+        matrix = alone.gram[np.ix_(columns, columns)] + np.diag(prior)
+        moment = alone.moment[columns]
+        log = 0.5 * moment @ np.linalg.solve(matrix, moment) - 0.5 * np.linalg.slogdet(matrix)[1]
+        log += 0.5 * np.log(prior[len(others) :]).sum() + len(inside) * np.log(share / (1.0 - share))
+        evidence.append(log)
+    weight = np.exp(np.array(evidence) - max(evidence))
+    exact = (weight @ np.array(models, dtype=float)) / weight.sum()
+    # The mean field takes each offset's neighbours at their mean.
+    np.testing.assert_allclose(kind.probability, exact, atol=0.01)
+    assert sorted(exact)[-1] > 0.99
+
+
+def test_the_model_is_drawn_about_the_robot_files_values() -> None:
+    # A file that says the wrong length from the start is drawn to what it says: nothing differs.
+    one = arm("puma560").robot
+    changed = dataclasses.replace(
+        one,
+        joints=tuple(
+            dataclasses.replace(j, parameters={**j.parameters, "a": j.parameters["a"] + 5e-4}) if j.name == "j2" else j
+            for j in one.joints
+        ),
+    )
+    data = measured(ONE, 1)
+    free = plain(data, "link_geometry").model.free
+    alone = fit(Model.of(changed, free), data, Options(misfit=(NOISE, NOISE)))
+    found, kinds = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
+    assert all(p < 0.9 for kind in kinds for p in kind.probability)
+    assert np.abs(predict(found.model.arm.robot, data).translation - data.position).max() < 6 * NOISE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrong", ["one", "all"])
+def test_intervals_hold(wrong: str) -> None:
+    effects = ONE if wrong == "one" else everywhere()
+    hits: list[Array] = []
+    names: list[str] = []
+    for seed in range(200):
+        data = measured(effects, seed)
+        alone = plain(data, *CONSTANTS)
+        found, _ = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
+        kept = found.identifiability.kept
+        truth = _least_change(found, data, effects)
+        names = [found.names[i] for i in kept]
+        deviation = np.sqrt(np.diag(found.covariance))[kept]
+        hits.append(np.abs(found.theta[kept] - truth) < 1.96 * deviation)
+    share = np.mean(hits, axis=0)
+    frames = np.array([name.startswith(("base_frame", "tool_frame")) for name in names])
+    assert 0.93 < share[frames].mean() < 0.97
+    # Of constants drawn to the file's value the intervals are wider than they need be.
+    assert share[~frames].mean() > 0.93
+    assert share.min() > 0.88
+
+
+def _least_change(found: Fit, data: Measurements, effects: tuple[dict[str, object], ...]) -> Array:
+    """The coefficients kept that describe the arm with ``effects`` exactly."""
+    robot = dataclasses.replace(arm("puma560").robot, effects=effects, effect_units=(1.0, 1.0))
+    exact = dataclasses.replace(data, position=predict(robot, data).translation)
+    options = Options(robust=False, misfit=(NOISE, NOISE), start=np.zeros(found.theta.size), tolerance=1e-12)
+    return fit(found.model, exact, options).theta[found.identifiability.kept]

@@ -1,0 +1,330 @@
+"""Confidence curves, rules, and the number of poses that decides: against exact distributions and simulation."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from robacc.accuracy.error_statistics import length_intervals
+from robacc.gates.confidence import LEVELS, BoundCurve, difference
+from robacc.gates.criteria import GateCriterion, Rule
+from robacc.gates.decision_rules import ASSURANCE, Decision, decide, poses_to_decide
+from robacc.gates.largest import decide_largest
+from robacc.geometry import Array
+from robacc.statistics.intervals import Interval, chi2_interval
+from robacc.statistics.multivariate import second_moment
+from robacc.statistics.paired import paired_difference
+from robacc.statistics.radius import satterthwaite_rms
+
+SD = np.array([1.0, 0.6, 0.3])[:, None]
+RMS = float(np.sqrt(np.sum(SD**2)))
+
+
+def criterion(limit: float, rule: Rule = "bound", confidence: float = 0.95, **more: Any) -> GateCriterion:
+    given: dict[str, Any] = {"at_least": False, "share": 0.95, "key": "position.rms", **more}
+    return GateCriterion(
+        name="c",
+        kind="length",
+        limit=limit,
+        words=(),
+        rule=rule,
+        confidence=confidence,
+        baseline=None,
+        paired=None,
+        reason="r",
+        **given,
+    )
+
+
+def normal(value: float, error: float, confidence: float = 0.95) -> BoundCurve:
+    """Of a figure with a Gaussian error, as a result's own interval gives it."""
+    z, bound = stats.norm.ppf(0.5 + confidence / 2), stats.norm.ppf(confidence)
+    interval = Interval(value - z * error, value + z * error, value + bound * error, confidence, "normal")
+    return BoundCurve.through([interval], value)
+
+
+def rms_curve(errors: Array, confidence: float = 0.95) -> tuple[float, BoundCurve]:
+    covariance, n = second_moment(errors), errors.shape[1]
+    levels = sorted({*LEVELS, confidence, 2 * confidence - 1})
+    curve = BoundCurve.through([satterthwaite_rms(covariance, n, level) for level in levels])
+    return float(np.sqrt(np.trace(covariance))), curve
+
+
+def test_a_curve_goes_through_its_interval_and_is_the_distribution_between() -> None:
+    curve = normal(-1.0, 0.5)
+    assert curve.bound(0.95) == pytest.approx(-1.0 + 0.5 * stats.norm.ppf(0.95), abs=1e-12)
+    assert curve.bound(0.05) == pytest.approx(-1.0 - 0.5 * stats.norm.ppf(0.95), abs=1e-9)
+    for limit in (-3.0, -1.9, -1.0, -0.4, 0.5):
+        assert curve.below(limit) == pytest.approx(stats.norm.cdf(limit, -1.0, 0.5), abs=1e-9)
+    assert curve.bound(0.99) is None
+    assert curve.standard_error(0.95) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("dof", [20, 60, 300])
+def test_a_curve_from_a_stored_interval_is_near_the_exact_one(dof: int) -> None:
+    interval = chi2_interval(4.0, dof, 0.95, "chi-square").root()
+    stored = BoundCurve.through([Interval(interval.lower, interval.upper, interval.upper_bound, 0.95, "stored")], 2.0)
+    exact = BoundCurve.through([interval])
+    for limit in np.linspace(1.5, 2.7, 25):
+        truth = stats.chi2.sf(dof * 4.0 / limit**2, dof)
+        assert exact.below(limit) == pytest.approx(truth, abs=1e-6)
+        # Between three bounds and the value, which is not quite the median of a skewed curve.
+        assert stored.below(limit) == pytest.approx(truth, abs=0.4 / math.sqrt(dof))
+    assert stored.below(interval.upper_bound or 0.0) == pytest.approx(0.95, abs=1e-9)
+
+
+def test_a_curve_knows_where_it_ends() -> None:
+    lower = BoundCurve.through([Interval(1.0, None, None, 0.95, "order statistics", "30 poses: too few")], 2.0)
+    assert lower.below(0.9) is not None
+    assert lower.below(2.5) is None
+    assert lower.has_lower
+    assert not lower.has_upper
+    assert lower.standard_error(0.95) == pytest.approx(math.log(2.0) / stats.norm.ppf(0.975), rel=1e-6)
+    empty = BoundCurve.through([Interval.missing(0.95, "one pose")], 1.0)
+    assert (empty.z, empty.below(3.0), empty.bound(0.95), empty.why) == ((), None, None, "one pose")
+    same = BoundCurve.through([Interval(2.0, 2.0, 2.0, 0.95, "no scatter")], 2.0)
+    assert (same.below(2.0), same.below(1.999)) == (1.0, 0.0)
+
+
+RULED: list[tuple[Rule, float, bool, str]] = [
+    # The value is 1.0 with a standard error of 0.1; the bounds at 95 % are 0.836 and 1.164.
+    ("bound", 1.17, False, "pass"),
+    ("bound", 1.16, False, "inconclusive"),
+    ("bound", 0.84, False, "inconclusive"),
+    ("bound", 0.83, False, "fail"),
+    ("bound", 0.83, True, "pass"),
+    ("bound", 1.16, True, "inconclusive"),
+    ("bound", 1.17, True, "fail"),
+    ("simple", 1.0, False, "pass"),
+    ("simple", 0.999, False, "fail"),
+    ("simple", 1.001, True, "fail"),
+    ("guard_band", 1.17, False, "pass"),
+    ("guard_band", 1.16, False, "fail"),
+    ("guard_band", 0.83, True, "pass"),
+    ("guarded_rejection", 0.84, False, "pass"),
+    ("guarded_rejection", 0.83, False, "fail"),
+    ("guarded_rejection", 1.16, True, "pass"),
+    ("guarded_rejection", 1.17, True, "fail"),
+]
+
+
+@pytest.mark.parametrize(("rule", "limit", "at_least", "outcome"), RULED)
+def test_each_rule_on_either_side_of_each_bound(rule: Rule, limit: float, at_least: bool, outcome: str) -> None:
+    found = decide(criterion(limit, rule, at_least=at_least), 1.0, normal(1.0, 0.1), 50)
+    assert found.outcome == outcome
+    below = stats.norm.cdf(math.log(limit), 0.0, 0.1)  # roughly: the curve is on the logarithm
+    assert found.probability == pytest.approx(1 - below if at_least else below, abs=0.02)
+    assert found.margin is not None
+    assert (found.margin >= 0.0) == (outcome == "pass")
+    assert (found.poses_to_decide is not None) == (outcome == "inconclusive")
+
+
+def test_a_bound_decides_as_the_interval_does_at_the_limit_itself() -> None:
+    curve = normal(1.0, 0.1)
+    bound = curve.bound(0.95) or 0.0
+    assert decide(criterion(bound), 1.0, curve, 50).outcome == "pass"
+    assert decide(criterion(np.nextafter(bound, 0.0)), 1.0, curve, 50).outcome == "inconclusive"
+
+
+def test_without_an_interval_only_the_simple_rule_decides() -> None:
+    found = decide(criterion(1.0), 0.1, None, 50)
+    assert found.outcome == "not_evaluated"
+    assert found.why == "the result has no interval of it, and rule: bound takes one"
+    assert decide(criterion(1.0, "simple"), 0.1, None, 50).outcome == "pass"
+
+
+def test_a_confidence_beyond_the_stored_interval_is_not_guessed() -> None:
+    found = decide(criterion(2.0, confidence=0.99), 1.0, normal(1.0, 0.1), 50)
+    assert found.outcome == "inconclusive"
+    assert found.why == "the result's interval does not reach 99 %; make it with --confidence 0.99"
+
+
+def test_a_guard_band_says_that_the_value_itself_is_within() -> None:
+    found = decide(criterion(1.05, "guard_band"), 1.0, normal(1.0, 0.1), 50)
+    assert (found.outcome, found.why) == ("fail", "the value meets the limit, but not the limit less its guard band")
+    assert decide(criterion(0.9, "guard_band"), 1.0, normal(1.0, 0.1), 50).why is None
+
+
+def test_operating_curves_are_those_of_a_gaussian_figure() -> None:
+    """A figure far from zero, where its logarithm is as good as linear: P(pass) by hand."""
+    for rule, shift in (("bound", 1.645), ("simple", 0.0), ("guard_band", 1.645), ("guarded_rejection", -1.645)):
+        found = decide(criterion(100.0, rule), 100.0, normal(100.0, 0.1), 50)  # type: ignore[arg-type]
+        for truth, passes in found.operating_curve:
+            assert passes == pytest.approx(stats.norm.cdf((100.0 - truth) / 0.1 - shift), abs=2e-3)
+        assert len(found.operating_curve) == 21
+
+
+def test_difference_of_two_samples_is_the_gaussian_one() -> None:
+    found = difference(3.0, normal(3.0, 0.03), 1.0, normal(1.0, 0.04))
+    for level in (0.05, 0.5, 0.9, 0.95):
+        assert found.bound(level) == pytest.approx(2.0 + 0.05 * stats.norm.ppf(level), abs=0.003)
+    assert difference(1.0, normal(1.0, 0.1), 1.0, BoundCurve((), (), "none", "one pose")).why == "one pose"
+
+
+def largest(value: float, n: int, rule: Rule = "bound", share: float = 0.95) -> Decision:
+    return decide_largest(criterion(1.0, rule, share=share, key="position.max"), value, n)
+
+
+def test_the_largest_error_by_wilks() -> None:
+    assert largest(0.9, 59).outcome == "pass"  # 1 - 0.95^59 = 0.9515, the published sample size
+    short = largest(0.9, 58)
+    assert (short.outcome, short.poses_to_decide) == ("inconclusive", 59)
+    assert short.probability == pytest.approx(1 - 0.95**58)
+    assert short.why == (
+        "58 poses within the limit show that 95 % of all poses are within the limit with a confidence of 94.9 %"
+    )
+    assert largest(0.9, 299, share=0.99).outcome == "pass"
+    assert largest(0.9, 298, share=0.99).outcome == "inconclusive"
+    assert largest(1.1, 1000).outcome == "fail"
+    assert largest(0.9, 58, "guard_band").outcome == "fail"
+    assert largest(0.9, 2, "guarded_rejection").outcome == "pass"
+    assert dict(largest(0.9, 59).operating_curve)[0.95] == pytest.approx(0.95**59)
+
+
+def test_poses_to_decide_by_simulation_of_the_figure_alone() -> None:
+    """Known standard error: draw a truth from what the interval says, measure on, and see whether it decides."""
+    rng, z, draws = np.random.default_rng(3), 1.645, 200_000
+    for away in (0.0, 0.7, 1.5):
+        n = 50
+        more = poses_to_decide(away, z, n)
+        assert more is not None
+        truth = rng.normal(size=draws)
+        added = rng.normal(truth, math.sqrt(n / (more - n)))
+        pooled = (added * (more - n)) / more
+        decided = np.mean(np.abs(pooled - away) > z / math.sqrt(more / n))
+        assert decided == pytest.approx(ASSURANCE, abs=0.005)
+        fewer = added * 0 + rng.normal(size=draws) * math.sqrt(1 - n / (0.5 * more))
+        assert np.mean(np.abs(fewer - away) > z / math.sqrt(0.5 * more / n)) < ASSURANCE - 0.02
+    assert poses_to_decide(0.0, z, 10_000_000) is None
+
+
+def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Decision]:
+    """Errors of n poses and a limit that they cannot decide."""
+    while True:
+        limit = RMS * math.exp(rng.uniform(-0.4, 0.4) * math.sqrt(30 / n))
+        errors = SD * rng.normal(size=(3, n))
+        found = decide(criterion(limit), *rms_curve(errors), n)
+        if found.outcome == "inconclusive":
+            return errors, limit, found
+
+
+@pytest.mark.parametrize("n", [30, 120])
+def test_the_promised_poses_decide_in_nine_of_ten_cases(n: int) -> None:
+    rng = np.random.default_rng(n)
+    decided = []
+    for _ in range(300):
+        errors, limit, found = undecided(rng, n)
+        assert found.poses_to_decide is not None
+        whole = np.hstack((errors, SD * rng.normal(size=(3, found.poses_to_decide - n))))
+        decided.append(decide(criterion(limit), *rms_curve(whole), whole.shape[1]).outcome != "inconclusive")
+    # Three standard deviations of a share of 0.9 in 300 are 0.052.
+    assert np.mean(decided) > ASSURANCE - 0.052
+
+
+def test_poses_for_a_p95_are_never_fewer_than_order_statistics_need() -> None:
+    found = decide(criterion(1.3, key="position.p95"), 1.0, normal(1.0, 0.19), 12)
+    assert found.outcome == "inconclusive"
+    assert found.poses_if_true is not None
+    assert found.poses_if_true >= 59
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
+def test_conformity_probabilities_are_calibrated(statistic: Any) -> None:
+    """Where the truth is the limit, the probability of conformity is uniform: below a in a share a of the cases."""
+    rng = np.random.default_rng(7)
+    lengths = np.sqrt(np.sum((SD * rng.normal(size=(3, 1_000_000))) ** 2, axis=0))
+    truth = {"rms": RMS, "mean_error": np.mean(lengths), "p95": np.quantile(lengths, 0.95)}[statistic]
+    for n in (30, 100):
+        found, outcomes = [], []
+        for seed in range(300):
+            errors = SD * rng.normal(size=(3, n))
+            intervals = length_intervals(errors, (0.9, 0.95), bootstrap=500, seed=seed)
+            curve = BoundCurve.through([one[statistic] for one in intervals])
+            found.append(curve.below(float(truth)))
+            outcomes.append(decide(criterion(float(truth)), 1.0, curve, n).outcome)
+        for level in (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95):
+            share = np.mean(np.array(found, dtype=float) <= level)
+            assert share == pytest.approx(level, abs=3.5 * math.sqrt(level * (1 - level) / 300) + 0.01)
+        # False accepts and false rejects of rule bound at the limit itself: 5 % each.
+        assert np.mean(np.array(outcomes) == "pass") < 0.05 + 0.045
+        assert np.mean(np.array(outcomes) == "fail") < 0.05 + 0.045
+
+
+@pytest.mark.slow
+def test_the_promised_poses_decide_a_p95_too() -> None:
+    rng = np.random.default_rng(11)
+    quantile = float(np.quantile(np.sqrt(np.sum((SD * rng.normal(size=(3, 1_000_000))) ** 2, axis=0)), 0.95))
+
+    def decided(errors: Array, limit: float, seed: int) -> Decision:
+        curve = BoundCurve.through(
+            [one["p95"] for one in length_intervals(errors, (0.3, 0.9, 0.95), bootstrap=200, seed=seed)]
+        )
+        value = float(np.quantile(np.sqrt(np.sum(errors**2, axis=0)), 0.95))
+        return decide(criterion(limit, key="position.p95"), value, curve, errors.shape[1])
+
+    for n in (30, 100):
+        outcomes: list[bool] = []
+        while len(outcomes) < 120:
+            limit = quantile * math.exp(rng.uniform(-0.35, 0.35) * math.sqrt(30 / n))
+            errors = SD * rng.normal(size=(3, n))
+            first = decided(errors, limit, len(outcomes))
+            if first.outcome == "inconclusive":
+                assert first.poses_to_decide is not None
+                whole = np.hstack((errors, SD * rng.normal(size=(3, first.poses_to_decide - n))))
+                outcomes.append(decided(whole, limit, 0).outcome != "inconclusive")
+        assert np.mean(outcomes) > ASSURANCE - 3 * math.sqrt(0.09 / 120)
+
+
+@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
+def test_paired_differences_cover_the_truth(statistic: Any) -> None:
+    rng = np.random.default_rng(5)
+
+    def pair(n: int) -> tuple[Array, Array]:
+        errors = rng.normal(size=(3, n))
+        return 1.2 * errors + 0.7 * rng.normal(size=(3, n)), errors
+
+    figures = {
+        "rms": lambda size: np.sqrt(np.mean(size**2)),
+        "mean_error": np.mean,
+        "p95": lambda size: np.quantile(size, 0.95),
+    }
+    sizes = [np.sqrt(np.sum(errors**2, axis=0)) for errors in pair(400_000)]
+    truth = figures[statistic](sizes[0]) - figures[statistic](sizes[1])
+    inside = []
+    for seed in range(150):
+        _, (interval,) = paired_difference(*pair(60), statistic, (0.9,), draws=400, seed=seed)
+        assert interval.lower is not None
+        assert interval.upper is not None
+        inside.append(interval.lower <= truth <= interval.upper)
+    # 0.9 within three standard deviations of 150 cases, and not so wide that it always holds.
+    assert 0.83 < np.mean(inside) < 0.985
+
+
+def test_paired_differences_of_the_same_errors_are_nothing_and_those_of_repeats_stay_together() -> None:
+    rng = np.random.default_rng(0)
+    errors, other = rng.normal(size=(2, 3, 40))
+    for statistic in ("rms", "mean_error", "p95"):
+        value, (interval,) = paired_difference(errors, errors, statistic, (0.95,))  # type: ignore[arg-type]
+        assert (value, interval.lower, interval.upper) == (0.0, 0.0, 0.0)
+        _, (once,) = paired_difference(errors, other, statistic, (0.9,))  # type: ignore[arg-type]
+        twice = [np.tile(one, 4) for one in (errors, other)]
+        _, (grouped,) = paired_difference(*twice, statistic, (0.9,), groups=np.tile(np.arange(40), 4))  # type: ignore[arg-type]
+        widths = [np.subtract(one.upper, one.lower) for one in (once, grouped)]
+        # The same 40 poses measured four times alike say no more than once.
+        assert widths[1] == pytest.approx(widths[0], rel=0.1)
+    _, (none,) = paired_difference(errors, other, "max", (0.95,))
+    assert (none.upper, none.why) == (None, "no interval holds for the difference of two largest errors")
+    _, (few,) = paired_difference(errors[:, :9], other[:, :9], "p95", (0.95,))
+    assert few.why == "9 poses: too few to resample a 95th percentile"
+
+
+def test_nothing_fails_with_a_value_within_the_limit_nor_passes_with_one_beyond() -> None:
+    # Bounds of a percentile by a fitted Gaussian may leave out the percentile found.
+    above, below = normal(1.2, 0.05), normal(0.8, 0.05)
+    assert decide(criterion(1.05), 1.0, above, 30).outcome == "inconclusive"
+    assert decide(criterion(0.95), 1.0, below, 30).outcome == "inconclusive"

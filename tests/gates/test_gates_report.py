@@ -1,0 +1,247 @@
+"""What a gate says in a terminal, a job's summary, annotations and JUnit XML."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from robacc.gates.criteria import Gate, GateCriterion
+from robacc.gates.decision_rules import Decision, Outcome
+from robacc.gates.evaluate import GateOutcome, Judged
+from robacc.render.text.annotations import github_annotations
+from robacc.render.text.gate import draw_gate
+from robacc.render.text.gate_text import limit, probability, sentence, title
+from robacc.render.text.junit import junit
+from robacc.render.text.markdown import markdown
+
+
+def judged(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> Judged:
+    asked = {"limit": 1e-3, "at_least": False, "rule": "bound", "baseline": None, "kind": "length", "words": ()}
+    asked |= {key: more.pop(key) for key in list(more) if key in asked}
+    decided = {"why": None, "lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "probability": 0.991}
+    decided |= {key: more.pop(key) for key in list(more) if key in (*decided, "poses_to_decide", "poses_if_true")}
+    criterion = GateCriterion(
+        name=name, key=more.pop("key", "position.rms"), confidence=0.95, share=0.95, paired=None, reason=reason, **asked
+    )
+    given = {"value": 0.8e-3, "found": None, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
+    return Judged(criterion, Decision(outcome, **decided), "length", **{**given, **more})
+
+
+def gate(*criteria: Judged, name: str = "g") -> GateOutcome:
+    return GateOutcome(Gate(name, tuple(one.criterion for one in criteria)), criteria)
+
+
+ALL = gate(
+    judged("pass", "first"),
+    judged("fail", "second", upper_bound=1.2e-3, margin=-2e-4, probability=0.0001),
+    judged("inconclusive", "third", poses_to_decide=900, poses_if_true=400),
+    judged("not_evaluated", "fourth", value=None, why="there is none", margin=None, probability=None),
+)
+
+
+def test_a_criterion_in_one_sentence() -> None:
+    assert sentence(ALL.judged[0]) == (
+        "position.rms 0.800 mm (0.700 mm to 0.900 mm, each bound at 95 %), expected at most 1 mm; margin 0.100 mm; "
+        "conforms with probability 99.1 %"
+    )
+    assert sentence(ALL.judged[2]).endswith(
+        "; 900 poses in all would decide it with a probability of 90 %, 400 if the value found is the true one"
+    )
+    visits = judged("inconclusive", key="iso9283.RP.max", poses_to_decide=900)
+    assert sentence(visits).endswith("; 900 visits in all would decide it with a probability of 90 %")
+    assert "position.rms not there" in sentence(ALL.judged[3])
+    against = judged(baseline="b.json", limit=0.0, value=-1e-4, baseline_value=9e-4, lower_bound=-2e-4, upper_bound=0.0)
+    assert sentence(against).startswith(
+        "position.rms 0.800 mm, 0.100 mm less than the 0.900 mm in b.json (-0.200 mm to 0 mm for the difference, "
+        "each bound at 95 %), expected no more than in b.json"
+    )
+    assert "0.900 mm, as the 0.900 mm in b.json" in sentence(judged(baseline="b.json", value=0.0, baseline_value=9e-4))
+    near = judged("inconclusive", poses_to_decide=None, poses_if_true=None)
+    assert sentence(near).endswith("the value lies so close to the limit that no number of poses will decide")
+
+
+def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
+    few = judged("inconclusive", why="5 poses: too few", lower_bound=None, upper_bound=None, margin=None)
+    assert sentence(few).endswith("; 5 poses: too few")
+    assert "so close" not in sentence(judged("inconclusive", n=None))
+
+
+@pytest.mark.parametrize(
+    ("size", "at_least", "baseline", "text"),
+    [
+        (1e-3, False, None, "at most 1 mm"),
+        (2.5e-4, True, None, "at least 0.25 mm"),
+        (0.0, False, "b", "no more than in b"),
+        (0.0, True, "b", "no less than in b"),
+        (5e-5, False, "b", "at most 0.05 mm more than in b"),
+        (-5e-5, False, "b", "at least 0.05 mm less than in b"),
+        (-5e-5, True, "b", "at most 0.05 mm less than in b"),
+        (5e-5, True, "b", "at least 0.05 mm more than in b"),
+    ],
+)
+def test_limits_in_words(size: float, at_least: bool, baseline: str | None, text: str) -> None:
+    assert limit(judged(limit=size, at_least=at_least, baseline=baseline)) == text
+
+
+def test_limits_that_are_words_and_probabilities_that_are_no_certainty() -> None:
+    assert limit(judged(kind="grade", words=("C",))) == "C or better"
+    assert limit(judged(kind="word", words=("clean", "explained"))) == "clean or explained"
+    assert [probability(judged(probability=p)) for p in (1.0, 0.9995, 0.5, 0.0005, 0.0, None)] == [
+        *("> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %"),
+        None,
+    ]
+    assert title(ALL) == "Gate g: FAIL (1 pass, 1 fail, 1 inconclusive, 1 not evaluated)"
+
+
+def test_a_terminal_shows_each_criterion_within_80_columns() -> None:
+    stream = io.StringIO()
+    draw_gate(ALL, stream)
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == title(ALL)
+    assert [line for line in lines if re.match(r"\S", line)][1:] == [
+        *("pass           first", "fail           second", "inconclusive   third", "not evaluated  fourth")
+    ]
+    assert lines.count("               Reason: because") == 4
+    assert max(map(len, lines)) <= 80
+
+
+def test_markdown_holds_the_gate_the_warnings_and_the_whole_result() -> None:
+    text = markdown("estimate", "Error of 60 poses\n\n``` in it\n", ALL, ("a | b",))
+    assert text.startswith(
+        "## robacc estimate\n\n### ❌ Gate g: FAIL (1 pass, 1 fail, 1 inconclusive, 1 not evaluated)\n"
+    )
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {9}
+    assert rows[2].startswith("| ✅ | first | position.rms | 0.800 mm | at most 1 mm |")
+    assert "> **Warning:** a \\| b\n" in text
+    assert "````text\nError of 60 poses\n\n``` in it\n````" in text
+    assert "<details>" in text
+    plain = markdown("estimate", "Error\n", None, ())
+    assert plain == "## robacc estimate\n\n```text\nError\n```\n"
+
+
+def test_markdown_of_a_name_with_signs_stays_one_cell() -> None:
+    text = markdown("check", "", gate(judged(name="a|b <x> *c* `d` [e]")), ())
+    assert "| a\\|b \\<x\\> \\*c\\* \\`d\\` \\[e\\] |" in text
+
+
+def unescaped(text: str) -> str:
+    """What the runner of GitHub Actions shows (actions/runner, ActionCommand.cs)."""
+    for code, sign in (("%3A", ":"), ("%2C", ","), ("%0A", "\n"), ("%0D", "\r"), ("%25", "%")):
+        text = text.replace(code, sign)
+    return text
+
+
+def test_annotations_are_one_line_each_and_say_what_was_meant() -> None:
+    odd = gate(judged("fail", "50 %: a, b", "first\r\nsecond :: %0A"), name="g::h")
+    lines = github_annotations("estimate", "", odd, ("look\nout",)).splitlines()
+    assert [line.partition(" ")[0] for line in lines] == ["::warning", "::error", "::error"]
+    match = re.fullmatch(r"::error title=([^:,]*)::(.*)", lines[1])
+    assert match is not None
+    assert unescaped(match[1]) == "g::h: 50 %: a, b"
+    assert unescaped(match[2]).endswith("Reason for the limit: first\r\nsecond :: %0A")
+    assert lines[0] == "::warning title=robacc estimate::look%0Aout"
+
+
+def test_annotations_have_the_level_of_each_outcome() -> None:
+    lines = github_annotations("check", "", ALL, ()).splitlines()
+    assert [line.partition(" ")[0] for line in lines] == ["::notice", "::error", "::warning", "::warning", "::error"]
+    first = github_annotations("estimate", "Error of 60\nof poses.csv\n\nmore\n", None, ())
+    assert first == "::notice title=robacc estimate::Error of 60%0Aof poses.csv\n"
+
+
+# The rules of the two schemas in use. Ant's: https://github.com/windyroad/JUnit-Schema/blob/master/JUnit.xsd;
+# Jenkins': https://github.com/jenkinsci/xunit-plugin, junit-10.xsd. For each element: the attributes that must be
+# there, those that may, and its children in order, each with the least and the most of them.
+NUMBER, TIME = r"\d+", r"\d+(\.\d+)?"
+ATTRIBUTES: dict[str, tuple[dict[str, str], dict[str, str]]] = {
+    "testsuites": ({}, {}),
+    "testsuite": (
+        {
+            **{"name": r"\S.*", "timestamp": r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", "hostname": r"\S+", "tests": NUMBER},
+            **{"failures": NUMBER, "errors": NUMBER, "time": TIME, "package": r"\S*", "id": NUMBER},
+        },
+        {"skipped": NUMBER},
+    ),
+    "properties": ({}, {}),
+    "testcase": ({"name": r"\S.*", "classname": r"\S.*", "time": TIME}, {}),
+    "failure": ({"type": r"\S.*"}, {"message": r".*"}),
+    "error": ({"type": r"\S.*"}, {"message": r".*"}),
+    "system-out": ({}, {}),
+    "system-err": ({}, {}),
+}
+MANY = 10**9
+CHILDREN: dict[str, list[tuple[tuple[str, ...], int, int]]] = {
+    "testsuites": [(("testsuite",), 0, MANY)],
+    "testsuite": [(("properties",), 1, 1), (("testcase",), 0, MANY), (("system-out",), 1, 1), (("system-err",), 1, 1)],
+    "testcase": [(("skipped", "error", "failure"), 0, 1)],
+    "properties": [(("property",), 0, MANY)],
+}
+WITH_TEXT = {"failure", "error", "system-out", "system-err"}
+
+
+def faults(element: ElementTree.Element) -> list[str]:
+    """What the schemas do not allow in an element and those within it."""
+    if element.tag not in ATTRIBUTES:
+        return [f"element {element.tag}"]
+    must, may = ATTRIBUTES[element.tag]
+    found = [f"{element.tag} without {name}" for name in must if name not in element.attrib]
+    for name, value in element.attrib.items():
+        form = must.get(name) or may.get(name)
+        if form is None or not re.fullmatch(form, value, re.DOTALL):
+            found.append(f"{element.tag} {name}={value!r}")
+    if element.tag not in WITH_TEXT and (element.text or "").strip():
+        found.append(f"text in {element.tag}")
+    rest = [child.tag for child in element]
+    for names, least, most in CHILDREN.get(element.tag, []):
+        count = 0
+        while rest and rest[0] in names and count < most:
+            rest.pop(0)
+            count += 1
+        if count < least:
+            found.append(f"{element.tag} without {names[0]}")
+    if rest:
+        found.append(f"{rest[0]} in {element.tag}")
+    return found + [fault for child in element for fault in faults(child)]
+
+
+@pytest.mark.parametrize(
+    "found", [ALL, gate(judged()), gate(judged("fail", "<&>\"'", "]]> \x07 \ud800"), name="ä\x00")]
+)
+def test_junit_is_valid_by_the_schemas_in_use(found: GateOutcome) -> None:
+    text = junit("estimate", found)
+    root = ElementTree.fromstring(text.encode())
+    assert faults(root) == []
+    (suite,) = root
+    assert suite.get("tests") == str(len(found.judged))
+    assert len(suite.findall("testcase/failure")) == int(suite.get("failures", "")) == found.count("fail")
+    undecided = found.count("inconclusive") + found.count("not_evaluated")
+    assert len(suite.findall("testcase/error")) == int(suite.get("errors", "")) == undecided
+    assert text == junit("estimate", found)
+
+
+def test_the_schemas_rules_see_faults() -> None:
+    good = junit("estimate", ALL)
+    for wrong, fault in (
+        (good.replace(' id="0"', ""), "testsuite without id"),
+        (good.replace('tests="4"', 'tests="four"'), "testsuite tests='four'"),
+        (good.replace("<properties/>", ""), "testsuite without properties"),
+        (good.replace("<properties/>", "<extra/>"), "element extra"),
+        (re.sub(r' type="\w+"', "", good), "failure without type"),
+        (good.replace("<testsuites>", "<testsuites>text"), "text in testsuites"),
+    ):
+        found = faults(ElementTree.fromstring(wrong.encode()))
+        assert fault in found
+
+
+def test_junit_carries_the_numbers_and_the_reason() -> None:
+    suite = ElementTree.fromstring(junit("estimate", ALL).encode())[0]
+    failure = suite.find("testcase[@name='second']/failure")
+    assert failure is not None
+    assert failure.get("message", "").startswith("fail: position.rms 0.800 mm (0.700 mm to 1.20 mm")
+    assert failure.text == "Reason for the limit: because"
+    assert suite.find("testcase[@name='first']/*") is None

@@ -1,0 +1,261 @@
+"""Poses from Parquet: the same table as from CSV, the same checks, and rows in place of lines."""
+
+from __future__ import annotations
+
+import decimal
+import hashlib
+import io
+import json
+import os
+import sys
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from robacc.cli.main import app
+from robacc.errors import InputError, UsageError
+from robacc.io import parquet
+from robacc.poses.csv_file import read_poses
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+ROOT = Path(__file__).resolve().parents[2]
+POSES = ROOT / "sample_data" / "poses.csv"
+ROBOT = ROOT / "sample_data" / "robot.yaml"
+PLAIN: Mapping[str, list[Any]] = {
+    "x_mm": [1.0, 2.0, 3.0],
+    "y_mm": [4.0, 5.0, 6.0],
+    "z_mm": [7.0, 8.0, 9.0],
+    "q1_deg": [10.0, 20.0, 30.0],
+}
+
+
+def written(path: Path, columns: Mapping[str, Any], **options: Any) -> str:
+    pq.write_table(pa.table(dict(columns)), path, **options)
+    return str(path)
+
+
+def sample(path: Path) -> str:
+    """The sample's poses as Parquet."""
+    lines = [line.split(",") for line in POSES.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    columns = {
+        name: [row[i] if name in ("pose", "cycle", "target") else float(row[i]) for row in lines[1:]]
+        for i, name in enumerate(lines[0])
+    }
+    return written(path, columns)
+
+
+def problems(path: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        read_poses(path)
+    return [str(problem).removeprefix(path) for problem in caught.value.problems]
+
+
+def test_the_same_measurements_as_from_csv(tmp_path: Path) -> None:
+    path = sample(tmp_path / "poses.parquet")
+    ours, theirs = read_poses(path), read_poses(POSES)
+    for name in ("position", "rotation", "q", "pose", "cycle", "target", "time", "direction"):
+        one, other = getattr(ours, name), getattr(theirs, name)
+        assert (one is None) == (other is None), name
+        if one is not None:
+            np.testing.assert_array_equal(one, other, err_msg=name)
+    assert ours.sha256 == hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    assert (ours.place(0), theirs.place(0)) == ("row 1", "line 3")
+
+
+def test_the_command_gives_the_same_figures(tmp_path: Path) -> None:
+    path = sample(tmp_path / "poses.parquet")
+    documents = []
+    for poses in (path, str(POSES)):
+        done = CliRunner().invoke(app, ["estimate", poses, "--robot", str(ROBOT), "--format", "json"])
+        assert done.exit_code == 0, done.stderr
+        documents.append(json.loads(done.stdout))
+    assert documents[0]["position"] == documents[1]["position"]
+    assert documents[0]["grade"] == documents[1]["grade"]
+    assert documents[0]["inputs"][0]["name"] == "poses.parquet"
+    table = CliRunner().invoke(app, ["estimate", path, "--robot", str(ROBOT)]).stdout
+    assert "row 3 " in table
+    assert "line" not in table
+
+
+def test_units_stand_in_the_names_and_batches_join(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parquet, "_ROWS_AT_ONCE", 2)
+    data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "pose": ["a", "b", "c"]}, row_group_size=2))
+    np.testing.assert_allclose(data.position, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3], [7e-3, 8e-3, 9e-3]])
+    np.testing.assert_allclose(data.q, np.radians([[10, 20, 30]]))
+    assert data.pose is not None
+    assert data.pose.tolist() == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        ([1, 2, 3], "int32"),
+        ([1, 2, 3], "uint64"),
+        ([1.0, 2.0, 3.0], "float32"),
+        ([decimal.Decimal(1), decimal.Decimal(2), decimal.Decimal(3)], "decimal128"),
+    ],
+)
+def test_every_type_of_number_is_one(tmp_path: Path, values: list[Any], kind: str) -> None:
+    column = pa.array(values, pa.decimal128(5, 2) if kind == "decimal128" else getattr(pa, kind)())
+    data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "x_mm": column}))
+    np.testing.assert_array_equal(data.position[0], [1e-3, 2e-3, 3e-3])
+
+
+@pytest.mark.parametrize("kind", ["int64", "string", "large_string", "dictionary"])
+def test_ids_are_texts_of_any_kind(tmp_path: Path, kind: str) -> None:
+    column = pa.array([7, 8, 7]) if kind == "int64" else pa.array(["7", " 8 ", "7"])
+    if kind == "dictionary":
+        column = column.dictionary_encode()
+    elif kind != "int64":
+        column = column.cast(getattr(pa, kind)())
+    data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "pose": column}))
+    assert data.pose is not None
+    assert data.pose.tolist() == ["7", "8", "7"]
+
+
+def test_every_bad_value_is_named_by_its_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parquet, "_ROWS_AT_ONCE", 2)
+    columns = {
+        "x_mm": [1.0, 2.0, None],
+        "y_mm": [float("nan"), 5.0, 6.0],
+        "z_mm": [7.0, float("inf"), 9.0],
+        "q1_deg": [10.0, 20.0, 30.0],
+        "pose": ["a", "", "c"],
+        "cycle": ["1", "2", "3" * 257],
+    }
+    assert problems(written(tmp_path / "p.parquet", columns)) == [
+        ", row 1, y_mm: found 'nan', expected a finite number",
+        ", row 2, z_mm: found 'inf', expected a finite number",
+        ", row 2, pose: the value is missing, expected a text",
+        ", row 3, x_mm: the value is missing, expected a number",
+        ", row 3, cycle: the text has 257 characters, expected at most 256",
+    ]
+
+
+def test_checks_of_values_are_those_of_csv(tmp_path: Path) -> None:
+    done = problems(written(tmp_path / "p.parquet", {**PLAIN, "dir_q1": [0.0, 2.0, 1.0]}))
+    assert done == [", row 2, dir_q1: found 2, expected -1, 0 or 1"]
+    degrees = problems(written(tmp_path / "d.parquet", {"q1": [10.0, 200.0], "x": [0, 0], "y": [0, 0], "z": [1, 1]}))
+    assert degrees[0].startswith(", q1: found joint angles up to 200, which cannot be rad; ")
+
+
+def test_problems_of_columns_have_no_row(tmp_path: Path) -> None:
+    path = written(tmp_path / "p.parquet", {"x": [1.0], "y": [1.0], "q1": [0.1]})
+    assert problems(path) == [": column z is missing; expected x, y, z: the attained position"]
+    data = read_poses(written(tmp_path / "u.parquet", {**PLAIN, "temprature_c": [1.0, 2.0, 3.0]}))
+    assert data.warnings == (
+        f"{tmp_path / 'u.parquet'}: unknown column 'temprature_c' is ignored; the nearest known one is 'temperature_c'",
+    )
+
+
+def test_columns_of_another_type_are_refused(tmp_path: Path) -> None:
+    columns = {**PLAIN, "x_mm": ["1", "2", "3"], "pose": [1.5, 2.5, 3.5], "time_s": [[1.0], [2.0], [3.0]]}
+    assert problems(written(tmp_path / "p.parquet", columns)) == [
+        ", x_mm: the column holds string, expected numbers; store it as double",
+        ", time_s: the column holds list<element: double>, expected numbers; store it as double",
+        ", pose: the column holds double, expected text; store it as string",
+    ]
+
+
+def test_duplicate_columns_are_named(tmp_path: Path) -> None:
+    table = pa.table([pa.array([1.0])] * 5, names=["x", "y", "z", "q1", "x"])
+    pq.write_table(table, tmp_path / "p.parquet")
+    assert problems(str(tmp_path / "p.parquet")) == [", x: the column is a duplicate; keep one of the two"]
+
+
+def test_pandas_index_is_no_column(tmp_path: Path) -> None:
+    data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "__index_level_0__": [0, 1, 2]}))
+    assert data.warnings == ()
+
+
+def test_an_order_of_rows_that_time_denies_is_told_by_row(tmp_path: Path) -> None:
+    path = written(tmp_path / "p.parquet", {**PLAIN, "time_s": [0.0, 2.0, 1.0]})
+    assert "time_s goes back at row 3" in read_poses(path, ordered=True).warnings[0]
+
+
+def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
+    path = written(tmp_path / "p.parquet", {name: pa.array([], pa.float64()) for name in PLAIN})
+    text = tmp_path / "p.csv"
+    text.write_text(",".join(PLAIN) + "\n", encoding="utf-8")
+    ends = [CliRunner().invoke(app, ["estimate", str(one), "--robot", str(ROBOT)]).exit_code for one in (path, text)]
+    assert ends == [3, 3]
+
+
+def test_what_is_no_parquet_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "p.parquet"
+    path.write_text("x,y,z,q1\n1,2,3,4\n", encoding="utf-8")
+    assert problems(str(path)) == [
+        ": is no Parquet file: it does not begin with PAR1; write it again, or name it .csv if it is text"
+    ]
+    whole = Path(sample(tmp_path / "whole.parquet")).read_bytes()
+    for length in (4, 12, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        (message,) = problems(str(path))
+        assert message.startswith(": cannot be read as Parquet (")
+        assert message.endswith("; it is damaged or cut short")
+
+
+def test_damage_in_the_middle_is_an_error_or_harmless(tmp_path: Path) -> None:
+    whole = bytearray(Path(sample(tmp_path / "whole.parquet")).read_bytes())
+    path = tmp_path / "p.parquet"
+    rng = np.random.default_rng(0)
+    refused = 0
+    for _ in range(60):
+        damaged = whole.copy()
+        for at in rng.integers(4, len(whole), 3):
+            damaged[at] ^= int(rng.integers(1, 256))
+        path.write_bytes(damaged)
+        try:
+            read_poses(path)
+        except InputError:
+            refused += 1
+    assert refused > 10
+
+
+def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "p.parquet", PLAIN)
+    monkeypatch.setattr(parquet, "_MOST_NUMBERS", 11)
+    assert problems(path) == [": found 3 rows of 4 columns; measure less at a time"]
+    monkeypatch.setattr(parquet, "_MOST_ROWS", 2)
+    assert problems(path) == [": found 3 rows; expected at most 2"]
+    monkeypatch.setattr(parquet, "MAX_COLUMNS", 3)
+    assert problems(path) == [": found 4 columns; expected at most 3"]
+
+
+def test_a_pipe_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = Path(written(tmp_path / "p.parquet", PLAIN)).read_bytes()
+
+    def through_pipe() -> io.TextIOWrapper:
+        reading, writing = os.pipe()
+
+        def feed() -> None:
+            with os.fdopen(writing, "wb") as end:
+                end.write(data)
+
+        threading.Thread(target=feed).start()
+        return io.TextIOWrapper(os.fdopen(reading, "rb"))
+
+    with through_pipe() as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        found = read_poses("-")
+    assert (found.n, found.sha256) == (3, hashlib.sha256(data).hexdigest())
+    monkeypatch.setattr(parquet, "_PIPE_LIMIT", 100)
+    with through_pipe() as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        with pytest.raises(InputError, match="come through the pipe; name a file instead"):
+            read_poses("-")
+
+
+def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "p.parquet", PLAIN)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(UsageError, match=r"is Parquet, which needs an extra: pip install 'robacc\[parquet\]'"):
+        read_poses(path)

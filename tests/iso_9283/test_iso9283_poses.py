@@ -1,0 +1,235 @@
+"""Inverse kinematics, the standard's cube and its five poses, and poses planned on every arm."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from arms import CONFIGS, CONFIGURED, arm
+
+from robacc.errors import InputError, UsageError
+from robacc.geometry import Poses, compose, log_so3, transpose
+from robacc.iso_9283.cube import PLANES, CubeFit, corners, fit_cube, five_points
+from robacc.iso_9283.proposal import ORIENTATIONS, planned_poses, propose
+from robacc.modelling.robot_file import read_robot
+from robacc.robots.arm import Arm
+from robacc.robots.description import Frame, Robot
+from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
+
+WITH_EDGE = {"scara": 0.15}
+"""The stroke of the SCARA's slide is 195 mm: no preferred cube fits."""
+
+
+def configured(name: str) -> Robot:
+    return read_robot(CONFIGS / f"{name}.yaml")
+
+
+@pytest.mark.parametrize("name", [*CONFIGURED, "urdf:ur10"])
+def test_inverse_kinematics_against_forward(name: str) -> None:
+    """Poses that exist are found again, to 1e-9, and every answer stays within the limits."""
+    one = arm(name)
+    low, high = joint_ranges(one)
+    rng = np.random.default_rng(1)
+    ends = np.where(np.isfinite(low), low, -math.pi), np.where(np.isfinite(high), high, math.pi)
+    wanted = one.chain.forward(rng.uniform(*(end[:, None] for end in ends), (low.size, 20)))
+    found = inverse_kinematics(one, wanted)
+    assert found.converged.any(axis=1).all()
+    assert np.all((found.q >= low[:, None, None]) & (found.q <= high[:, None, None]))
+    there = one.chain.forward(found.q.reshape(low.size, -1))
+    apart = np.repeat(wanted.translation, 16, axis=1) - there.translation
+    turned = log_so3(compose(np.repeat(wanted.rotation, 16, axis=2), transpose(there.rotation)))
+    met = found.converged.ravel()
+    assert np.max(np.abs(apart[:, met])) < 1e-9
+    assert np.max(np.abs(turned[:, met])) < 1e-9
+    missed = np.linalg.norm(apart, axis=0) + np.linalg.norm(turned, axis=0)
+    assert np.all(missed[~met] > 1e-12)
+
+
+@pytest.mark.parametrize("name", ["panda", "scara", "urdf:puma560"])
+def test_jacobian_to_joints_against_a_difference(name: str) -> None:
+    one = arm(name)
+    q = spread_configurations(one, 5)
+    _, jacobian = pose_jacobian(one, q)
+    step = 1e-6
+    for joint in range(q.shape[0]):
+        moved = [q + sign * step * np.eye(q.shape[0])[:, [joint]] for sign in (1, -1)]
+        ahead, behind = (one.chain.forward(place) for place in moved)
+        linear = (ahead.translation - behind.translation) / (2 * step)
+        angular = log_so3(compose(ahead.rotation, transpose(behind.rotation))) / (2 * step)
+        assert jacobian[:3, joint] == pytest.approx(linear, abs=1e-8)
+        assert jacobian[3:, joint] == pytest.approx(angular, abs=1e-8)
+
+
+def test_out_of_reach_is_not_converged_and_limits_are_kept() -> None:
+    one = arm("ur10")
+    far = Poses(np.eye(3)[..., None], np.array([[9.0], [0.0], [0.0]]))
+    found = inverse_kinematics(one, far)
+    assert not found.converged.any()
+    assert np.min(found.error) > 7.0
+    free = inverse_kinematics(
+        one, dataclasses.replace(far, translation=np.array([[0.5], [0.1], [0.4]])), oriented=False
+    )
+    assert free.converged.all()
+
+
+def test_own_starts_and_continuity() -> None:
+    """A start next to the answer finds that answer and no other."""
+    one = arm("irb1600")
+    q = np.array([[0.2, 0.3, -0.4, 0.5, 0.6, 0.7]]).T
+    found = inverse_kinematics(one, one.chain.forward(q), starts=q + 0.02)
+    assert found.q[:, 0, 0] == pytest.approx(q[:, 0], abs=1e-9)
+
+
+def test_a_slide_without_limits_cannot_be_searched() -> None:
+    robot = configured("stanford")
+    joints = tuple(dataclasses.replace(j, limits=None) if j.type == "prismatic" else j for j in robot.joints)
+    with pytest.raises(InputError, match="the slide j3 has no limits to search within"):
+        propose(dataclasses.replace(robot, joints=joints))
+
+
+def test_five_points_by_hand() -> None:
+    """A cube of 1 m about the origin, plane rising to +x: x = z = ± 0.4, y = ± 0.4."""
+    points = five_points(np.zeros(3), 1.0, "x+")
+    expected = [[0, -0.4, -0.4, 0.4, 0.4], [0, -0.4, 0.4, 0.4, -0.4], [0, -0.4, -0.4, 0.4, 0.4]]
+    assert points == pytest.approx(np.array(expected))
+    assert points[:, 1] == pytest.approx(-points[:, 3])
+    diagonal = math.sqrt(3)
+    for i in range(1, 5):
+        nearest = np.min(np.linalg.norm(corners(np.zeros(3), 1.0) - points[:, [i]], axis=0))
+        assert nearest == pytest.approx(0.1 * diagonal)
+
+
+@pytest.mark.parametrize("plane", PLANES)
+def test_a_cube_is_recognised_in_any_order(plane: str) -> None:
+    points = five_points(np.array([0.3, -0.2, 0.9]), 0.63, plane)  # type: ignore[arg-type]
+    mixed = np.array([3, 1, 4, 0, 2])
+    found = fit_cube(points[:, mixed])
+    assert isinstance(found, CubeFit)
+    assert (found.centre, found.plane) == (3, plane)
+    assert (found.edge, found.from_corner) == pytest.approx((0.63, 0.1))
+
+
+def test_points_up_to_two_percent_off_are_still_of_a_preferred_cube() -> None:
+    found = fit_cube(five_points(np.zeros(3), 0.4, "y-") * (0.5 - 0.085) / 0.4)
+    assert isinstance(found, CubeFit)
+    assert (found.edge, found.from_corner) == pytest.approx((0.4, 0.085))
+    other = fit_cube(five_points(np.zeros(3), 0.5, "y-"))
+    assert isinstance(other, CubeFit)
+    assert (other.edge, other.from_corner) == pytest.approx((0.5, 0.1))
+
+
+def test_what_is_no_cube_is_said() -> None:
+    good = five_points(np.zeros(3), 0.4, "x+")
+    turned = np.array([[math.cos(0.4), -math.sin(0.4), 0], [math.sin(0.4), math.cos(0.4), 0], [0, 0, 1]]) @ good
+    assert "not parallel to the axes of the base" in str(fit_cube(turned))
+    off = good.copy()
+    off[0, 1] += 0.05
+    assert fit_cube(off) == "no pose is the centre of the other four"
+    flat = np.array([[0, 1, 1, -1, -1], [0, 2, -2, -2, 2], [0, 0, 0, 0, 0]]) * 0.1
+    assert fit_cube(flat) == "the outer poses are a rectangle of 200 mm by 400 mm, not of 1 : √2"
+    assert fit_cube(np.zeros((3, 5))) == "the five poses are one"
+    upright = fit_cube(np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.16)
+    assert isinstance(upright, CubeFit)
+    assert upright.plane is None
+
+
+@pytest.mark.parametrize("name", CONFIGURED)
+def test_five_poses_on_every_arm(name: str) -> None:
+    """In the standard's cube, within the limits, met to 1e-9 by the robot's own kinematics, one orientation."""
+    robot = configured(name)
+    found = propose(robot, edge=WITH_EDGE.get(name))
+    one = Arm.of(robot)
+    low, high = joint_ranges(one)
+    assert found.q.shape == (low.size, 5)
+    assert np.all((found.q >= low[:, None]) & (found.q <= high[:, None]))
+    there = one.chain.forward(found.q)
+    assert np.max(np.abs(there.translation - found.poses.translation)) < 1e-9
+    assert np.max(np.abs(log_so3(compose(found.poses.rotation, transpose(there.rotation))))) < 1e-9
+    assert found.poses.translation == pytest.approx(five_points(found.centre, found.edge, found.plane), abs=1e-12)
+    assert np.max(np.abs(found.poses.rotation - found.poses.rotation[..., :1])) < 1e-12
+    assert found.orientation in ("down", "own")
+    if found.orientation == "down":
+        assert found.poses.rotation[:, 2, 0] == pytest.approx([0, 0, -1], abs=1e-9)
+    span = high - low
+    margins = (
+        np.minimum(found.q - low[:, None], high[:, None] - found.q)[np.isfinite(span)] / span[np.isfinite(span), None]
+    )
+    assert found.margin == pytest.approx(margins.min(), abs=1e-6)
+    assert found.margin >= 0.01
+    assert bool(found.notes) == (name in WITH_EDGE or found.orientation == "own")
+
+
+def test_a_urdf_has_the_same_poses() -> None:
+    """The same arm as URDF: limits and kinematics are equal, so the cube is."""
+    robot = configured("ur10")
+    found = propose(parse_urdf(robot_to_urdf(robot)[0], "ur10.urdf"), edge=0.4)
+    assert found.centre == pytest.approx(propose(robot, edge=0.4).centre)
+    assert np.max(np.abs(Arm.of(robot).chain.forward(found.q).translation - found.poses.translation)) < 1e-9
+
+
+def test_the_cube_stands_in_the_axes_of_the_base() -> None:
+    """A base that is turned and moved takes the cube with it; joint angles stay."""
+    robot = configured("ur10")
+    moved = propose(dataclasses.replace(robot, base=Frame((1.0, 2.0, 0.5), (0.1, 0.2, 0.3))), edge=0.4)
+    plain = propose(robot, edge=0.4)
+    base = Poses.from_xyz_rpy(np.array([[1.0], [2.0], [0.5]]), np.array([[0.1], [0.2], [0.3]]))
+    assert moved.q == pytest.approx(plain.q)
+    assert moved.poses.translation == pytest.approx((base @ plain.poses).translation)
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+def test_orientations_that_are_asked_for(orientation: str) -> None:
+    found = propose(configured("irb1600"), edge=0.25, orientation=orientation, plane="y+")  # type: ignore[arg-type]
+    assert (found.orientation, found.plane) == (orientation, "y+")
+    assert found.notes == ()
+    axis = found.poses.rotation[:, 2]
+    if orientation == "forward":
+        assert axis[2] == pytest.approx(np.zeros(5), abs=1e-9)
+    if orientation == "free":
+        assert np.ptp(axis, axis=1).max() > 1e-3
+
+
+def test_an_arm_that_cannot() -> None:
+    message = (
+        r"SCARA \(Adept One\): found no cube of 250 mm or more that the arm reaches with all corners and five poses"
+    )
+    with pytest.raises(InputError, match=message):
+        propose(configured("scara"))
+    with pytest.raises(InputError, match="cube of 150 mm with the tool's z axis pointing level"):
+        propose(configured("scara"), edge=0.15, orientation="forward")
+    with pytest.raises(InputError, match="no cube of 5000 mm with the plane x"):
+        propose(configured("ur10"), edge=5.0, plane="x+")
+    with pytest.raises(UsageError, match="a length above zero"):
+        propose(configured("ur10"), edge=0.0)
+
+
+def test_targets() -> None:
+    robot = dataclasses.replace(configured("ur10"), targets={"a": Frame((0, 0, 0.1)), "b": Frame((0, 0, 0.2))})
+    first, second = propose(robot, edge=0.25), propose(robot, edge=0.25, target="b")
+    assert (first.target, second.target) == ("a", "b")
+    assert first.notes == ("for the target a, the first of 2",)
+    assert set(planned_poses(second, 2).target) == {"b"}
+    with pytest.raises(UsageError, match="no target 'c'; the robot file has a, b"):
+        propose(robot, target="c")
+    with pytest.raises(UsageError, match="the robot file has one tool, unnamed"):
+        propose(configured("ur10"), target="c")
+
+
+def test_effects_are_left_out_and_said() -> None:
+    robot = dataclasses.replace(configured("ur10"), effects=({"effect": "joint_offset"},))
+    assert propose(robot, edge=0.25).notes == (
+        "joint angles are of the robot file's nominal kinematics, its effects left out",
+    )
+
+
+def test_planned_poses_are_cycles_in_order() -> None:
+    found = propose(configured("ur10"), edge=0.25)
+    planned = planned_poses(found, 3, 5.0)
+    assert list(planned.pose) == ["P1", "P2", "P3", "P4", "P5"] * 3
+    assert list(planned.cycle) == ["1"] * 5 + ["2"] * 5 + ["3"] * 5
+    assert set(planned.payload) == {5.0}
+    once = planned_poses(found, 1)
+    assert (once.cycle, once.payload, once.target) == (None, None, None)

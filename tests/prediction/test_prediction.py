@@ -1,0 +1,372 @@
+"""Equations (6) to (8) against matrices written out, finite differences, and a Monte Carlo without any Jacobian."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from robacc.accuracy.grade_scale import default_scale
+from robacc.chain import BLOCK
+from robacc.errors import InputError, UsageError
+from robacc.measurements import Measurements
+from robacc.modelling.robot_file import read_robot
+from robacc.prediction.allocation import allocate
+from robacc.prediction.configurations import configurations_of, sampled_configurations
+from robacc.prediction.covariances import pose_covariances
+from robacc.prediction.matrices import error_matrices
+from robacc.prediction.parameters import Tolerances, uncertain_parameters
+from robacc.prediction.predicting import Prediction, predict_accuracy
+from robacc.robots.arm import Arm
+from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
+
+ROBOTS = Path(__file__).resolve().parents[2] / "configs" / "robots"
+FOUR = {"theta": 1e-4, "d": 1e-4, "a": 1e-4, "alpha": 1e-4}
+
+
+def row(name: str, kind: str = "revolute", limits: tuple[float, float] | None = (-2.0, 2.0), **values: float) -> Joint:
+    parameters = dict.fromkeys(DH_PARAMETERS, 0.0) | values
+    return Joint(name, kind, parameters, limits=limits, tolerance=FOUR)  # type: ignore[arg-type]
+
+
+def planar(a1: float = 0.5, a2: float = 0.3) -> Robot:
+    return Robot("2R", "standard", (row("j1", a=a1), row("j2", a=a2)))
+
+
+def robot_of(name: str) -> Robot:
+    """One of the four arms of the proof, all 4N (URDF: 7N) parameters with a tolerance."""
+    if name != "ur10":
+        return read_robot(ROBOTS / f"{name}.yaml")
+    try:
+        listed = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    urdf = next(file for file in listed if file.name == "ur10_robot.urdf")
+    return read_robot(Path(urdf.locate()), base_link="base_link", tip_link="tool0")
+
+
+def tolerances_of(robot: Robot) -> Tolerances | None:
+    if robot.convention != "urdf":
+        return None
+    lengths, angles = dict.fromkeys("xyz", 2e-4), dict.fromkeys(("roll", "pitch", "yaw", "offset"), 1.5e-4)
+    return Tolerances("normal", 1.0, every={**lengths, **angles}, base={"x": 1e-4, "yaw": 1e-4}, tool={"z": 3e-4})
+
+
+def homogeneous(
+    rotation: np.ndarray | None = None, translation: tuple[object, object, object] = (0, 0, 0)
+) -> np.ndarray:
+    """``(M, 4, 4)`` of rotations ``(M, 3, 3)`` and translations of ``(M,)`` or scalar components."""
+    parts = np.broadcast_arrays(*translation, *(() if rotation is None else (rotation[:, 0, 0],)))
+    result = np.tile(np.eye(4), (max(1, parts[0].size), 1, 1))
+    if rotation is not None:
+        result[:, :3, :3] = rotation
+    for i in range(3):
+        result[:, i, 3] = parts[i]
+    return result
+
+
+def turn(axis: str, angle: object) -> np.ndarray:
+    vector = np.eye(3)["xyz".index(axis)]
+    return homogeneous(Rotation.from_rotvec(np.atleast_1d(angle)[:, None] * vector).as_matrix())
+
+
+def frame(value: Frame, errors: Mapping[str, np.ndarray]) -> np.ndarray:
+    x, y, z = (value.xyz[i] + errors.get(name, 0.0) for i, name in enumerate("xyz"))
+    roll, pitch, yaw = (value.rpy[i] + errors.get(name, 0.0) for i, name in enumerate(("roll", "pitch", "yaw")))
+    return homogeneous(None, (x, y, z)) @ turn("z", yaw) @ turn("y", pitch) @ turn("x", roll)
+
+
+def link(joint: Joint, convention: str, q: float, errors: Mapping[str, np.ndarray]) -> np.ndarray:
+    """A joint's transform from the textbook's definition, each parameter with its errors ``(M,)``; no chain."""
+    p = {name: value + errors.get(name, 0.0) for name, value in joint.parameters.items()}
+    if convention == "urdf":
+        xyz, rpy = ([joint.parameters[k] for k in names] for names in ("xyz", ("roll", "pitch", "yaw")))
+        before = frame(Frame(tuple(xyz), tuple(rpy)), errors)
+        if joint.type == "fixed":
+            return before
+        angle = np.atleast_1d(q + p["offset"])
+        return before @ homogeneous(Rotation.from_rotvec(angle[:, None] * np.array(joint.axis)).as_matrix())
+    p["theta" if joint.type == "revolute" else "d"] += joint.sign * q
+    z = turn("z", p["theta"]) @ homogeneous(None, (0, 0, p["d"]))
+    x = turn("x", p["alpha"])
+    along = homogeneous(None, (p["a"], 0, 0))
+    y = turn("y", p["beta"])
+    return z @ along @ x @ y if convention == "standard" else x @ along @ y @ z
+
+
+def forward(robot: Robot, q: np.ndarray, errors: Mapping[str, Mapping[str, np.ndarray]]) -> np.ndarray:
+    """Tool pose ``(M, 4, 4)`` at one configuration, with errors by owner and parameter."""
+    pose = frame(robot.base, errors.get("base", {}))
+    values = iter(q)
+    for joint in robot.joints:
+        own = errors.get(joint.name, {})
+        pose = pose @ link(joint, robot.convention, next(values) if joint.is_variable else 0.0, own)
+    return pose @ frame(robot.tool, errors.get("tool", {}))
+
+
+def monte_carlo(robot: Robot, tolerances: Tolerances | None, q: np.ndarray, draws: int, seed: int) -> np.ndarray:
+    """``(M, 6)`` exact errors [d; δ] in the tool's frame, equations (3) to (5), of robots drawn from the tolerances."""
+    rng = np.random.default_rng(seed)
+    result = []
+    for count in np.diff(np.append(np.arange(0, draws, 20_000), draws)):
+        errors: dict[str, dict[str, np.ndarray]] = {}
+        for parameter in uncertain_parameters(robot, tolerances):
+            owner = parameter.name.rpartition(".")[0]
+            errors.setdefault(owner, {})[parameter.kind] = parameter.sd * rng.standard_normal(count)
+        relative = np.linalg.inv(forward(robot, q, {})) @ forward(robot, q, errors)
+        delta = Rotation.from_matrix(relative[:, :3, :3]).as_rotvec()
+        result.append(np.concatenate((relative[:, :3, 3], delta), axis=1))
+    return np.concatenate(result)
+
+
+def check_monte_carlo(name: str, draws: int, n_poses: int) -> None:
+    robot = robot_of(name)
+    tolerances = tolerances_of(robot)
+    where = sampled_configurations(robot, n_poses, seed=4)
+    found = pose_covariances(Arm.of(robot).chain, where.scalars, n_poses, uncertain_parameters(robot, tolerances))
+    for k in range(n_poses):
+        errors = monte_carlo(robot, tolerances, where.q[:, k], draws, seed=k)
+        for part, predicted in ((errors[:, :3], found.position[..., k]), (errors[:, 3:], found.orientation[..., k])):
+            sampled = part.T @ part / draws
+            # Of a Gaussian sample covariance: var v_ij = (v_ii v_jj + v_ij^2)/n. 4.5 sigma over some 100 elements.
+            diagonal = np.diag(predicted)
+            sampling = np.sqrt((np.outer(diagonal, diagonal) + np.square(predicted)) / draws)
+            assert np.all(np.abs(sampled - predicted) < 4.5 * sampling)
+            # And this would notice one parameter in the wrong place: the predicted trace is met to a few percent.
+            assert np.trace(sampled) == pytest.approx(np.trace(predicted), rel=10 / np.sqrt(draws))
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford", "panda", "ur10"])
+def test_covariances_agree_with_exact_nonlinear_kinematics(name: str) -> None:
+    check_monte_carlo(name, draws=20_000, n_poses=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["puma560", "stanford", "panda", "ur10"])
+def test_covariances_agree_with_200000_draws(name: str) -> None:
+    check_monte_carlo(name, draws=200_000, n_poses=3)
+
+
+def test_matrices_of_a_planar_arm_as_written_out() -> None:
+    a1, a2 = 0.5, 0.3
+    q = np.array([[0.3, -1.1, 2.0], [0.7, 1.9, -0.4]])
+    found = error_matrices(planar(a1, a2), q)
+    for k, (_, q2) in enumerate(q.T):
+        c, s = np.cos(q2), np.sin(q2)
+        m1 = [[a1 * s, 0], [a1 * c + a2, a2], [0, 0]]
+        m2 = [[0, 0], [0, 0], [1, 1]]
+        m3 = [[c, 1], [-s, 0], [0, 0]]
+        m4 = [[0, 0], [0, 0], [a2 * s, 0]]
+        for name, expected in (("m1", m1), ("m2", m2), ("m3", m3), ("m4", m4)):
+            np.testing.assert_allclose(getattr(found, name)[:, :, k], expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford", "panda"])
+def test_matrices_are_equation_6(name: str) -> None:
+    """Each column against central differences of the textbook's matrices, prismatic joints and modified rows too."""
+    robot = robot_of(name)
+    q = sampled_configurations(robot, 3, seed=1).q
+    found = error_matrices(robot, q)
+    zero = np.zeros_like(found.m1)
+    expected = {
+        "theta": (found.m1, found.m2),
+        "d": (found.m2, zero),
+        "a": (found.m3, zero),
+        "alpha": (found.m4, found.m3),
+    }
+    step = 1e-6
+    for k in range(q.shape[1]):
+        nominal = np.linalg.inv(forward(robot, q[:, k], {}))[0]
+        for j, joint in enumerate(robot.joints):
+            for kind, (linear, angular) in expected.items():
+                ends = forward(robot, q[:, k], {joint.name: {kind: np.array([step, -step])}})
+                slope = nominal @ (ends[0] - ends[1]) / (2 * step)
+                np.testing.assert_allclose(slope[:3, 3], linear[:, j, k], atol=1e-9)
+                vector = (slope[2, 1], slope[0, 2], slope[1, 0])
+                np.testing.assert_allclose(vector, angular[:, j, k], atol=1e-9)
+
+
+def test_equations_7_and_8_from_the_matrices() -> None:
+    """V from M1 … M4 as the paper writes it, with a different variance for every parameter, over more than a block."""
+    rng = np.random.default_rng(0)
+    base = robot_of("stanford")
+    sds = {kind: rng.uniform(1e-5, 1e-3, 6) for kind in FOUR}
+    joints = tuple(
+        dataclasses.replace(joint, tolerance={kind: float(sds[kind][i]) for kind in FOUR})
+        for i, joint in enumerate(base.joints)
+    )
+    robot = dataclasses.replace(base, joints=joints)
+    n = BLOCK + 3
+    where = sampled_configurations(robot, n)
+    found = pose_covariances(Arm.of(robot).chain, where.scalars, n, uncertain_parameters(robot))
+    m = error_matrices(robot, where.q)
+
+    def part(matrix: np.ndarray, kind: str) -> np.ndarray:
+        return np.einsum("ipn,p,jpn->ijn", matrix, np.square(sds[kind]), matrix)
+
+    position = part(m.m1, "theta") + part(m.m2, "d") + part(m.m3, "a") + part(m.m4, "alpha")
+    orientation = part(m.m2, "theta") + part(m.m3, "alpha")
+    np.testing.assert_allclose(found.position, position, atol=1e-12 * position.max())
+    np.testing.assert_allclose(found.orientation, orientation, atol=1e-12 * orientation.max())
+
+
+def test_matrices_belong_to_dh_rows() -> None:
+    urdf = dataclasses.replace(planar(), convention="urdf")
+    with pytest.raises(UsageError, match="described by a URDF: M1 … M4 belong to rows of theta, d, a, alpha"):
+        error_matrices(urdf, np.zeros((2, 1)))
+    with pytest.raises(UsageError, match="the robot has 2 joints, the configurations are of shape"):
+        error_matrices(planar(), np.zeros((3, 1)))
+
+
+def predicted(robot: Robot, n: int = 64, tolerances: Tolerances | None = None) -> Prediction:
+    parameters = uncertain_parameters(robot, tolerances)
+    return predict_accuracy(robot, parameters, sampled_configurations(robot, n), default_scale())
+
+
+def test_budget_sums_to_one_and_is_what_leaving_a_parameter_out_saves() -> None:
+    robot = robot_of("puma560")
+    whole = predicted(robot)
+    for shares in (whole.budget, whole.by_joint, whole.by_kind):
+        assert sum(share.position for share in shares) == pytest.approx(1.0, abs=1e-12)
+        assert sum(share.orientation for share in shares) == pytest.approx(1.0, abs=1e-12)
+    share = next(share for share in whole.budget if share.name == "j2.theta")
+    without = predicted(robot, tolerances=Tolerances("normal", 1.0, joints={"j2": {"theta": 0.0}}))
+    assert len(without.parameters) == len(whole.parameters) - 1
+    assert 1 - (without.position.rms / whole.position.rms) ** 2 == pytest.approx(share.position, rel=1e-9)
+    assert 1 - (without.orientation.rms / whole.orientation.rms) ** 2 == pytest.approx(share.orientation, rel=1e-9)
+    assert np.all(np.diff([share.position for share in whole.budget]) < 1e-9)
+
+
+def test_figures_over_poses_and_the_worst_pose() -> None:
+    found = predicted(robot_of("panda"), n=50)
+    for errors in (found.position, found.orientation):
+        traces = np.trace(errors.covariance)
+        assert errors.rms == pytest.approx(np.sqrt(traces.mean()), rel=1e-12)
+        worst = errors.worst
+        assert worst.index == np.flatnonzero(traces > traces.max() * (1 - 1e-9))[0]
+        assert worst.rms == pytest.approx(np.sqrt(traces.max()), rel=1e-12)
+        np.testing.assert_array_equal(worst.q, found.configurations.q[:, worst.index])
+        along = worst.direction @ errors.covariance[..., worst.index] @ worst.direction
+        assert along == pytest.approx(np.linalg.eigvalsh(errors.covariance[..., worst.index])[-1], rel=1e-9)
+        assert worst.sd == pytest.approx(np.sqrt(along), rel=1e-9)
+        assert errors.percentiles()[50][0] == pytest.approx(np.median(errors.pose_rms))
+
+
+def test_p95_is_that_of_robots_and_poses_drawn_at_random() -> None:
+    found = predicted(robot_of("stanford"), n=40)
+    rng = np.random.default_rng(5)
+    roots = np.linalg.cholesky(np.moveaxis(found.position.covariance, -1, 0))
+    drawn = np.linalg.norm(np.einsum("nij,nmj->nmi", roots, rng.standard_normal((40, 5000, 3))), axis=2)
+    # 200,000 draws: the sample's 95th percentile is uncertain by some 0.15 %, its mean by 0.1 %.
+    assert found.position.p95 == pytest.approx(np.quantile(drawn, 0.95), rel=0.008)
+    assert found.position.mean_error == pytest.approx(drawn.mean(), rel=0.005)
+    within = np.mean(drawn <= found.position.pose_radius95[:, None])
+    assert within == pytest.approx(0.95, abs=0.003)
+
+
+def test_grade_and_the_share_of_poses_that_meet_it() -> None:
+    found = predicted(robot_of("puma560"))
+    assert found.grade.grade == "D"
+    assert found.grade.limited_by == ("position",)
+    expected = np.mean((found.position.pose_radius95 <= 0.5e-3) & (found.orientation.pose_radius95 <= np.deg2rad(0.5)))
+    assert dict(found.grade.meeting)["C"] == expected
+    rough = predicted(robot_of("puma560"), tolerances=Tolerances("normal", 1.0, every={"theta": 0.1}))
+    assert rough.grade.grade == "F"
+    assert all(share == 0 for _, share in rough.grade.meeting)
+
+
+@pytest.mark.parametrize("grade", ["A", "C"])
+def test_allocation_reaches_the_grade_and_is_the_cheapest(grade: str) -> None:
+    robot = robot_of("puma560")
+    prediction = predicted(robot)
+    found = allocate(robot, prediction, grade)
+    limit = {"A": 1e-4, "C": 5e-4}[grade]
+    assert found.met
+    assert 0.998 * limit < found.verified.position.p95 <= limit
+    again = predict_accuracy(
+        robot,
+        [dataclasses.replace(item.parameter, sd=item.needed) for item in found.needed],
+        prediction.configurations,
+        default_scale(),
+    )
+    assert again.position.p95 == found.verified.position.p95
+    factors = np.array([item.factor for item in found.needed])
+    assert np.all(factors <= 1.0)
+    assert found.uniform_factor == pytest.approx(limit / prediction.position.p95, rel=1e-9)
+    # At the same total variance, no other allocation costs less: stationarity, 1/f^3 in proportion to the share.
+    shares = {share.name: share.position for share in prediction.budget}
+    share = np.array([shares[item.parameter.name] for item in found.needed])
+    tightened = factors < 1.0 - 1e-9
+    price = factors[tightened] ** -3 / share[tightened]
+    np.testing.assert_allclose(price, price[0], rtol=1e-6)
+    assert np.all(price[0] * share[~tightened] <= 1.0 + 1e-6)
+    assert np.sum(1 / factors) < factors.size / found.uniform_factor
+
+
+def test_allocation_leaves_what_suffices_and_meets_two_limits() -> None:
+    robot = robot_of("puma560")
+    prediction = predicted(robot)
+    assert all(item.factor == 1.0 for item in allocate(robot, prediction, "E").needed)
+    rough = predicted(robot, tolerances=Tolerances("normal", 1.0, every={"theta": 2e-3, "alpha": 2e-3}))
+    found = allocate(robot, rough, "A")
+    assert found.met
+    assert found.verified.grade.grade == "A"
+    assert found.verified.orientation.p95 <= np.deg2rad(0.1)
+    with pytest.raises(UsageError, match=r"no grade 'Z' on the scale .*; it has A, B, C, D, E"):
+        allocate(robot, prediction, "Z")
+
+
+def test_samples_fill_the_limits_evenly_and_hang_on_the_seed() -> None:
+    robot = robot_of("puma560")
+    first, again, other = (sampled_configurations(robot, 512, seed).q for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    limits = np.array([joint.limits for joint in robot.variables])
+    shares = (first - limits[:, :1]) / (limits[:, 1:] - limits[:, :1])
+    assert shares.min() >= 0
+    assert shares.max() <= 1
+    # Random points would miss the mean of the cube by 0.013; these by some 0.001.
+    np.testing.assert_allclose(shares.mean(axis=1), 0.5, atol=4e-3)
+
+
+def test_what_cannot_be_sampled() -> None:
+    slide = Robot("slide", "standard", (row("s", "prismatic", None), row("r", limits=None)))
+    with pytest.raises(InputError, match="the slide s has no limits to spread configurations over; give it limits"):
+        sampled_configurations(slide, 4)
+    with pytest.raises(UsageError, match="at least one configuration must be sampled, not 0"):
+        sampled_configurations(planar(), 0)
+    with pytest.raises(UsageError, match="the robot file names no targets, so there is no 'smr1'"):
+        sampled_configurations(planar(), 4, target="smr1")
+    endless = Robot("endless", "standard", (row("r", limits=None),))
+    found = sampled_configurations(endless, 100)
+    assert found.notes == ("joint r without limits: a whole turn was taken",)
+    assert np.ptp(found.q) > 6.0
+
+
+def test_targets_are_predicted_each_by_itself() -> None:
+    frames = {"near": Frame((0.0, 0.0, 0.0)), "far": Frame((0.0, 0.4, 0.3))}
+    robot = dataclasses.replace(robot_of("puma560"), targets=frames)
+    single = {name: dataclasses.replace(robot, tool=value, targets={}) for name, value in frames.items()}
+    chosen = sampled_configurations(robot, 16, target="far")
+    assert chosen.notes == ()
+    assert sampled_configurations(robot, 16).notes[0].startswith("predicted for the target near, the first of 2")
+    parameters = uncertain_parameters(robot)
+    far = predict_accuracy(robot, parameters, chosen, default_scale())
+    assert far.position.rms == pytest.approx(predicted(single["far"], 16).position.rms, rel=1e-12)
+    with pytest.raises(UsageError, match="no target 'left'; the robot file has near, far"):
+        sampled_configurations(robot, 4, target="left")
+    data = Measurements(np.zeros((3, 16)), q=chosen.q, target=np.array(["near", "far"] * 8))
+    mixed = pose_covariances(Arm.of(robot).chain, configurations_of(robot, data).scalars, 16, parameters)
+    np.testing.assert_allclose(mixed.position[..., 1::2], far.position.covariance[..., 1::2], rtol=1e-9, atol=1e-20)
+
+
+def test_poses_must_say_where_the_joints_were() -> None:
+    with pytest.raises(InputError, match="has no joint columns: the prediction needs the configurations"):
+        configurations_of(planar(), Measurements(np.zeros((3, 2))))
+    with pytest.raises(InputError, match="has no poses to predict the accuracy of"):
+        configurations_of(planar(), Measurements(np.zeros((3, 0)), q=np.zeros((2, 0))))

@@ -1,0 +1,200 @@
+"""Pictures apart from the page: what they show of many poses, their units, and the numbers they are made of."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import results
+from matplotlib.figure import Figure
+
+from robacc.errors import UsageError
+from robacc.render.plots.canvas import as_file, as_part
+from robacc.render.plots.catalogue import picture_of, pictures_of
+from robacc.render.plots.distribution import _scale
+from robacc.render.plots.ellipsoids import SHARES
+from robacc.render.plots.labels import short
+from robacc.render.plots.optional_dependencies import need
+from robacc.render.plots.palette import DARK, LIGHT
+from robacc.render.plots.stage_errors import stages_of
+from robacc.render.plots.thinning import thinned
+from robacc.render.plots.units import DEGREE, MILLIMETRE, joint_unit, length_unit
+from robacc.statistics.distributions import chi2_cdf
+
+KINDS = {
+    "estimate": ["distribution", "distribution-orientation", "poses", "ellipsoids-tool", "ellipsoids-base", "time"],
+    "predict": ["distribution", "distribution-orientation", "ellipsoids-tool", "budget", "budget-joints", "workspace"],
+    "calibrate": ["distribution", "effect", "effect", "poses", "time", "workspace"],
+    "trace": ["distribution", *["effect"] * 2, *["candidates"] * 3, "poses", "time", "workspace"],
+    "iso9283": ["iso9283", *["iso9283-cloud"] * 5],
+}
+
+
+@pytest.mark.parametrize("command", KINDS)
+def test_the_pictures_of_each_command(command: str) -> None:
+    assert [picture.kind for picture in pictures_of(results.document(command))] == KINDS[command]
+
+
+def test_thinning_keeps_the_extremes_and_is_always_the_same() -> None:
+    rng = np.random.default_rng(1)
+    one, two = rng.normal(size=100_000), rng.normal(size=100_000)
+    rows = thinned(500, one, two)
+    assert rows.size == 500
+    assert np.all(np.diff(rows) > 0)
+    for column in (one, two):
+        assert {int(np.argmin(column)), int(np.argmax(column))} <= set(rows.tolist())
+    assert np.array_equal(rows, thinned(500, one.copy(), two.copy()))
+    # The rest is spread over all rows, not taken from their beginning.
+    assert np.all(np.histogram(rows, bins=10, range=(0, 100_000))[0] > 20)
+    assert np.array_equal(thinned(500, one[:500]), np.arange(500))
+    assert thinned(60, np.where(np.arange(1000) == 7, np.nan, one[:1000])).size == 60
+
+
+def many(n: int) -> dict[str, Any]:
+    """The sample estimate with its poses repeated to ``n``."""
+    document = copy.deepcopy(results.document("estimate"))
+    for part in (document["poses"], document["position"], document["orientation"]):
+        for key, value in part.items():
+            if isinstance(value, list) and len(value) == 60:
+                part[key] = (value * (n // 60 + 1))[:n]
+    for frame in document["position_by_frame"].values():
+        frame["errors_m"] = (frame["errors_m"] * (n // 60 + 1))[:n]
+    return document
+
+
+def test_many_poses_are_thinned_in_the_picture_and_not_in_the_numbers() -> None:
+    lots = many(20_000)
+    for after in pictures_of(lots):
+        assert as_part(after.draw, after.size, "x").count("<use") < 2500
+        if after.kind == "time":
+            assert "of 20,000 poses are drawn" in after.caption
+        if after.kind == "distribution":
+            sizes = np.sqrt(np.sum(np.square(lots["position"]["errors_m"]), axis=1)) * 1e3
+            shown = [float(row[1].split()[0]) for row in after.table.rows]
+            assert shown == pytest.approx(np.quantile(sizes, (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1)), rel=6e-3)
+
+
+def test_units_follow_the_size() -> None:
+    assert length_unit(1e-5).name == "µm"
+    assert length_unit(1e-5, 1e-3).name == "mm"
+    assert [joint_unit("rad", size).name for size in (1e-4, 1e-2, 0.5)] == ["µrad", "mrad", "°"]
+    assert joint_unit("m", 1e-3).name == "mm"
+    assert MILLIMETRE.text(0.00123456) == "1.23 mm"
+    assert DEGREE.text(math.pi / 180) == "1.00°"
+    assert MILLIMETRE.text(math.nan) == "–"
+
+
+def test_names_are_cut_to_one_line() -> None:
+    assert short("a" * 40, 10) == "a" * 9 + "…"
+    assert short("a\nb\x00c") == "a b c"
+
+
+def test_radii_of_the_ellipsoids_are_chi_square_quantiles() -> None:
+    for share, radius in SHARES:
+        assert chi2_cdf(radius**2, 3.0) == pytest.approx(share, abs=1e-6)
+
+
+def test_errors_of_poses_make_the_figures_of_the_result() -> None:
+    for command in ("trace", "calibrate"):
+        document = results.document(command)
+        found = stages_of(document, "m")
+        assert found is not None
+        assert found.held_out
+        kept = found.used > 0
+        for stage, key in zip(found.stages, ("nominal", "before", "after"), strict=True):
+            rms = math.sqrt(float(np.mean(np.square(stage.sizes[kept]))))
+            assert rms == pytest.approx(document[key]["held_out"]["position"]["rms_m"], rel=1e-6)
+        fitted = np.array(document["poses"]["errors_m"]["after"])[kept]
+        rms = math.sqrt(float(np.mean(np.sum(np.square(fitted), axis=1))))
+        assert rms == pytest.approx(document["after"]["fitted"]["position"]["rms_m"], rel=1e-6)
+
+
+def test_covariances_in_both_frames_are_of_the_same_errors() -> None:
+    document = results.document("estimate")
+    tool, base = (document["position_by_frame"][frame] for frame in ("tool", "base"))
+    assert np.allclose(tool["covariance_m2"], document["position"]["covariance_m2"], rtol=1e-9)
+    assert np.trace(tool["covariance_m2"]) == pytest.approx(np.trace(base["covariance_m2"]), rel=1e-9)
+    poses = document["poses"]
+    difference = np.array(poses["attained_m"]) - np.array(poses["commanded_m"])
+    assert np.allclose(difference, base["errors_m"], atol=3e-12)
+    lengths = [np.sqrt(np.sum(np.square(one["errors_m"]), axis=1)) for one in (tool, base)]
+    assert np.allclose(*lengths, atol=3e-12)
+
+
+def test_colours_on_a_page_are_its_variables_and_in_a_file_paints() -> None:
+    picture = picture_of(results.document("trace"), "distribution")
+    part = as_part(picture.draw, picture.size, "a")
+    assert "var(--c-before)" in part
+    assert not any(colour in part for colour in LIGHT.values())
+    assert len(set(LIGHT.values())) == len(LIGHT)
+    assert LIGHT.keys() == DARK.keys()
+    assert LIGHT["before"] in as_file(picture.draw, picture.size, "svg").decode()
+
+
+def test_formulas_and_strange_signs_in_names_are_drawn_as_text() -> None:
+    document = results.document("trace")
+    for finding in document["findings"]:
+        finding["joints"] = ["$\\frac{1}{$ {joint} 關節 _x\n"]
+        for curve in finding["curves"]:
+            curve["joint"] = curve["driver"] = finding["joints"][0]
+    for picture in pictures_of(document)[:3]:
+        assert b"<svg" in as_file(picture.draw, picture.size, "svg")
+        assert "frac" in picture.title or picture.kind == "distribution"
+
+
+def test_a_picture_that_is_not_there_lists_those_that_are() -> None:
+    document = results.document("trace")
+    with pytest.raises(UsageError, match="no picture 'budget'; it has distribution, effect, candidates, poses"):
+        picture_of(document, "budget")
+    with pytest.raises(UsageError, match=r"has 2 picture\(s\) 'effect', not 3"):
+        picture_of(document, "effect", 3)
+
+
+def test_a_missing_library_is_said_with_the_way_to_get_it() -> None:
+    with pytest.raises(UsageError, match=r"need no_such_library, .*: pip install 'robacc\[report\]'"):
+        need("matplotlib", "no_such_library")
+
+
+def test_the_colour_blind_can_tell_the_roles_apart() -> None:
+    """Simulated dichromacies (Viénot, Brettel, Mollon 1999) leave the two sides of every comparison far apart."""
+    protan = np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, -0.0], [0.00401, -0.00401, 1.0]])
+    deutan = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, -0.0], [-0.02234, 0.02234, 1.0]])
+    for palette in (LIGHT, DARK):
+        paints = [
+            np.array([int(palette[role][i : i + 2], 16) / 255 for i in (1, 3, 5)]) for role in ("before", "after")
+        ]
+        linear = [np.where(p <= 0.04045, p / 12.92, ((p + 0.055) / 1.055) ** 2.4) for p in paints]
+        for seen in (np.eye(3), protan, deutan):
+            assert np.linalg.norm(seen @ linear[0] - seen @ linear[1]) > 0.25
+
+
+@pytest.mark.parametrize(
+    ("largest", "shown"), [(2.0, ["0.01", "0.1", "1", "10", "100", "1000"]), (5e-4, ["0.01", "0.02"])]
+)
+def test_a_wide_logarithmic_scale_has_a_number_a_decade(largest: float, shown: list[str]) -> None:
+    figure = Figure()
+    axes = figure.add_subplot()
+    _scale(axes, [("before", "", np.full(9, largest)), ("after", "", np.full(9, 1e-5))], MILLIMETRE)
+    figure.draw_without_rendering()
+    low, high = axes.get_xlim()
+    ticks = zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+    labels = [label.get_text() for place, label in ticks if low <= place <= high]
+    assert labels[: len(shown)] == shown
+    assert len(labels) <= 8
+
+
+def test_bars_of_what_competed_follow_their_evidence() -> None:
+    document = results.document("trace")
+    ranking = document["candidates"][0]["ranking"]
+    chosen = ranking[0]
+    for one in ranking:
+        if one["effect"] == "transmission_error":
+            one["evidence_nats"] += 1000.0
+    first = picture_of(document, "candidates")
+    shown = [float(row[1]) for row in first.table.rows]
+    assert shown == sorted(shown, reverse=True)
+    assert f"{chosen['effect']} [{', '.join(chosen['joints'])}], likelier beforehand, was added" in first.caption
+    assert "It was added" in picture_of(results.document("trace"), "candidates").caption

@@ -1,0 +1,28 @@
+"""Real poses of a UR10 against a laser tracker, where the data lie beside the checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robacc.accuracy.estimation import estimate
+from robacc.modelling.robot_file import read_robot
+from robacc.poses.csv_file import read_poses
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not beside this checkout")
+@pytest.mark.parametrize(("series", "rms_mm"), [("B", 1.08), ("D", 0.77)])
+def test_position_error_of_a_real_arm_after_registration(series: str, rms_mm: float) -> None:
+    robot = read_robot(str(DATA / "robot.yaml"))
+    data = read_poses(str(DATA / f"series_{series}.csv"), joint_names=robot.variable_names)
+    result = estimate(data, robot, what=("base_frame", "tool_frame"))
+    assert result.alignment is not None
+    assert result.alignment.n_parameters == 12
+    # 10 %: the figure hangs a little on how orientation is weighed against position in the registration.
+    assert result.position.rms * 1e3 == pytest.approx(rms_mm, rel=0.1)
+    assert result.unaligned is not None
+    assert result.unaligned.position.rms > 0.1
+    assert result.orientation is not None

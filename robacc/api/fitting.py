@@ -39,7 +39,7 @@ class Fitted(Result):
 
     def model_yaml(self) -> str:
         """The robot file that predicts what was fitted; its first line says where it is from."""
-        from robacc.robots.yamlwrite import robot_to_yaml
+        from robacc.robots.yaml_writer import robot_to_yaml
 
         source = self.given.names["poses"]
         origin = "arrays" if source is None else PurePath(source).name

@@ -69,7 +69,7 @@ def needed_robot_of(
     if isinstance(source, Robot):
         if base_link is not None or tip_link is not None:
             raise UsageError("base_link and tip_link choose a chain of a URDF as it is read; this robot has been read")
-        from robacc.robots.yamlwrite import robot_to_yaml
+        from robacc.robots.yaml_writer import robot_to_yaml
 
         text = robot_to_yaml(in_si(source))
         return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot")

@@ -56,7 +56,7 @@ def write_robot(path: StrPath, robot: Robot) -> None:
         InputError: The robot's effects cannot be read, or the file cannot be written.
     """
     from robacc.io.files import write_text
-    from robacc.robots.yamlwrite import robot_to_yaml
+    from robacc.robots.yaml_writer import robot_to_yaml
 
     write_text(path, robot_to_yaml(in_si(robot)))
 

@@ -14,9 +14,8 @@ from robacc.accuracy.stages import Residuals
 from robacc.diagnostics.partial_residuals import PartialResidual
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, skeleton, typical_pose
 from robacc.robots.description import Robot
-from robacc.robots.skeleton import skeleton, typical_pose
 
 _DECIMALS = 12
 

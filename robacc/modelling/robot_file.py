@@ -44,7 +44,7 @@ def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, ti
         raise UsageError(f"--base-link and --tip-link choose a chain of a URDF; {name} is a robot file with one chain")
     if suffix in _TABLES:
         raise InputError(Problem("is a table, not a robot", name, fix=_EXPECTED))
-    from robacc.robots.yamlspec import parse_robot
+    from robacc.robots.yaml_robot import parse_robot
 
     robot = parse_robot(text, name)
     _check_effects(robot, text, name)
@@ -56,7 +56,7 @@ def _check_effects(robot: Robot, text: str, file: str) -> None:
     if not robot.effects:
         return
     from robacc.effects.specification import known_effects
-    from robacc.robots.yamlspec import effect_lines
+    from robacc.robots.yaml_robot import effect_lines
 
     try:
         known_effects(robot)

@@ -27,7 +27,7 @@ from robacc.poses.columns import (
     SIGMAS,
     TEXTS,
 )
-from robacc.poses.copies import copies
+from robacc.poses.duplicate_rows import copies
 from robacc.poses.layout import Layout, listing, read_layout
 from robacc.poses.plausibility import lengths_too_large
 

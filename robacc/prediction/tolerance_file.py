@@ -21,7 +21,7 @@ import yaml
 from robacc.io.yaml_nodes import Source, YamlSection, compose, found, nearest
 from robacc.prediction.parameters import FRAME_PARAMETERS, Distribution, Tolerances, lengths_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
-from robacc.robots.yamlunits import Units
+from robacc.robots.yaml_units import Units
 
 DEFAULT_COVERAGE = 3.0
 """A drawing's limits are taken as three standard deviations where the file does not say."""

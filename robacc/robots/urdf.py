@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
-from robacc.robots.urdfsizes import complain_of_sizes
-from robacc.robots.urdfwrite import robot_to_urdf
-from robacc.robots.urdfxml import UrdfDocument, read_document
-from robacc.robots.yamlunits import limits_meant
+from robacc.robots.urdf_sizes import complain_of_sizes
+from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf_xml import UrdfDocument, read_document
+from robacc.robots.yaml_units import limits_meant
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element

@@ -10,7 +10,7 @@ import numpy as np
 from robacc.errors import RobaccError, UsageError
 from robacc.geometry import Array
 from robacc.robots.description import Robot
-from robacc.robots.yamlwrite import robot_to_yaml
+from robacc.robots.yaml_writer import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 
 MOST_JOINTS = 30

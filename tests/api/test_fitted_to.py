@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import robacc
 from robacc.cli.main import app
 from robacc.errors import InputError
-from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))

@@ -18,7 +18,7 @@ from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 EFFECTS = tuple(REGISTRY)
 ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")

@@ -26,7 +26,7 @@ from robacc.modelling.model import Model, predict
 from robacc.render.text.calibrate import draw_calibration
 from robacc.render.text.trace import draw_trace
 from robacc.robots.description import Robot
-from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import trace
 

@@ -98,7 +98,7 @@ def _robot(path: str) -> None:
     from robacc.fitting.apply_fit import absorb_constants
     from robacc.modelling.robot_file import read_robot
     from robacc.robots.assembly import build_chain
-    from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+    from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
     robot = read_robot(path)
     chain = build_chain(robot)

@@ -13,7 +13,7 @@ from robacc.errors import InputError
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.description import MAX_JOINTS
 from robacc.robots.urdf import parse_urdf
-from robacc.robots.yamlspec import parse_robot
+from robacc.robots.yaml_robot import parse_robot
 
 ARM = (
     "robacc: 1\nname: arm\nconvention: standard\nunits: {length: m, angle: rad}\njoints:\n"

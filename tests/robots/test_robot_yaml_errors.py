@@ -8,7 +8,7 @@ import pytest
 from robot_files import MINIMAL, URDF_LIKE, edit
 
 from robacc.errors import MAX_PROBLEMS, InputError
-from robacc.robots.yamlspec import parse_robot
+from robacc.robots.yaml_robot import parse_robot
 
 PROJECT = Path(__file__).resolve().parents[2]
 

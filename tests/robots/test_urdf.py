@@ -14,7 +14,7 @@ from robacc.errors import InputError, RobaccError, UsageError
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Mimic
 from robacc.robots.urdf import parse_urdf
-from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -203,7 +203,7 @@ def test_the_tool_of_a_chain_is_empty_and_motions_have_owners() -> None:
 
 def test_reading_opens_no_other_file_and_importing_is_cheap(tmp_path: Path) -> None:
     code = """
-import sys, pathlib, robacc.robots.urdf, robacc.robots.yamlspec, robacc.modelling.robot_file
+import sys, pathlib, robacc.robots.urdf, robacc.robots.yaml_robot, robacc.modelling.robot_file
 assert not {"yourdfpy", "lxml", "trimesh", "scipy"} & set(sys.modules)
 text = pathlib.Path("tree.urdf").read_text()
 import yourdfpy

@@ -14,7 +14,7 @@ from robacc.geometry import rotation_from_rpy
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.assembly import build_chain
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
-from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
 

@@ -20,7 +20,7 @@ from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.findings import Finding
 from robacc.tracing.trace import Trace, trace
 

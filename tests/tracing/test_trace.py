@@ -20,7 +20,7 @@ from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import Robot
-from robacc.robots.yamlspec import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.cross_validation import CrossValidation
 from robacc.tracing.evidence import judge

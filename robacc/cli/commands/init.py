@@ -36,7 +36,7 @@ def init(
     from robacc.errors import UsageError
     from robacc.io.files import make_folder, write_text
     from robacc.modelling.robot_file import read_robot
-    from robacc.robots.yamlspec import parse_robot
+    from robacc.robots.yaml_robot import parse_robot
     from robacc.simulation.templates import poses_template, robot_template, urdf_template
 
     if (source is None) == (joints is None):

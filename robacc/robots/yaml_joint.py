@@ -20,7 +20,7 @@ from robacc.robots.description import (
     Mimic,
     Vector,
 )
-from robacc.robots.yamlunits import Units, limits_meant
+from robacc.robots.yaml_units import Units, limits_meant
 
 _LINK_KEYS = ("mass", "com", "tolerance")
 _DRIVE_KEYS = ("limits", "sign", "gear_ratio")

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from xml.etree.ElementTree import Element
 
 from robacc.robots.description import LENGTH_PARAMETERS, Joint
-from robacc.robots.urdfxml import UrdfDocument
-from robacc.robots.yamlunits import MAX_LENGTH, TRAVEL_IN_MM, TURN, limits_likely_degrees
+from robacc.robots.urdf_xml import UrdfDocument
+from robacc.robots.yaml_units import MAX_LENGTH, TRAVEL_IN_MM, TURN, limits_likely_degrees
 
 _LENGTH_FIX = "a URDF's lengths are in m"
 _ANGLE_FIX = "a URDF's angles are in rad"

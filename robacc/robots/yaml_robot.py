@@ -20,9 +20,9 @@ from robacc.robots.description import (
     Vector,
     effect_key,
 )
-from robacc.robots.yamljoint import read_joint, resolve_mimics
-from robacc.robots.yamlunits import Units, complain_of_likely_units
-from robacc.robots.yamlwrite import robot_to_yaml
+from robacc.robots.yaml_joint import read_joint, resolve_mimics
+from robacc.robots.yaml_units import Units, complain_of_likely_units
+from robacc.robots.yaml_writer import robot_to_yaml
 
 __all__ = ["FORMAT_VERSION", "parse_robot", "robot_to_yaml"]
 

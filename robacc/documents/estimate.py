@@ -10,9 +10,8 @@ import numpy as np
 from robacc.accuracy.error_frames import Moments
 from robacc.accuracy.estimation import EstimateResult, WorstPose
 from robacc.accuracy.pose_errors import ErrorFrame
-from robacc.documents.parameters import parameters_document
 from robacc.documents.poses import pose_document, robot_document, rounded
-from robacc.documents.statistics import figures_document, grade_document, statistics_document
+from robacc.documents.statistics import figures_document, grade_document, parameters_document, statistics_document
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.quantities import number_text

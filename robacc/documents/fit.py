@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.stages import Gain, Residuals
 from robacc.calibration import Calibration
-from robacc.documents.parameters import parameters_document
 from robacc.documents.poses import curve_document, pose_document, robot_document
-from robacc.documents.stages import Errors, stage_document
+from robacc.documents.stages import StageErrors, stage_document
+from robacc.documents.statistics import parameters_document
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.noise import LackOfFit
@@ -27,184 +27,206 @@ from robacc.tracing.trace import Trace
 
 
 def calibration_payload(
-    found: Calibration, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
+    calibration: Calibration, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
 ) -> dict[str, Any]:
-    """Keys of ``robacc.calibrate/2``: ``robot`` as delivered, ``apart`` the poses held out, where they are others.
+    """Return the keys of ``robacc.calibrate/2``.
 
-    ``seed`` is of what intervals draw at random.
+    Args:
+        calibration: The result.
+        data: Calibration poses.
+        robot: The nominal model.
+        apart: Held-out poses, where they come from a file of their own.
+        seed: Seed of the resampling behind intervals.
     """
-    fit = found.fit
+    fit = calibration.fit
     return {
         "n_poses": data.n,
-        "noise": _noise(found.noise),
-        **_stages(found, found.fit, data, apart, seed),
-        "gain_m": _gain(found.gain),
-        "n_folds": found.n_folds,
-        "effects": [{"effect": e.name, "joints": list(e.joints), **e.settings()} for e in found.effects],
-        "parameters": parameters_document(found.parameters),
-        "shrinkage": [_kind(kind) for kind in found.shrunk],
-        "deflection": _deflection(found.deflection),
-        "correlations": [{"first": c.first, "second": c.second, "correlation": c.value} for c in found.correlations],
+        "noise": _noise(calibration.noise),
+        **_stages(calibration, calibration.fit, data, apart, seed),
+        "gain_m": _gain(calibration.gain),
+        "n_folds": calibration.n_folds,
+        "effects": [
+            {"effect": effect.name, "joints": list(effect.joints), **effect.settings()}
+            for effect in calibration.effects
+        ],
+        "parameters": parameters_document(calibration.parameters),
+        "shrinkage": [_kind(kind) for kind in calibration.shrunk],
+        "deflection": _deflection(calibration.deflection),
+        "correlations": [
+            {"first": pair.first, "second": pair.second, "correlation": pair.value} for pair in calibration.correlations
+        ],
         "chi_square": fit.chi_square,
         "degrees_of_freedom": fit.degrees_of_freedom,
-        "identifiability": _identifiability(found.identifiability),
+        "identifiability": _identifiability(calibration.identifiability),
         "outliers": [{"line": data.line(int(i))} for i in fit.outliers],
-        "leverage": [{"line": data.line(i), "share": share} for i, share in found.leverage],
-        "warnings": list(found.warnings),
+        "leverage": [{"line": data.line(i), "share": share} for i, share in calibration.leverage],
+        "warnings": list(calibration.warnings),
         "partial_residuals": [
             {"name": effect.name, "joints": list(effect.joints), **curve_document(curve)}
-            for effect, curve in found.partial_residuals
+            for effect, curve in calibration.partial_residuals
         ],
-        **_pictured(found, found.fit, data, robot, apart),
+        **_pose_keys(calibration, calibration.fit, data, robot, apart),
     }
 
 
 def trace_payload(
-    found: Trace, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
+    trace: Trace, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
 ) -> dict[str, Any]:
-    """Keys of ``robacc.trace/2``: ``robot`` as delivered, ``apart`` the poses held out, where they are others.
+    """Return the keys of ``robacc.trace/2``.
 
-    ``seed`` is of what intervals draw at random.
+    Args:
+        trace: The result.
+        data: Calibration poses.
+        robot: The nominal model.
+        apart: Held-out poses, where they come from a file of their own.
+        seed: Seed of the resampling behind intervals.
     """
     from robacc.fitting.parameters import parameters
 
     return {
         "n_poses": data.n,
-        "verdict": found.verdict,
-        "noise": _noise(found.noise),
-        **_stages(found, found.final, data, apart, seed),
-        "gain_m": _gain(found.gain),
-        "n_folds": found.n_folds,
-        "findings": [_finding(one) for one in found.findings],
-        "deflection": _deflection(found.deflection),
+        "verdict": trace.verdict,
+        "noise": _noise(trace.noise),
+        **_stages(trace, trace.final, data, apart, seed),
+        "gain_m": _gain(trace.gain),
+        "n_folds": trace.n_folds,
+        "findings": [_finding(finding) for finding in trace.findings],
+        "deflection": _deflection(trace.deflection),
         "unexplained": {
-            "rms_m": found.unexplained.rms,
-            "noise_rms_m": found.unexplained.noise_rms,
-            "structured": found.unexplained.structured,
-            "p_value": found.unexplained.p_value,
-            "hints": list(found.unexplained.hints),
+            "rms_m": trace.unexplained.rms,
+            "noise_rms_m": trace.unexplained.noise_rms,
+            "structured": trace.unexplained.structured,
+            "p_value": trace.unexplained.p_value,
+            "hints": list(trace.unexplained.hints),
         },
-        "parameters": parameters_document(parameters(found.final)),
+        "parameters": parameters_document(parameters(trace.final)),
         "candidates": [
-            {"step": i, "action": step.action, "effect": step.chosen, "ranking": [_ranked(one) for one in step.ranking]}
-            for i, step in enumerate(found.steps)
+            {
+                "step": i,
+                "action": step.action,
+                "effect": step.chosen,
+                "ranking": [_ranked(candidate) for candidate in step.ranking],
+            }
+            for i, step in enumerate(trace.steps)
         ],
         "next_poses": [
-            {"text": one.text, "q": [list(q) for q in one.q], "difference_m": list(one.difference)}
-            for one in found.next_poses
+            {"text": advice.text, "q": [list(q) for q in advice.q], "difference_m": list(advice.difference)}
+            for advice in trace.next_poses
         ],
-        "not_offered": [{"effect": name, "why": why} for name, why in found.missing.items()],
+        "not_offered": [{"effect": name, "why": why} for name, why in trace.missing.items()],
         "detection_limits": [
             {
-                "effect": one.effect,
-                "joints": list(one.joints),
-                "settings": one.settings,
-                "limit": one.limit,
-                "unit": one.unit,
-                "rms_m": one.rms,
+                "effect": limit.effect,
+                "joints": list(limit.joints),
+                "settings": limit.settings,
+                "limit": limit.limit,
+                "unit": limit.unit,
+                "rms_m": limit.rms,
             }
-            for one in found.detection
+            for limit in trace.detection
         ],
-        "outliers": [{"line": data.line(int(i))} for i in found.final.outliers],
-        "warnings": list(found.warnings),
-        **_pictured(found, found.final, data, robot, apart),
+        "outliers": [{"line": data.line(int(i))} for i in trace.final.outliers],
+        "warnings": list(trace.warnings),
+        **_pose_keys(trace, trace.final, data, robot, apart),
     }
 
 
-def _pictured(
-    found: Calibration | Trace, fit: Fit, data: Measurements, robot: Robot, apart: Measurements | None
+def _pose_keys(
+    result: Calibration | Trace, fit: Fit, data: Measurements, robot: Robot, apart: Measurements | None
 ) -> dict[str, Any]:
-    def poses(of: Measurements, residuals: Residuals, used: NDArray[np.bool_] | None) -> dict[str, Any]:
-        return pose_document(of, of.position - residuals.nominal[:3], residuals, used)
+    """Return the robot and the residuals of every pose, which charts need."""
+
+    def poses(rows: Measurements, residuals: Residuals, used: NDArray[np.bool_] | None) -> dict[str, Any]:
+        return pose_document(rows, rows.position - residuals.nominal[:3], residuals, used)
 
     return {
         "robot": robot_document(robot, data.q),
-        "poses": poses(data, found.residuals, fit.kept),
-        "poses_apart": None if apart is None or found.apart is None else poses(apart, found.apart, None),
+        "poses": poses(data, result.residuals, fit.kept),
+        "poses_apart": None if apart is None or result.apart is None else poses(apart, result.apart, None),
     }
 
 
-def _finding(one: Finding) -> dict[str, Any]:
+def _finding(finding: Finding) -> dict[str, Any]:
     return {
-        "effect": one.effect,
-        "joints": list(one.joints),
-        "settings": one.settings,
+        "effect": finding.effect,
+        "joints": list(finding.joints),
+        "settings": finding.settings,
         "alternatives": [
             {
-                "effect": other.effect,
-                "joints": list(other.joints),
-                "similarity": other.similarity,
-                "evidence_difference": other.evidence_difference,
-                "settings": other.settings,
+                "effect": rival.effect,
+                "joints": list(rival.joints),
+                "similarity": rival.similarity,
+                "evidence_difference": rival.evidence_difference,
+                "settings": rival.settings,
             }
-            for other in one.alternatives
+            for rival in finding.alternatives
         ],
-        "p_value": _number(one.p_value),
-        "evidence": _number(one.evidence),
-        "held_out_before_m": one.held_out_before,
-        "held_out_after_m": one.held_out_after,
-        "stability": {"folds": one.stability[0], "of": one.stability[1]},
-        "parameters": parameters_document(one.parameters),
+        "p_value": _number(finding.p_value),
+        "evidence": _number(finding.evidence),
+        "held_out_before_m": finding.held_out_before,
+        "held_out_after_m": finding.held_out_after,
+        "stability": {"folds": finding.stability[0], "of": finding.stability[1]},
+        "parameters": parameters_document(finding.parameters),
         "harmonics": [
             {
-                "order": line.order,
-                "amplitude_rad": line.amplitude,
-                "amplitude_std_rad": line.amplitude_std,
-                "phase_rad": line.phase,
-                "phase_std_rad": line.phase_std,
+                "order": harmonic.order,
+                "amplitude_rad": harmonic.amplitude,
+                "amplitude_std_rad": harmonic.amplitude_std,
+                "phase_rad": harmonic.phase,
+                "phase_std_rad": harmonic.phase_std,
             }
-            for line in one.harmonics
+            for harmonic in finding.harmonics
         ],
-        "validity": {name: [low, high] for name, low, high in one.validity},
-        "partial_residuals": [curve_document(curve) for curve in one.partial_residuals],
-        "warnings": list(one.warnings),
+        "validity": {name: [low, high] for name, low, high in finding.validity},
+        "partial_residuals": [curve_document(curve) for curve in finding.partial_residuals],
+        "warnings": list(finding.warnings),
     }
 
 
-def _ranked(one: Ranked) -> dict[str, Any]:
-    effect = one.candidate.effect
+def _ranked(candidate: Ranked) -> dict[str, Any]:
+    effect = candidate.candidate.effect
     return {
         "effect": effect.name,
         "joints": list(effect.joints),
         "settings": effect.settings(),
-        "evidence": one.evidence,
-        "log_prior": one.log_prior,
-        "p_value": one.p_value,
-        "explained": one.gain,
+        "evidence": candidate.evidence,
+        "log_prior": candidate.log_prior,
+        "p_value": candidate.p_value,
+        "explained": candidate.gain,
     }
 
 
-def _noise(found: LackOfFit) -> dict[str, Any]:
+def _noise(lack_of_fit: LackOfFit) -> dict[str, Any]:
     return {
-        "position_m": found.noise.position,
-        "orientation_rad": found.noise.orientation,
-        "source": found.noise.source,
-        "residual_over_noise": found.ratio,
-        "lack_of_fit_p_value": found.p_value,
+        "position_m": lack_of_fit.noise.position,
+        "orientation_rad": lack_of_fit.noise.orientation,
+        "source": lack_of_fit.noise.source,
+        "residual_over_noise": lack_of_fit.ratio,
+        "lack_of_fit_p_value": lack_of_fit.p_value,
     }
 
 
 def _stages(
-    found: Calibration | Trace, fit: Fit, data: Measurements, apart: Measurements | None, seed: int
+    result: Calibration | Trace, fit: Fit, data: Measurements, apart: Measurements | None, seed: int
 ) -> dict[str, dict[str, Any]]:
-    """``nominal``, ``before`` and ``after``."""
-    own, other = found.residuals, found.apart
+    """Return ``nominal``, ``before`` and ``after``."""
+    residuals, holdout = result.residuals, result.apart
     groups, used = data.groups(), fit.kept
-    fitted = (own.nominal, own.before, own.after)
-    held: tuple[Array | None, ...] = (own.nominal, own.held_before, own.held_after)
-    held_groups, held_used = groups, used
-    if other is not None and apart is not None:
-        held = (other.nominal, other.before, other.after)
-        held_groups, held_used = apart.groups(), np.ones(apart.n, dtype=bool)
-    stages = {"nominal": found.nominal, "before": found.before, "after": found.after}
+    fitted = (residuals.nominal, residuals.before, residuals.after)
+    held_out: tuple[Array | None, ...] = (residuals.nominal, residuals.held_before, residuals.held_after)
+    held_out_groups, held_out_used = groups, used
+    if holdout is not None and apart is not None:
+        held_out = (holdout.nominal, holdout.before, holdout.after)
+        held_out_groups, held_out_used = apart.groups(), np.ones(apart.n, dtype=bool)
+    stages = {"nominal": result.nominal, "before": result.before, "after": result.after}
     return {
         name: stage_document(
             stage,
-            Errors(one, used, groups),
-            None if crossed is None else Errors(crossed, held_used, held_groups),
+            StageErrors(errors, used, groups),
+            None if held_out_errors is None else StageErrors(held_out_errors, held_out_used, held_out_groups),
             seed,
         )
-        for (name, stage), one, crossed in zip(stages.items(), fitted, held, strict=True)
+        for (name, stage), errors, held_out_errors in zip(stages.items(), fitted, held_out, strict=True)
     }
 
 
@@ -230,26 +252,27 @@ def _kind(kind: ShrunkKind) -> dict[str, Any]:
     }
 
 
-def _deflection(found: DeflectionChoice | None) -> dict[str, Any] | None:
-    if found is None:
+def _deflection(choice: DeflectionChoice | None) -> dict[str, Any] | None:
+    if choice is None:
         return None
     return {
-        "form": found.form,
-        "difference_rms_m": found.difference,
-        "difference_whitened": found.separation,
-        "rigid_better_by": found.gain,
+        "form": choice.form,
+        "difference_rms_m": choice.difference,
+        "difference_whitened": choice.separation,
+        "rigid_better_by": choice.gain,
         "needed": BETTER,
     }
 
 
-def _identifiability(found: Identifiability) -> dict[str, Any]:
+def _identifiability(identifiability: Identifiability) -> dict[str, Any]:
     return {
-        "n_identifiable": int(found.kept.size),
+        "n_identifiable": int(identifiability.kept.size),
         "not_identifiable": [
-            {"name": one.name, "partners": list(one.partners), "why": one.why} for one in found.dropped
+            {"name": parameter.name, "partners": list(parameter.partners), "why": parameter.why}
+            for parameter in identifiability.dropped
         ],
-        "condition_number": found.condition,
-        "observability": found.observability(),
+        "condition_number": identifiability.condition,
+        "observability": identifiability.observability(),
     }
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from robacc.documents.parameters import parameters_document
 from robacc.documents.poses import robot_document, rounded
+from robacc.documents.statistics import parameters_document
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.comparison import MeasuredComparison
 from robacc.prediction.components import Components

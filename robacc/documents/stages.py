@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.accuracy.figures import PoseMetrics
+from robacc.accuracy.metrics import PoseMetrics
 from robacc.accuracy.stages import Stage
 from robacc.documents.statistics import figures_document, interval_document
 from robacc.geometry import Array
@@ -17,7 +17,7 @@ from robacc.statistics.intervals import Interval
 CONFIDENCE = 0.95
 
 
-class Errors(NamedTuple):
+class StageErrors(NamedTuple):
     """The residuals that figures are of."""
 
     residual: Array
@@ -28,7 +28,7 @@ class Errors(NamedTuple):
     """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
 
 
-def stage_document(stage: Stage, fitted: Errors, held: Errors | None, seed: int) -> dict[str, Any]:
+def stage_document(stage: Stage, fitted: StageErrors, held: StageErrors | None, seed: int) -> dict[str, Any]:
     """One stage: of the poses fitted, and of those held out where there are such.
 
     Intervals of fitted figures do not know that the poses were fitted; those held out are the ones to judge by.
@@ -39,7 +39,7 @@ def stage_document(stage: Stage, fitted: Errors, held: Errors | None, seed: int)
     }
 
 
-def _poses(figures: PoseMetrics, errors: Errors, seed: int) -> dict[str, Any]:
+def _poses(figures: PoseMetrics, errors: StageErrors, seed: int) -> dict[str, Any]:
     found: dict[str, Any] = {"position": None, "orientation": None}
     groups = errors.groups[errors.used]
     for name, unit, rows, four in (

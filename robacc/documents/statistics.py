@@ -1,23 +1,27 @@
-"""Statistics and grades as parts of a JSON result: SI units in the keys, null with ``why`` where there is no number.
+"""Statistics, grades and coefficients as parts of a JSON result: SI units in the keys, null with ``why`` if missing.
 
 Keys of position statistics end in ``_m`` and ``_m2``, those of orientation statistics in ``_rad`` and ``_rad2``.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
-from robacc.accuracy.figures import ErrorMetrics
+from robacc.accuracy.metrics import ErrorMetrics
 from robacc.accuracy.grade import Grade, QuantityGrade
 from robacc.statistics.intervals import Interval
 from robacc.statistics.multivariate import AssumptionTest
 from robacc.statistics.records import ErrorStatistics, MatrixInterval, Radius
 
+if TYPE_CHECKING:
+    from robacc.fitting.parameters import FittedParameter
+
 Document = dict[str, Any]
 
 
 def statistics_document(statistics: ErrorStatistics) -> Document:
-    """The ``position`` or ``orientation`` part of ``robacc.estimate/1``, without the errors themselves."""
+    """Return the ``position`` or ``orientation`` part of ``robacc.estimate/1``, without the errors themselves."""
     unit = statistics.unit
     intervals = statistics.intervals
     return {
@@ -69,7 +73,7 @@ def statistics_document(statistics: ErrorStatistics) -> Document:
 
 
 def grade_document(grade: Grade) -> Document:
-    """The ``grade`` part of ``robacc.estimate/1``; limits, values and bounds in m and rad."""
+    """Return the ``grade`` part of ``robacc.estimate/1``; limits, values and bounds in m and rad."""
     scale, following = grade.scale, grade.next
     return {
         "grade": grade.grade,
@@ -100,8 +104,25 @@ def grade_document(grade: Grade) -> Document:
     }
 
 
+def parameters_document(parameters: Iterable[FittedParameter]) -> list[Document]:
+    """Return name, value, standard error and unit of each coefficient, and why a standard error is missing.
+
+    A value of -0.0 becomes 0.0.
+    """
+    return [
+        {
+            "name": parameter.name,
+            "value": parameter.value + 0.0,
+            "std": parameter.std,
+            "unit": parameter.unit,
+            **({"why": parameter.why} if parameter.why else {}),
+        }
+        for parameter in parameters
+    ]
+
+
 def figures_document(figures: ErrorMetrics, unit: str) -> Document:
-    """The four figures of an error's length."""
+    """Return the four metrics of an error's length."""
     return {
         f"rms_{unit}": figures.rms,
         f"mean_error_{unit}": figures.mean,
@@ -111,7 +132,7 @@ def figures_document(figures: ErrorMetrics, unit: str) -> Document:
 
 
 def interval_document(interval: Interval) -> Document:
-    """An interval in the unit of its number."""
+    """Return an interval in the unit of its number."""
     return {
         "lower": interval.lower,
         "upper": interval.upper,

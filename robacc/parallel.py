@@ -1,7 +1,8 @@
-"""Work on several things at once, in processes of their own: bounded, interruptible, and one's death is its own.
+"""Work in several processes: bounded in number, interruptible, and safe when one of them dies.
 
-Written for what :mod:`concurrent.futures` does not give: a process that is ended from outside (for want of memory, say)
-fails the one thing that it was at, and an interrupt ends all of them without a word of theirs.
+:func:`each` does what :mod:`concurrent.futures` does not: a process that is ended from outside (for want of memory, for
+example) fails only the task it was doing, and an interrupt ends every process without a message of its own.
+:func:`fork_map` is for work on data that is too large to copy: the processes inherit it.
 """
 
 from __future__ import annotations
@@ -18,46 +19,47 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
 
-_PATIENCE = 5.0
+_GRACE_PERIOD = 5.0
 """s that a process has to clean up after it was asked to end."""
 
 
 class Died(NamedTuple):
-    """What is left of a task whose process ended before it was done."""
+    """Outcome of a task whose process ended before the task was done."""
 
     exit_code: int
-    """Of the process: negative for the signal that ended it, positive where it crashed and said why itself."""
+    """Exit code of the process: minus the signal that ended it; positive where it crashed and printed why."""
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def each(work: Callable[[Task], Outcome], tasks: Sequence[Task], jobs: int) -> Iterator[tuple[int, Outcome | Died]]:
-    """``work`` on every task, at most ``jobs`` at a time; the number of each with its outcome, as they are done.
+    """Yield the number and the outcome of each task as it is done, with at most ``jobs`` tasks at a time.
 
-    With one job the work is done here, without another process. ``work`` is a function of a module; its task and its
-    outcome can be pickled. Processes are started afresh, not forked: no thread or lock of this one is theirs.
+    With one job, this process does the work. ``work`` is a function of a module; its task and its outcome can be
+    pickled. Processes are spawned, not forked, so they share no thread and no lock with this process.
     """
     if min(jobs, len(tasks)) <= 1:
         yield from ((number, work(task)) for number, task in enumerate(tasks))
         return
     waiting = list(enumerate(tasks))[::-1]
     processes: dict[Connection, BaseProcess] = {}
-    at: dict[Connection, int] = {}
+    task_numbers: dict[Connection, int] = {}
     try:
-        while waiting or at:
-            while waiting and len(at) < jobs:
-                connection = next((one for one in processes if one not in at), None) or _started(work, processes)
-                at[connection], task = waiting.pop()
-                with suppress(OSError):  # it has died; that is noticed where its outcome is read
+        while waiting or task_numbers:
+            while waiting and len(task_numbers) < jobs:
+                idle = (connection for connection in processes if connection not in task_numbers)
+                connection = next(idle, None) or _start(work, processes)
+                task_numbers[connection], task = waiting.pop()
+                with suppress(OSError):  # the process died; reading its outcome notices that
                     connection.send(task)
-            ready = wait(list(at))
-            for connection in [one for one in at if one in ready]:
-                number = at.pop(connection)
+            ready = wait(list(task_numbers))
+            for connection in [busy for busy in task_numbers if busy in ready]:
+                number = task_numbers.pop(connection)
                 try:
                     outcome: Outcome | Died = connection.recv()
                 except (EOFError, OSError):
@@ -69,20 +71,55 @@ def each(work: Callable[[Task], Outcome], tasks: Sequence[Task], jobs: int) -> I
         _end(processes)
 
 
-def _started(work: Callable[[Any], Any], processes: dict[Connection, BaseProcess]) -> Connection:
+def fork_map(work: Callable[[Task], Outcome], items: Sequence[Task], processes: int) -> Iterator[Outcome]:
+    """Yield ``work(item)`` for each item in order, computed by forked processes.
+
+    The processes inherit ``work`` and all that it refers to by fork, so nothing of it is copied or pickled; items and
+    outcomes are pickled. This process handles signals and ends the others. Where the platform cannot fork, or
+    ``processes`` is below 2, this process does the work.
+    """
+    if processes < 2 or "fork" not in multiprocessing.get_all_start_methods():
+        yield from map(work, items)
+        return
+    context = multiprocessing.get_context("fork")
+    with context.Pool(processes, initializer=_inherit, initargs=(work,)) as pool:
+        yield from pool.imap(_inherited, items)
+
+
+_inherited_work: Callable[[Any], Any] | None = None
+"""Work of a process that :func:`fork_map` started; None in every other process."""
+
+
+def _inherit(work: Callable[[Any], Any]) -> None:
+    """Set up a forked process: keep its work and leave signals to its parent.
+
+    The signal handlers that it inherits would answer each signal a second time.
+    """
+    global _inherited_work
+    _inherited_work = work
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _inherited(item: Any) -> Any:
+    assert _inherited_work is not None
+    return _inherited_work(item)
+
+
+def _start(work: Callable[[Any], Any], processes: dict[Connection, BaseProcess]) -> Connection:
     context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(work, there), daemon=True)
-    with _interrupts_held_back():
+    parent_end, child_end = context.Pipe()
+    process = context.Process(target=_serve, args=(work, child_end), daemon=True)
+    with _interrupts_blocked():
         process.start()
-    there.close()
-    processes[here] = process
-    return here
+    child_end.close()
+    processes[parent_end] = process
+    return parent_end
 
 
 @contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """What is started meanwhile never sees an interrupt, which is this process's to act on."""
+def _interrupts_blocked() -> Iterator[None]:
+    """Block interrupts for processes that start meanwhile: only this process acts on them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -94,7 +131,7 @@ def _interrupts_held_back() -> Iterator[None]:
 
 
 def _serve(work: Callable[[Any], Any], connection: Connection) -> None:
-    """One process: tasks in, outcomes out, until the other end is closed."""
+    """Receive tasks and send outcomes until the other end of the connection is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
     with suppress(EOFError, OSError):
@@ -103,7 +140,7 @@ def _serve(work: Callable[[Any], Any], connection: Connection) -> None:
 
 
 def _leave(number: int, frame: object) -> NoReturn:
-    """As an exception, so that files that are half written are taken away."""
+    """Exit by an exception, so that half-written files are removed."""
     raise SystemExit(128 + number)
 
 
@@ -111,7 +148,7 @@ def _end(processes: dict[Connection, BaseProcess]) -> None:
     for process in processes.values():
         process.terminate()
     for process in processes.values():
-        process.join(_PATIENCE)
+        process.join(_GRACE_PERIOD)
         if process.is_alive():
             process.kill()
             process.join()

@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 
 from robacc.cli.main import app
 from robacc.cli.many import distinct_names
-from robacc.parallel import Died, each, usable_cores
+from robacc.parallel import Died, each
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_data"
@@ -223,30 +223,6 @@ def test_what_is_wrong_for_all_is_said_once(
 )
 def test_names_are_as_short_as_they_can_be_told_apart(paths: list[str], names: list[str]) -> None:
     assert distinct_names(paths) == names
-
-
-def doubled_or_dead(task: int) -> tuple[int, int]:
-    """What a process of the pool does: dies of 2, crashes of 3, doubles the rest."""
-    if task == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-    if task == 3:
-        raise ZeroDivisionError
-    return 2 * task, os.getpid()
-
-
-def test_a_process_that_dies_takes_one_task_with_it(capfd: pytest.CaptureFixture[str]) -> None:
-    found = dict(each(doubled_or_dead, range(8), 2))
-    assert "ZeroDivisionError" in capfd.readouterr().err
-    assert (found.pop(2), found.pop(3)) == (Died(-signal.SIGKILL), Died(1))
-    assert {number: outcome[0] for number, outcome in found.items()} == {0: 0, 1: 2, 4: 8, 5: 10, 6: 12, 7: 14}
-    # Two at first, and one for each that died.
-    assert len({outcome[1] for outcome in found.values()}) <= 4
-    assert os.getpid() not in {outcome[1] for outcome in found.values()}
-
-
-def test_one_job_is_done_here() -> None:
-    assert list(each(doubled_or_dead, [5, 6], 1)) == [(0, (10, os.getpid())), (1, (12, os.getpid()))]
-    assert usable_cores() >= 1
 
 
 @pytest.mark.parametrize(("code", "message", "status"), [(-9, "want of memory", 3), (1, "which is a defect", 1)])

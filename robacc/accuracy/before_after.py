@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from robacc.accuracy.figures import pose_metrics
+from robacc.accuracy.metrics import pose_metrics
 from robacc.accuracy.stages import BeforeAfter, Residuals, Stage, paired_gain
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array

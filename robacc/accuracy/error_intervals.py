@@ -8,11 +8,11 @@ import numpy as np
 
 from robacc.accuracy.assumption import Assumption
 from robacc.geometry import Array
-from robacc.statistics.confidence import PercentileCurve, Tail
+from robacc.statistics.confidence_curves import PercentileCurve, Tail
 from robacc.statistics.covariance_intervals import ONE_POSE
 from robacc.statistics.distributions import student_quantile
 from robacc.statistics.intervals import Interval, PoseSampling, interpolated, percentile_levels, tails
-from robacc.statistics.radius import PROBABILITY, satterthwaite_rms
+from robacc.statistics.radius95 import PROBABILITY, satterthwaite_rms
 from robacc.statistics.records import Radius
 
 FEWEST_FOR_MODEL = 10

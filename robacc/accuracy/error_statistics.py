@@ -20,9 +20,9 @@ from robacc.geometry import Array
 from robacc.statistics.covariance_intervals import ellipsoid, matrix_interval
 from robacc.statistics.intervals import Interval, PoseSampling, share_below_maximum
 from robacc.statistics.multivariate import assumption_tests, second_moment
-from robacc.statistics.radius import radius95
+from robacc.statistics.radius95 import radius95
 from robacc.statistics.records import ErrorStatistics, Intervals, Statistic, Unit
-from robacc.statistics.structure import pose_structure
+from robacc.statistics.variance_components import pose_structure
 
 
 def error_statistics(

@@ -33,7 +33,7 @@ from robacc.measurements import Measurements
 from robacc.statistics.records import ErrorStatistics, Unit
 
 if TYPE_CHECKING:
-    from robacc.accuracy.figures import ErrorMetrics, PoseMetrics
+    from robacc.accuracy.metrics import ErrorMetrics, PoseMetrics
     from robacc.fitting.registration import Alignment
     from robacc.robots.description import Robot
 
@@ -224,7 +224,7 @@ def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ..
     names, index = np.unique(data.target, return_inverse=True)
     if names.size < 2:
         return ()
-    from robacc.accuracy.figures import pose_metrics
+    from robacc.accuracy.metrics import pose_metrics
 
     return tuple(
         TargetErrors(str(name), int(np.sum(index == i)), pose_metrics(errors.position[:, index == i]).position)

@@ -3,7 +3,7 @@
 A grade is given by the estimate of one stated statistic of the error's length. It is demonstrated only where the
 one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can earn a grade, not
 prove it. The probability of each grade is the confidence that lies between its limits and the next better one's
-(:mod:`robacc.statistics.confidence`), so a demonstrated grade, or a better one, has at least the scale's confidence.
+(:mod:`robacc.statistics.confidence_curves`), so a demonstrated grade, or a better one, has at least the scale's confidence.
 :mod:`robacc.accuracy.grade_scale` reads the scales.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from robacc.accuracy.grade import Grade, NextGrade, QuantityGrade, poses_needed
 from robacc.accuracy.grade_scale import Quantity, Scale
-from robacc.accuracy.grade_words import reason_of
+from robacc.accuracy.grade_text import reason_of
 from robacc.errors import UsageError
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics

@@ -24,7 +24,7 @@ from robacc.geometry import Array, log_between, rotate_back, transpose
 from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
-    from robacc.accuracy.figures import PoseMetrics
+    from robacc.accuracy.metrics import PoseMetrics
     from robacc.robots.description import Robot
 
 ErrorFrame = Literal["tool", "base"]
@@ -65,7 +65,7 @@ class PoseErrors:
 
     def figures(self) -> PoseMetrics:
         """Root mean square, mean, 95th percentile and maximum of the lengths."""
-        from robacc.accuracy.figures import pose_metrics
+        from robacc.accuracy.metrics import pose_metrics
 
         return pose_metrics(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.figures import PoseMetrics
+from robacc.accuracy.metrics import PoseMetrics
 from robacc.geometry import Array
 from robacc.statistics.distributions import normal_quantile
 

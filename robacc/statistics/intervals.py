@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.confidence import MOST_FOR_BINOMIAL, ChiSquareCurve, ConfidenceCurve, RootCurve, StudentCurve
+from robacc.statistics.confidence_curves import MOST_FOR_BINOMIAL, ChiSquareCurve, ConfidenceCurve, RootCurve, StudentCurve
 from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
 
 FEWEST_FOR_BOOTSTRAP = 10

@@ -8,7 +8,7 @@ from typing import Literal
 from robacc.geometry import Array
 from robacc.statistics.intervals import Interval
 from robacc.statistics.multivariate import AssumptionTests
-from robacc.statistics.structure import PoseStructure
+from robacc.statistics.variance_components import PoseStructure
 
 Unit = Literal["m", "rad"]
 Statistic = Literal["rms", "mean_error", "p95", "max"]

@@ -16,7 +16,7 @@ from robacc.accuracy.grade import Grade
 from robacc.accuracy.grade_scale import GradeStep, Scale, default_scale, load_scale
 from robacc.accuracy.grading import grade
 from robacc.errors import InputError, UsageError
-from robacc.statistics.confidence import ChiSquareCurve
+from robacc.statistics.confidence_curves import ChiSquareCurve
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics
 

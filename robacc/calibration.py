@@ -24,7 +24,6 @@ from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import Correlation, FittedParameter, correlations, parameters
 from robacc.fitting.parsimony import without_idle_rotations
-from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal
 from robacc.fitting.warnings import (
@@ -78,7 +77,7 @@ class Calibration:
     warnings: tuple[str, ...]
     residuals: Residuals
     """Of every pose, those left out as outliers too."""
-    apart: Residuals | None
+    holdout: Residuals | None
     """Of the poses of ``holdout``, where there are such."""
     partial_residuals: tuple[tuple[Effect, PartialResidual], ...]
     """For each effect that is no constant, the residual along it over what drives it, without and with it."""
@@ -116,7 +115,7 @@ def calibrate(
     effects = plan.effects(data)
     found, kinds, deflection = _fitted(plan, effects, data, options)
     effects = found.model.free
-    frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
+    frames = tuple(effect for effect in effects if effect.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
     held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
     told = before_and_after(robot, data, registered, found, held, holdout)
@@ -139,7 +138,7 @@ def calibrate(
         n_folds=0 if held is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
         warnings=_warnings(found, data, told.after, noise),
         residuals=told.residuals,
-        apart=told.apart,
+        holdout=told.holdout,
         partial_residuals=tuple(
             (e, curve) for e in effects if not e.is_constant for curve in partial_residuals(e, found, data)
         ),

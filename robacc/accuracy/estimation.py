@@ -269,21 +269,19 @@ def _moves(data: Measurements) -> bool:
 
 def _beyond_learnt(data: Measurements, robot: Robot | None) -> tuple[str, ...]:
     """Which corrections of the robot file are used outside the range that they were learnt in."""
-    if robot is None or all(entry.get("effect") != "joint_correction" for entry in robot.effects):
+    if robot is None or not robot.effects:
         return ()
-    from robacc.effects.joint_correction import JointCorrection
     from robacc.effects.specification import known_effects
     from robacc.robots.arm import Arm
 
     arm, found = Arm.of(robot), []
     for known in known_effects(robot):
-        if isinstance(known.effect, JointCorrection):
-            count = int(np.count_nonzero(known.effect.beyond(arm, data)))
-            if count:
-                found.append(
-                    f"{count} of {data.n} poses are outside the range in which {known.effect} of the robot file was "
-                    "learnt: it is held there as it is at the range's end, and says little of them"
-                )
+        count = int(np.count_nonzero(known.effect.outside_range(arm, data)))
+        if count:
+            found.append(
+                f"{count} of {data.n} poses are outside the range in which {known.effect} of the robot file was "
+                "learnt: it is held there as it is at the range's end, and says little of them"
+            )
     return tuple(found)
 
 

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
-from robacc.effects.base import Effect, Term
-from robacc.effects.drivers import Driver, driver_of
+from robacc.effects.base import Driver, Effect, Term
 from robacc.effects.joint_offset import JointOffset
 from robacc.effects.orders import supported_orders
+from robacc.effects.periodic import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array
@@ -107,15 +107,15 @@ def _of_joint(effect: Effect, joint: str, own: Sequence[int], found: Fit, data: 
     lacking = _lacking(own, found, data)
     column = _column(joint, found, data)
     before, after, sd = _along(column, lacking, found)
-    driver = driver_of(effect, found.model.arm, data, joint)
+    driver = effect.driver(found.model.arm, data, joint)
     grid, value = None, None
     if driver is None:
         driver = _predicted(before - after)
-    if driver.alone:
+    if driver.is_only:
         grid, value = _function(effect, own, found, driver, before - after)
     unit = "rad" if found.model.arm.is_revolute(joint) else "m"
     spectrum = None
-    if effect.name == "transmission_error":
+    if orders_of(effect):
         spectrum = _spectrum(driver.values[found.kept], before[found.kept], after[found.kept], sd[found.kept])
     return PartialResidual(
         joint, driver.name, driver.unit, unit, driver.values, before - after, before, after, sd, grid, value, spectrum
@@ -129,11 +129,11 @@ def _of_target(effect: Effect, own: Sequence[int], found: Fit, data: Measurement
     way = np.zeros_like(lacking)
     way[:3] = moved / np.where(length > 0, length, 1.0) * _sign([found.terms[i] for i in own], found.theta[own[0]])
     before, after, sd = _along(way, lacking, found)
-    driver = driver_of(effect, found.model.arm, data, None)
+    driver = effect.driver(found.model.arm, data, None)
     grid, value = None, None
     if driver is None:
         driver = _predicted(before - after)
-    if driver.alone:
+    if driver.is_only:
         grid, value = _sorted(driver.values, before - after)
     return PartialResidual(
         None, driver.name, driver.unit, "m", driver.values, before - after, before, after, sd, grid, value

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, orders_setting, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
+from robacc.effects.driver import joint_driver
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.assembly import FLEXURES
@@ -30,11 +31,13 @@ class AxisWobble(Effect):
     """Which of the two directions tilt; empty: both."""
 
     name = "axis_wobble"
+    shares_terms = True
     about = About(
         summary="the joint's axis tilts as it turns: runout or ovality of its bearing",
         equation="alpha_j and beta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2",
         unit="rad",
         usual_size="1e-5 to 1e-3 rad",
+        usual_range=(1e-05, 0.001),
         needs="q1 … qN over most of a turn",
         confused_with="transmission_error of neighbouring joints, link_geometry over a narrow range",
         source="a parameter times a regressor, as every effect here",
@@ -53,6 +56,10 @@ class AxisWobble(Effect):
         for joint in cls.possible_joints(arm):
             for orders in ((1.0,), (2.0,), (1.0, 2.0)):
                 yield from (cls((joint,), orders, tilts) for tilts in (*((t,) for t in tilt_motions(arm, joint)), ()))
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the variable of the joint that turns about the tilting axis."""
+        return joint_driver(arm, data, self.joints[0], is_only=False)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Four terms a joint and order."""

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies, weight_needed
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
+from robacc.effects.driver import torque_driver
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -22,12 +23,14 @@ class Backlash(Effect):
     by: Literal["approach", "gravity"] = "approach"
 
     name = "backlash"
+    missing_reasons = ("no dir_q columns, rows not said to be in the order measured, and no masses in the robot file",)
     about = About(
         summary="play in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
         equation="theta_j + c sign(approach_j); where the approach is unknown, the sign of the gravity torque",
         unit="rad (m for a prismatic joint), half the gap",
         usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
-        needs="dir_q1 … dir_qN, or --ordered; else masses",
+        usual_range=(1e-05, 0.0005),
+        needs="dir_q1 … dir_qN, or `ordered`; else masses",
         confused_with="approach_lag where speeds are much alike, joint_compliance where gravity decides",
         source="a parameter times a regressor, as every effect here; Ruderman, Hoffmann, Bertram 2009 for the shape",
         example="{effect: backlash, joints: [j2], values: {j2: -1e-4}}",
@@ -38,7 +41,7 @@ class Backlash(Effect):
         """Needs a direction of approach, or masses to tell which way gravity pushes."""
         if varies(data.direction) or arm.chain.bodies:
             return None
-        return "no dir_q columns (and rows not --ordered), and no masses in the robot file"
+        return cls.missing_reasons[0]
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
@@ -51,10 +54,19 @@ class Backlash(Effect):
         """One joint at a time; by gravity only where the approach is unknown."""
         yield from (cls.default(arm, data, (joint,)) for joint in arm.names)
 
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the direction of approach, or gravity's torque where that decides the flank."""
+        if joint is None:
+            return None
+        if self.by == "gravity":
+            return torque_driver(arm, data, joint)
+        direction = needed(data.direction, "dir_q1 …", self.name)[arm.number(joint)]
+        return Driver("direction", "1", direction, True)
+
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint."""
         if self.by == "approach":
-            sign = needed(data.direction, "dir_q1 … (or --ordered)", self.name)
+            sign = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
         else:
             weight_needed(arm, f"{self.name} by gravity")
             sign = np.sign(gravity_torques(arm, commanded(data, self.name)))

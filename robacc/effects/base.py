@@ -16,13 +16,33 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robacc.effects.driver import Driver
+from robacc.effects.requirements import commanded, needed, varies, weight_needed
 from robacc.errors import UsageError
 from robacc.geometry import Array
-from robacc.gravity.loads import Load, own_weight
+from robacc.gravity.loads import Load
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+
+__all__ = [
+    "REGISTRY",
+    "SCALE_OF_INSTRUMENT",
+    "About",
+    "Driver",
+    "Effect",
+    "Part",
+    "Term",
+    "commanded",
+    "effect_class",
+    "needed",
+    "orders_setting",
+    "register",
+    "varies",
+    "weight_needed",
+]
 
 SCALE_OF_INSTRUMENT = -1
 """Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
@@ -68,6 +88,8 @@ class About:
     equation: str
     unit: str
     usual_size: str
+    usual_range: tuple[float, float]
+    """Smallest and largest usual size of a coefficient, of the unit's first alternative, in SI."""
     needs: str
     confused_with: str
     source: str
@@ -86,7 +108,15 @@ class Effect(abc.ABC):
     is_constant: ClassVar[bool] = False
     """Whether every regressor is 1, so that the fitted value is written into the robot's own numbers."""
     per_joint: ClassVar[bool] = True
-    """Whether the effect acts on joints that are named, and competes joint by joint."""
+    """Whether the effect acts on joints that are named, and is a candidate joint by joint."""
+    is_frame: ClassVar[bool] = False
+    """Whether it places the base or the tool: a fact of the set-up that registration finds from any start."""
+    is_empirical: ClassVar[bool] = False
+    """Whether it names no cause: a smooth correction that stands for one."""
+    shares_terms: ClassVar[bool] = False
+    """Whether forms of the effect have coefficients in common (order 1 alone, and with order 2)."""
+    missing_reasons: ClassVar[tuple[str, ...]] = ()
+    """Every text that :meth:`missing` can return, but for those that name a robot's own parts."""
 
     @abc.abstractmethod
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
@@ -142,9 +172,44 @@ class Effect(abc.ABC):
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, settings))}")
         return cls(joints=joints)
 
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the driver of the effect on ``joint``, to plot the residual against; None where it has no single one.
+
+        Raises:
+            UsageError: the data or the robot lack the driver.
+        """
+        return None
+
+    def outside_range(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
+        """Return ``(N,)`` where the effect is used outside the range of its driver that it was fitted on."""
+        return np.zeros(data.n, dtype=bool)
+
     def key(self) -> tuple[Any, ...]:
-        """What makes two effects the same: name, joints and settings."""
+        """Return name, joints and settings: two effects with the same key are the same."""
         return (self.name, self.joints, repr(sorted(self.settings().items())))
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key with settings that a search refines rounded to its grid."""
+        return self.key()
+
+    def term_key(self, term: Term) -> str:
+        """Return what makes two terms the same column of the Jacobian, over all forms of all effects."""
+        return f"{term.name}|{'' if self.shares_terms else self.key()}"
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other``, found on some of the poses, is the finding that this effect is on all of them."""
+        return (self.name, self.joints) == (other.name, other.joints)
+
+    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
+        """Return whether a model with this effect leaves nothing for ``other``.
+
+        ``ranges`` holds how far each joint moves over the poses, rad or m.
+        """
+        return self.key() == other.key()
+
+    def is_profile(self) -> bool:
+        """Return whether it is a rich block, asked for only where named terms leave structure."""
+        return self.is_empirical
 
     def __str__(self) -> str:
         """``backlash[j2]``."""
@@ -174,39 +239,6 @@ def effect_class(name: str) -> type[Effect]:
         near = difflib.get_close_matches(name, REGISTRY, n=1)
         hint = f", did you mean {near[0]!r}?" if near else "."
         raise UsageError(f"no effect {name!r}{hint} The catalogue: {', '.join(REGISTRY)}") from None
-
-
-def needed(column: Array | None, name: str, effect: str) -> Array:
-    """A column that an effect cannot do without.
-
-    Raises:
-        UsageError: the data have none.
-    """
-    if column is None:
-        raise UsageError(f"{effect} needs the column {name}, which the poses do not have")
-    return column
-
-
-def commanded(data: Measurements, effect: str) -> Array:
-    """The commanded joint variables ``(J, N)``."""
-    return needed(data.q, "q1 … qN", effect)
-
-
-def weight_needed(arm: Arm, effect: str) -> tuple[Load, ...]:
-    """The arm's own weight, which an effect cannot do without.
-
-    Raises:
-        UsageError: the robot file has no masses.
-    """
-    loads = own_weight(arm)
-    if not loads:
-        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
-    return loads
-
-
-def varies(column: Array | None) -> bool:
-    """Whether a column is there and takes more than one value."""
-    return column is not None and column.size > 1 and bool(np.ptp(column) > 0)
 
 
 def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float, ...]) -> tuple[float, ...]:

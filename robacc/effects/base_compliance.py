@@ -17,6 +17,7 @@ class BaseCompliance(Elastic):
     """The base tilted by c times the arm's moment about it, the same in both directions."""
 
     name = "base_compliance"
+    missing_reasons = ("no masses in the robot file",)
     per_joint = False
     about = About(
         summary="the pedestal or floor gives way: the base tilts under the arm's moment about it",
@@ -24,6 +25,7 @@ class BaseCompliance(Elastic):
         f"deflected pose; {DEFLECTIONS}",
         unit="rad/(N m)",
         usual_size="1e-9 to 1e-6 rad/(N m)",
+        usual_range=(1e-09, 1e-06),
         needs="mass and com of the links",
         confused_with="lateral_compliance of the first joint, joint_compliance of the second",
         source="a parameter times a regressor, as every effect here",
@@ -33,7 +35,7 @@ class BaseCompliance(Elastic):
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Needs masses."""
-        return None if arm.chain.bodies else "no masses in the robot file"
+        return None if arm.chain.bodies else cls.missing_reasons[0]
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term."""

@@ -44,6 +44,7 @@ class BaseFrame(Effect):
     """Six coordinates of the base."""
 
     name = "base_frame"
+    is_frame = True
     is_constant = True
     per_joint = False
     about = About(
@@ -51,6 +52,7 @@ class BaseFrame(Effect):
         equation="base x, y, z + dx, dy, dz; then turned about its own x, y, z by roll, pitch, yaw",
         unit="m, rad",
         usual_size="anything: the instrument stands where it stands",
+        usual_range=(0.001, 1),
         needs="nothing",
         confused_with="joint_offset of the first joint (yaw), its d (z)",
         source="Wu and Lee 1984, eq. (3), with the base as one more link",

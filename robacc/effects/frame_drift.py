@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Effect, Part, Term, needed, register, varies
+from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.effects.base_frame import FRAME_LABELS
+from robacc.effects.driver import circumstance_driver
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -29,12 +30,14 @@ class FrameDrift(Effect):
     """Whether the base turns too."""
 
     name = "frame_drift"
+    missing_reasons = ("no time_s column that varies",)
     per_joint = False
     about = About(
         summary="the base moves against the instrument: a tripod settles, a pedestal warms, the floor gives",
         equation="base x, y, z (and its turns) + c ((t - t_mid) / span)^p, p = 1 … degree",
         unit="m, rad over the time span",
         usual_size="1e-5 to 1e-3 m",
+        usual_range=(1e-05, 0.001),
         needs="time_s",
         confused_with="thermal_expansion where temperature rises with time",
         source="a parameter times a regressor, as every effect here",
@@ -44,7 +47,7 @@ class FrameDrift(Effect):
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Needs time."""
-        return None if varies(data.time) else "no time_s that varies"
+        return None if varies(data.time) else cls.missing_reasons[0]
 
     @classmethod
     def over(cls, data: Measurements, degree: int = 1, turning: bool = False) -> FrameDrift:
@@ -63,6 +66,10 @@ class FrameDrift(Effect):
         """Straight and steady, turning too, and bent."""
         for degree, turning in ((1, False), (1, True), (2, False), (3, False), (3, True)):
             yield cls.over(data, degree, turning)
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the time."""
+        return circumstance_driver("time_s", data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Three or six terms a power of time."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
+from robacc.effects.driver import joint_driver
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -20,11 +21,16 @@ class GearRatio(Effect):
         equation="theta_j + k q_j (d_j + k q_j for a prismatic joint)",
         unit="1",
         usual_size="1e-5 to 1e-3",
+        usual_range=(1e-05, 0.001),
         needs="q1 … qN over a wide range",
         confused_with="transmission_error of order 1 over a narrow range, joint_compliance of the same joint",
         source="a parameter times a regressor, as every effect here; Whitney, Lozinski, Rourke 1986",
         example="{effect: gear_ratio, joints: [j3], values: {j3: 1e-4}}",
     )
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the joint's own variable."""
+        return None if joint is None else joint_driver(arm, data, joint)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Effect, Part, Term, register
+import numpy as np
+
+from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Driver, Effect, Part, Term, register
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -21,11 +23,16 @@ class InstrumentScale(Effect):
         equation="p measured = (1 + k) p",
         unit="1",
         usual_size="1e-6 to 1e-3",
+        usual_range=(1e-06, 0.001),
         needs="positions spread over a volume",
         confused_with="link_geometry: all lengths of the arm scaled together, thermal_expansion at one temperature",
         source="a parameter times a regressor, as every effect here on the observation",
         example="{effect: instrument_scale, values: {value: 2e-5}}",
     )
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the distance from the instrument."""
+        return Driver("distance", "m", np.sqrt(np.sum(np.square(data.position), axis=0)), True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term."""

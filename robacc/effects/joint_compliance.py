@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from robacc.effects.base import About, Effect, Term, register, weight_needed
+from robacc.effects.base import About, Driver, Effect, Term, register, weight_needed
+from robacc.effects.driver import joint_driver, torque_driver
 from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
 from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
@@ -29,9 +30,11 @@ class JointCompliance(Elastic):
     name = "joint_compliance"
     about = About(
         summary="the joint's gear gives way to the torque of the arm's own weight",
-        equation=f"theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose; {DEFLECTIONS}",
+        equation="theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose; "
+        f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint); masses unknown: the same times kg or kg m",
         usual_size="1e-7 to 1e-5 rad/(N m), large arms the stiffer",
+        usual_range=(1e-07, 1e-05),
         needs="mass and com of the links; without them the torque's base regressors are fitted",
         confused_with="transmission_error of order 1 on joints of horizontal axis, base_compliance, payload_compliance",
         source="Khalil and Dombre 2002, ch. 8 and 9.5; Klimchik et al. 2014",
@@ -50,6 +53,14 @@ class JointCompliance(Elastic):
             yield cls.default(arm, data, (joint,))
             if arm.chain.bodies:
                 yield cls((joint,), "uncertain")
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return gravity's torque on the joint, or its variable where the masses are unknown."""
+        if joint is None:
+            return None
+        if not arm.chain.bodies:
+            return joint_driver(arm, data, joint, is_only=False)
+        return torque_driver(arm, data, joint, is_only=self.masses == "known")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint, or one for each base regressor."""

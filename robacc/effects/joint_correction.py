@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register, varies, weight_needed
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
+from robacc.effects.driver import circumstance_driver, is_circumstance, joint_driver, torque_driver
 from robacc.geometry import Array
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
@@ -36,11 +37,13 @@ class JointCorrection(Effect):
     degree: int = 8
 
     name = "joint_correction"
+    is_empirical = True
     about = About(
         summary="nothing named: an empirical correction of one joint as a smooth function of a driver",
         equation="theta_j + sum c_k T_k(x), T_k Chebyshev polynomials of the driver scaled to its range",
         unit="rad (m for a prismatic joint)",
         usual_size="1e-5 to 1e-3 rad",
+        usual_range=(1e-05, 0.001),
         needs="whatever drives it",
         confused_with="everything that acts on the same joint: it is offered last",
         source="a parameter times a regressor, as every effect here; prior width by marginal likelihood (REML)",
@@ -74,6 +77,17 @@ class JointCorrection(Effect):
             for a, b in possible_pairs(arm, data):
                 yield cls.over(arm, data, joint, (a, b), 4)
 
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the first of the correction's drivers."""
+        if joint is None:
+            return None
+        name, is_only = self.drivers[0], len(self.drivers) == 1
+        if name == "torque":
+            return torque_driver(arm, data, joint, is_only=is_only)
+        if is_circumstance(name):
+            return circumstance_driver(name, data, is_only=is_only)
+        return joint_driver(arm, data, joint if name == "own" else name, is_only=is_only)
+
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a polynomial; the constant belongs to joint_offset."""
         terms = []
@@ -87,8 +101,8 @@ class JointCorrection(Effect):
                 terms.append(Term(f"{self.name}.{joint}.{by}.{label}", unit, 1e-4, (part,), group, 1.0 / size))
         return tuple(terms)
 
-    def beyond(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
-        """``(N,)`` poses at which a driver is outside the range that the correction was learnt in."""
+    def outside_range(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
+        """Return ``(N,)`` where a driver is outside the range that the correction was fitted on."""
         found = np.zeros(data.n, dtype=bool)
         for joint in self.joints:
             for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
+from robacc.effects.driver import joint_driver
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -24,11 +25,16 @@ class JointCoupling(Effect):
         equation="theta_j + k q_i, i not j",
         unit="1 (rad/m, m/rad between unlike joints)",
         usual_size="1e-4 to 1e-2",
+        usual_range=(0.0001, 0.01),
         needs="q1 … qN that vary independently",
         confused_with="gear_ratio of the driving joint where both axes are parallel",
         source="a parameter times a regressor, as every effect here; Whitney, Lozinski, Rourke 1986",
         example="{effect: joint_coupling, joints: [j6], drivers: [j5], values: {j6.j5: 1e-3}}",
     )
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the joint that turns this one, where there is a single one."""
+        return joint_driver(arm, data, self.drivers[0]) if len(self.drivers) == 1 else None
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a pair of joints."""

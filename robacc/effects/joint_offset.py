@@ -6,7 +6,8 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, register
+from robacc.effects.driver import joint_driver
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -34,11 +35,16 @@ class JointOffset(Effect):
         equation="theta_j + c (revolute), d_j + c (prismatic)",
         unit="rad (m for a prismatic joint)",
         usual_size="1e-4 to 2e-3 rad",
+        usual_range=(0.0001, 0.002),
         needs="nothing",
         confused_with="base_frame.yaw (first joint), tool_frame (last joint), link_geometry across parallel axes",
         source="Wu and Lee 1984, eq. (6), M1 and M2",
         example="{effect: joint_offset, joints: [j2, j3], values: {j2: 5e-4, j3: -2e-4}}",
     )
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the joint's own variable."""
+        return None if joint is None else joint_driver(arm, data, joint)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint."""

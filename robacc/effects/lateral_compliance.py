@@ -17,12 +17,14 @@ class LateralCompliance(Elastic):
     """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions."""
 
     name = "lateral_compliance"
+    missing_reasons = ("no masses in the robot file",)
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the moment across it",
         equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the arm's moment of gravity about them "
         f"at the deflected pose; {DEFLECTIONS}",
         unit="rad/(N m)",
         usual_size="1e-8 to 1e-5 rad/(N m)",
+        usual_range=(1e-08, 1e-05),
         needs="mass and com of the links",
         confused_with="joint_compliance of neighbouring joints, base_compliance at the first joint",
         source="Tenhumberg and Baeuml 2021 (elastic calibration of Agile Justin)",
@@ -32,7 +34,7 @@ class LateralCompliance(Elastic):
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Needs masses."""
-        return None if arm.chain.bodies else "no masses in the robot file"
+        return None if arm.chain.bodies else cls.missing_reasons[0]
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint."""

@@ -34,12 +34,14 @@ class LinkGeometry(Effect):
     labels: tuple[str, ...] = ()
 
     name = "link_geometry"
+    shares_terms = True
     is_constant = True
     about = About(
         summary="link lengths, offsets and twists differ from the table",
         equation="d_j, a_j, alpha_j + c, and beta_j (Hayati's turn about y) + c; a URDF's joint origin + c",
         unit="m, rad",
         usual_size="1e-4 to 1e-3 m, 1e-4 to 1e-3 rad",
+        usual_range=(0.0001, 0.001),
         needs="nothing",
         confused_with="joint_offset, base_frame and tool_frame at the ends of the chain",
         source="Wu and Lee 1984, eq. (6), M2, M3, M4; Hayati 1983 for beta",

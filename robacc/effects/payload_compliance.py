@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Term, needed, register
+from robacc.effects.base import About, Driver, Term, needed, register
+from robacc.effects.driver import torque_driver
 from robacc.effects.elastic import DEFLECTIONS, Elastic
 from robacc.gravity.loads import payload
 from robacc.measurements import Measurements
@@ -17,12 +18,17 @@ class PayloadCompliance(Elastic):
     """Each joint turned by c times the moment of the payload about its axis, in equilibrium."""
 
     name = "payload_compliance"
+    missing_reasons = (
+        "no payload_kg column",
+        "payload_kg is zero throughout",
+    )
     about = About(
         summary="the joint gives way to the payload, which was not the same at every pose",
         equation="theta_j + c_j tau_j, tau_j the payload's moment of gravity about the axis at the deflected pose; "
         f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint)",
         usual_size="1e-7 to 1e-5 rad/(N m)",
+        usual_range=(1e-07, 1e-05),
         needs="payload_kg that varies; payload: com in the robot file (default: at the tool)",
         confused_with="joint_compliance where the payload never changes",
         source="Khalil and Dombre 2002, ch. 9.5; Nubiola and Bonev 2013",
@@ -33,8 +39,14 @@ class PayloadCompliance(Elastic):
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Needs payloads."""
         if data.payload is None:
-            return "no payload_kg column"
-        return None if data.payload.any() else "payload_kg is zero throughout"
+            return cls.missing_reasons[0]
+        return None if data.payload.any() else cls.missing_reasons[1]
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the payload's torque on the joint."""
+        if joint is None:
+            return None
+        return torque_driver(arm, data, joint, loads=payload(arm, needed(data.payload, "payload_kg", self.name)))
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term a joint."""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import Scalar
-from robacc.effects.base import About, Effect, Part, Term, needed, register, varies
+from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.driver import circumstance_driver
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -29,6 +30,7 @@ class ThermalExpansion(Effect):
     """Whether a slide's travel grows as the links do; not where it is driven against a scale that does not."""
 
     name = "thermal_expansion"
+    missing_reasons = ("neither temperature_c nor time_s varies",)
     per_joint = False
     about = About(
         summary="the links grow with temperature, or as the arm warms up where no temperature was logged",
@@ -36,6 +38,7 @@ class ThermalExpansion(Effect):
         "exp(-t / t0))) with t0 searched",
         unit="1/K (1 by time)",
         usual_size="1.2e-5 (steel) to 2.4e-5 (aluminium) per K",
+        usual_range=(1.2e-05, 2.4e-05),
         needs="temperature_c that varies, else time_s",
         confused_with="instrument_scale at one temperature, frame_drift in one region of the workspace",
         source="ISO 1 for the reference temperature; Renders et al. 1991 for the size",
@@ -47,7 +50,7 @@ class ThermalExpansion(Effect):
         """Needs a temperature or a time that varies."""
         if varies(data.temperature) or varies(data.time):
             return None
-        return "neither temperature_c nor time_s varies"
+        return cls.missing_reasons[0]
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
@@ -65,6 +68,10 @@ class ThermalExpansion(Effect):
             constants.extend(span * share for share in (0.05, 0.1, 0.2, 0.4, 0.8, 1.6))
         for slides in (True, False) if _travels(arm) else (True,):
             yield from (cls(time_constant=constant, slides=slides) for constant in constants)
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the temperature, or the time where that stands for it."""
+        return circumstance_driver("temperature_c" if self.time_constant is None else "time_s", data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """One term that moves every length."""

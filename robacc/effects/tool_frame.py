@@ -20,6 +20,7 @@ class ToolFrame(Effect):
     """Six coordinates of the tool, or of each of several targets."""
 
     name = "tool_frame"
+    is_frame = True
     is_constant = True
     per_joint = False
     about = About(
@@ -27,6 +28,7 @@ class ToolFrame(Effect):
         equation="tool x, y, z + dx, dy, dz; then turned about its own x, y, z; for each target its own",
         unit="m, rad",
         usual_size="1e-3 m, 1e-3 rad after mounting by hand",
+        usual_range=(0.001, 0.01),
         needs="nothing; the turns only where orientation was measured",
         confused_with="the last joint's theta, d, a, alpha",
         source="Wu and Lee 1984, eq. (3), with the tool as one more link",

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, orders_setting, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
+from robacc.effects.driver import joint_driver
+from robacc.effects.orders import ONE_TURN, ORDER_STEP, SAME_ORDER
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -26,11 +29,13 @@ class TransmissionError(Effect):
     shrunk: bool = False
 
     name = "transmission_error"
+    shares_terms = True
     about = About(
         summary="a periodic error of the joint: eccentricity (once, twice per turn), gear teeth, a strain-wave gear",
         equation="theta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2, the gear's orders, or orders found in the data",
         unit="rad",
         usual_size="1e-5 to 1e-3 rad",
+        usual_range=(1e-05, 0.001),
         needs="q1 … qN; for order n poses closer than 1/(2n) turn somewhere",
         confused_with="joint_compliance (order 1, axis horizontal), gear_ratio over a narrow range",
         source="Tuttle 1992 (strain-wave gears); Landgraf et al. 2021 for a UR10",
@@ -57,6 +62,43 @@ class TransmissionError(Effect):
             ratio = arm.joint(joint).gear_ratio
             if ratio:
                 yield cls((joint,), (float(ratio),))
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the joint's own variable."""
+        return None if joint is None else joint_driver(arm, data, joint)
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key with searched orders rounded to the grid of orders."""
+        if self.shrunk:
+            return self.key()
+        return (self.name, self.joints, tuple(round(order / ORDER_STEP) for order in self.orders))
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other`` has an order in common, or holds the orders of this one in its profile."""
+        if not isinstance(other, TransmissionError) or self.joints != other.joints:
+            return False
+        if self.shrunk:
+            return True
+        if other.shrunk:
+            return max(self.orders) <= max(other.orders)
+        return any(abs(order - order2) <= SAME_ORDER for order in self.orders for order2 in other.orders)
+
+    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
+        """Return whether it is ``other``, or a profile of the joint that ``other`` is a part of.
+
+        Over more than one turn whole orders do not make up the orders between them, so those still compete.
+        """
+        if self.key() == other.key():
+            return True
+        if not self.shrunk or not isinstance(other, TransmissionError) or self.joints != other.joints:
+            return False
+        if max(other.orders) > max(self.orders):
+            return False
+        return ranges.get(self.joints[0], math.inf) <= ONE_TURN or set(other.orders) <= set(self.orders)
+
+    def is_profile(self) -> bool:
+        """Return whether it is the joint's whole profile."""
+        return self.shrunk
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Two terms a joint and order."""

@@ -22,7 +22,7 @@ from robacc.fitting.gauss_newton import minimise, posterior
 from robacc.fitting.identifiability import Dropped, Identifiability, identify
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.shrinkage import Priors
-from robacc.fitting.weak_parameters import FRAMES, WEAK, prior_std, std_at_nominal
+from robacc.fitting.weak_parameters import WEAK, prior_std, std_at_nominal
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -134,7 +134,7 @@ def fit(model: Model, data: Measurements, options: Options = Options()) -> Fit:
         UsageError: the data lack what an effect needs.
     """
     names = {effect.name for effect in model.free}
-    if names & FRAMES and options.start is None:
+    if any(effect.is_frame for effect in model.free) and options.start is None:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)

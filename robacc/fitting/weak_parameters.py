@@ -12,8 +12,6 @@ from robacc.fitting.normal_equations import PoseEquations
 from robacc.geometry import Array
 from robacc.modelling.model import Model
 
-FRAMES = frozenset({"base_frame", "tool_frame"})
-"""Constants of the set-up and not of the arm, which may be anything."""
 PRIOR_SIZES = 3.0
 """Times its usual size that a constant of a badly made arm is off: 3 mm or 3 mrad."""
 WEAK = 0.3
@@ -22,7 +20,7 @@ WEAK = 0.3
 
 def prior_std(equations: PoseEquations, model: Model) -> Array:
     """``(K,)`` by how much each coefficient kept is off on a badly made arm (m or rad); inf of what is no constant."""
-    constant = [effect.is_constant and effect.name not in FRAMES for effect in model.free]
+    constant = [effect.is_constant and not effect.is_frame for effect in model.free]
     return np.array(
         [
             PRIOR_SIZES * equations.terms[i].typical if constant[equations.owners[i]] else np.inf

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.transmission_error import TransmissionError
+from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
@@ -138,7 +138,7 @@ class CandidateScorer:
         for wave, family in zip(self.waves, self._spectra, strict=True):
             scores = family.judge(conditioned, best_only=True)
             best = int(np.argmax(scores.evidence))
-            effect = TransmissionError((wave.joint,), (float(wave.orders[best]),))
+            effect = of_order(wave.joint, float(wave.orders[best]))
             ranked.append(_ranked(Candidate(effect, (), wave.log_prior), scores, best))
         if with_blocks:
             ranked.extend(self._rank_blocks(conditioned))

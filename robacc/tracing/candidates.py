@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.joint_correction import JointCorrection
 from robacc.effects.orders import supported_orders
-from robacc.effects.transmission_error import TransmissionError
+from robacc.effects.periodic import PERIODIC, periodic_joints, profile
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -23,8 +22,6 @@ from robacc.robots.arm import Arm
 
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
 """Of a joint's whole profile."""
-_TURN = 2.1 * math.pi
-"""rad: what is still one turn of a joint."""
 _UNITS = 80.0
 """Effects times joints that compete on a six-axis arm: what a searched order or a block has against it."""
 _SHRUNK_AGAINST_NAMED = 1e-3
@@ -55,14 +52,7 @@ class Candidate:
         ``over`` is the range that each joint was seen in: over more than a turn whole orders do not make up the ones
         between them, so those still compete.
         """
-        if self.key == other.key:
-            return True
-        one, two = self.effect, other.effect
-        if not isinstance(one, TransmissionError) or not one.shrunk or not isinstance(two, TransmissionError):
-            return False
-        if one.joints != two.joints or max(two.orders) > max(one.orders):
-            return False
-        return over.get(one.joints[0], math.inf) <= _TURN or set(two.orders) <= set(one.orders)
+        return self.effect.covers(other.effect, over)
 
     @cached_property
     def weights(self) -> Array:
@@ -78,7 +68,7 @@ class Candidate:
     @property
     def is_correction(self) -> bool:
         """Whether it is a block that was asked for only because named terms did not do."""
-        return self.is_block and self.effect.settings().get("masses") is None
+        return self.effect.is_profile()
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +107,7 @@ def named_candidates(
     families: dict[str, list[Effect]] = {}
     missing: dict[str, str] = {}
     for name, cls in REGISTRY.items():
-        if name == JointCorrection.name or (only is not None and name not in only):
+        if cls.is_empirical or (only is not None and name not in only):
             continue
         why = cls.missing(arm, data)
         if why is not None:
@@ -147,10 +137,10 @@ def named_candidates(
 
 def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[OrderGrid]:
     """For each joint that turns, the orders its poses can show."""
-    if only is not None and TransmissionError.name not in only:
+    if only is not None and PERIODIC not in only:
         return []
-    q = commanded(data, TransmissionError.name)
-    names = TransmissionError.possible_joints(arm)
+    q = commanded(data, PERIODIC)
+    names = periodic_joints(arm)
     result = []
     for joint in names:
         angle = q[arm.number(joint)]
@@ -165,24 +155,29 @@ def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None)
 
 def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[Candidate]:
     """For each joint that turns, its whole periodic profile as one shrunk block."""
-    if only is not None and TransmissionError.name not in only:
+    if only is not None and PERIODIC not in only:
         return []
-    q = commanded(data, TransmissionError.name)
-    names = TransmissionError.possible_joints(arm)
+    q = commanded(data, PERIODIC)
+    names = periodic_joints(arm)
     result = []
     for joint in names:
         supported = supported_orders(q[arm.number(joint)])
         orders = tuple(order for order in PROFILE_ORDERS if supported.size and order <= supported[-1])
         if len(orders) < _FEWEST_ORDERS:
             continue
-        effect = TransmissionError((joint,), orders, True)
+        effect = profile(joint, orders)
         result.append(Candidate(effect, effect.terms(arm, data), BLOCK_LOG_PRIOR))
     return result
 
 
-def corrections(arm: Arm, data: Measurements) -> list[Candidate]:
+def corrections(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[Candidate]:
     """Empirical corrections: every joint, every driver and pair of drivers."""
-    effects = list(JointCorrection.candidates(arm, data))
+    effects = [
+        effect
+        for cls in REGISTRY.values()
+        if cls.is_empirical and (only is None or cls.name in only)
+        for effect in cls.candidates(arm, data)
+    ]
     prior = -math.log(_UNITS * max(len(effects), 1) / len(arm.names)) + math.log(_SHRUNK_AGAINST_NAMED)
     return [Candidate(effect, effect.terms(arm, data), prior) for effect in effects]
 

@@ -17,12 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.deflection_model import choose_deflection, with_deflection
 from robacc.fitting.forms import choose_form
-from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -36,8 +34,6 @@ Progress = Callable[[str, int, int], None]
 
 _FOLD_POSES = 400
 """Poses that the choice within a fold looks at, at most."""
-_SAME_LINE = 0.5
-"""Orders nearer than this are one line found twice."""
 _SHARED_FROM = 600
 """Poses from which a second process is worth its start."""
 
@@ -243,7 +239,7 @@ def _again(
     findings: Sequence[Effect], selection: Selection, chosen: Sequence[tuple[Chosen, Effect]]
 ) -> list[list[Effect]]:
     """For each finding what a fold has of it: itself, or what these poses cannot tell from it."""
-    found = [[effect for _, effect in chosen if _same(finding, effect)] for finding in findings]
+    found = [[effect for _, effect in chosen if finding.is_same_finding(effect)] for finding in findings]
     if all(found):
         return found
     others = [{(other.effect, other.joints) for other in rivals(selection, one)[1]} for one, _ in chosen]
@@ -251,19 +247,6 @@ def _again(
         same or [effect for (_, effect), names in zip(chosen, others, strict=True) if (f.name, f.joints) in names]
         for f, same in zip(findings, found, strict=True)
     ]
-
-
-def _same(finding: Effect, other: Effect) -> bool:
-    """Whether a fold found the same: of periodic errors with a line in common, or the joint's whole profile."""
-    if (finding.name, finding.joints) != (other.name, other.joints):
-        return False
-    if not isinstance(finding, TransmissionError) or not isinstance(other, TransmissionError):
-        return True
-    if finding.shrunk:
-        return True
-    if other.shrunk:
-        return max(finding.orders) <= max(other.orders)
-    return any(abs(one - two) <= _SAME_LINE for one in finding.orders for two in other.orders)
 
 
 def _options(found: Fit) -> Options:
@@ -286,7 +269,7 @@ def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Arr
     To first order, which a frame does not allow: it is registered over metres and any angle. None for such, and where
     the rest then asks for compliances that have no equilibrium.
     """
-    if any(effect.name in ALIGNABLE for effect in absent):
+    if any(effect.is_frame for effect in absent):
         return None
     numbers = {i for i, effect in enumerate(with_deflection(complete.model.free, "equilibrium")) if effect in absent}
     try:

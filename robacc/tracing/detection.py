@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.noncentral import needed_noncentrality
+from robacc.statistics.noncentral_f import needed_noncentrality
 from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import Candidate
 from robacc.tracing.evidence import Conditioned

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.accuracy.figures import pose_metrics
+from robacc.accuracy.metrics import pose_metrics
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect
-from robacc.effects.transmission_error import TransmissionError
+from robacc.effects.periodic import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.deflection_model import with_deflection
 from robacc.fitting.parameters import FittedParameter, parameters
@@ -20,7 +20,7 @@ from robacc.measurements import Measurements
 from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.cross_validation import CrossValidation
 from robacc.tracing.harmonics import Harmonic, fitted_harmonics, profile_harmonics
-from robacc.tracing.loop import SearchResult, coarse
+from robacc.tracing.loop import SearchResult
 from robacc.tracing.rivals import Alternative, lag_refitted, rivals
 from robacc.tracing.selection import SelectionStep
 
@@ -67,7 +67,7 @@ def describe_finding(
 
     It competes in equilibrium; the final fit may have it in the other form.
     """
-    one = next((c for c in loop.selection.chosen if coarse(c.candidate.effect) == coarse(effect)), None)
+    one = next((c for c in loop.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None)
     if one is not None:
         refitted = lag_refitted(loop, one, effect, data) if final.theta.size <= _MOST_TO_REFIT else None
         own, alternatives = rivals(loop.selection, one, refitted)
@@ -117,9 +117,9 @@ def _lines(
     loop: SearchResult, effect: Effect, one: Chosen | None, own: Sequence[FittedParameter], covariance: Array
 ) -> tuple[Harmonic, ...]:
     """The strong lines of a periodic error."""
-    if not isinstance(effect, TransmissionError):
+    if not orders_of(effect):
         return ()
-    if effect.shrunk and one is not None:
+    if effect.is_profile() and one is not None:
         return profile_harmonics(loop.selection, one)
     return fitted_harmonics(effect, own, covariance)
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.transmission_error import TransmissionError
+from robacc.effects.base import Effect
+from robacc.effects.periodic import of_order, orders_of
 from robacc.fitting.parameters import FittedParameter
 from robacc.geometry import Array
 from robacc.tracing.candidate_scorer import Chosen
@@ -33,14 +34,12 @@ class Harmonic:
     phase_std: float | None
 
 
-def fitted_harmonics(
-    effect: TransmissionError, own: Sequence[FittedParameter], covariance: Array
-) -> tuple[Harmonic, ...]:
+def fitted_harmonics(effect: Effect, own: Sequence[FittedParameter], covariance: Array) -> tuple[Harmonic, ...]:
     """The lines of an effect of few orders, strongest first, from its parameters: cosine and sine of each order.
 
     ``covariance`` ``(2 K, 2 K)`` is the parameters', NaN where one is not identified.
     """
-    found = _lines(effect.orders, np.array([one.value for one in own]), covariance)
+    found = _lines(orders_of(effect), np.array([one.value for one in own]), covariance)
     return tuple(sorted(found, key=lambda line: -line.amplitude))
 
 
@@ -88,9 +87,9 @@ def profile_harmonics(selection: Selection, one: Chosen) -> tuple[Harmonic, ...]
     left = max(conditioned.energy - float(values @ conditioned.moment[columns]), 0.0)
     variance = left / max(conditioned.freedom - columns.size, 1.0)
     covariance = np.asarray(variance * np.linalg.pinv(conditioned.block(columns), hermitian=True), dtype=np.float64)
-    orders = [float(line.candidate.effect.settings()["orders"][0]) for line in taken]
+    orders = [orders_of(line.candidate.effect)[0] for line in taken]
     return tuple(_lines(orders, values, covariance))
 
 
 def _candidate(wave: OrderGrid, order: float) -> Candidate:
-    return Candidate(TransmissionError((wave.joint,), (order,)), (), wave.log_prior)
+    return Candidate(of_order(wave.joint, order), (), wave.log_prior)

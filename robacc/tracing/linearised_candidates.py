@@ -73,8 +73,7 @@ class LinearisedCandidates:
         """Rich blocks: periodic profiles and empirical corrections."""
         arm = self.model.arm
         found = profiles(arm, self.data, self.only)
-        if self.only is None or "joint_correction" in self.only:
-            found += corrections(arm, self.data)
+        found += corrections(arm, self.data, self.only)
         return found
 
     def selection(
@@ -163,7 +162,7 @@ def linearise(
     unique: dict[str, Term] = {}
     for candidate in pool:
         for term in candidate.terms:
-            unique.setdefault(_identity(candidate.effect, term), term)
+            unique.setdefault(candidate.effect.term_key(term), term)
     joints = tuple(Term(f"joint {i}", "", 1.0, (Part(motion),)) for i, motion in enumerate(arm.chain.joint_axis))
     bound = model.bind(data)
     count = len(bound.terms)
@@ -176,7 +175,7 @@ def linearise(
     kept = found.identifiability.kept
     number = {key: i for i, key in enumerate(unique)}
     places = tuple(
-        np.array([number[_identity(candidate.effect, term)] for term in candidate.terms]) for candidate in pool
+        np.array([number[candidate.effect.term_key(term)] for term in candidate.terms]) for candidate in pool
     )
     return LinearisedCandidates(
         model=model,
@@ -192,9 +191,3 @@ def linearise(
         missing=missing,
         only=None if only is None else tuple(only),
     )
-
-
-def _identity(effect: Effect, term: Term) -> str:
-    """What makes two terms of the pool the same column."""
-    scope = "" if effect.name in ("transmission_error", "axis_wobble", "link_geometry") else str(effect.key())
-    return f"{term.name}|{scope}"

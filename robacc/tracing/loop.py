@@ -10,9 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.orders import ORDER_STEP
-from robacc.effects.transmission_error import TransmissionError
-from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -88,12 +85,12 @@ def search(
     frames: tuple[Effect, ...] = ()
     for _ in range(_ROUNDS):
         chosen = frames + tuple(selection.refined(one) for one in selection.chosen)
-        if [coarse(effect) for effect in chosen] == [coarse(effect) for effect in effects]:
+        if [effect.search_key() for effect in chosen] == [effect.search_key() for effect in effects]:
             break
         effects = chosen
         # A frame that was found is registered anew by every fit, so it does not compete again.
-        frames = tuple(effect for effect in effects if effect.name in ALIGNABLE)
-        rest = tuple(effect for effect in effects if effect.name not in ALIGNABLE)
+        frames = tuple(effect for effect in effects if effect.is_frame)
+        rest = tuple(effect for effect in effects if not effect.is_frame)
         present = refit(present, (*declared.model.free, *frames, *rest), data, options)
         scene = linearise(present, data, (*model.free, *frames), only)
         selection = choose(scene, everything, rest, empirical)
@@ -122,11 +119,4 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Frames first, so that they keep their parameters where poses cannot tell two apart."""
-    return tuple(sorted(effects, key=lambda effect: effect.name not in ALIGNABLE))
-
-
-def coarse(effect: Effect) -> tuple[object, ...]:
-    """An effect's key with searched orders rounded to the grid: the same line found again has the same."""
-    if isinstance(effect, TransmissionError) and not effect.shrunk:
-        return (effect.name, effect.joints, tuple(round(order / ORDER_STEP) for order in effect.orders))
-    return effect.key()
+    return tuple(sorted(effects, key=lambda effect: not effect.is_frame))

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from robacc.effects.base import Effect
 from robacc.effects.orders import ORDER_STEP
-from robacc.effects.transmission_error import TransmissionError
-from robacc.fitting.registration import ALIGNABLE
+from robacc.effects.periodic import of_order, searched_order
 from robacc.tracing.candidate_scorer import CandidateScorer, Chosen, Ranked
 from robacc.tracing.candidates import Candidate
 
@@ -69,16 +68,14 @@ class Selection:
     def refined(self, one: Chosen) -> Effect:
         """A finding with its order improved off the grid, where it is a single searched order."""
         effect = one.candidate.effect
-        if not isinstance(effect, TransmissionError) or effect.shrunk or len(effect.orders) != 1:
-            return effect
-        order = effect.orders[0]
-        wave = next((w for w in self.field.waves if w.joint == effect.joints[0]), None)
-        if order in (1.0, 2.0) or wave is None:
+        order = searched_order(effect)
+        wave = next((w for w in self.field.waves if w.joint in effect.joints), None)
+        if order is None or wave is None:
             return effect
         conditioned = self.field.condition(self.chosen, without=one)
         for span in (ORDER_STEP, ORDER_STEP / 8):
             order = self.field.best_order(conditioned, wave, order, span)
-        return TransmissionError(effect.joints, (round(order, 4),))
+        return of_order(wave.joint, round(order, 4))
 
     def run(self, with_blocks: bool = False) -> None:
         """Forward until nothing is significant, each time putting every earlier finding to the test again."""
@@ -110,7 +107,7 @@ class Selection:
     def _rebuild(self) -> None:
         """Forbid each finding in turn and choose again: what greed took first may have stood in for two others."""
         for one in sorted(self.chosen, key=lambda item: -item.columns.size):
-            if one not in self.chosen or one.candidate.effect.name in ALIGNABLE:
+            if one not in self.chosen or one.candidate.effect.is_frame:
                 continue
             before, total, steps = list(self.chosen), self.total(), list(self.steps)
             self.chosen = [other for other in before if other is not one]

@@ -18,7 +18,6 @@ from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.deflection_model import DeflectionChoice
 from robacc.fitting.forms import choose_form
 from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.warnings import (
     condition_warning,
@@ -35,7 +34,7 @@ from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, reduced
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, describe_finding
-from robacc.tracing.loop import SEARCH, SearchResult, coarse, frames_first, refit, search
+from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit, search
 from robacc.tracing.selection import FALSE_ALARM, SelectionStep
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
@@ -87,7 +86,7 @@ class Trace:
     warnings: tuple[str, ...]
     residuals: Residuals
     """Of every pose, those left out as outliers too."""
-    apart: Residuals | None
+    holdout: Residuals | None
     """Of the poses of ``holdout``, where there are such."""
 
 
@@ -152,7 +151,7 @@ def trace(
             *condition_warning(declared),
         ),
         residuals=shown.residuals,
-        apart=shown.apart,
+        holdout=shown.holdout,
     )
 
 
@@ -164,12 +163,12 @@ def _reproduced(loop: SearchResult, held: CrossValidation | None, data: Measurem
     effects = loop.effects
     if held is not None and held.folds:
         effects = tuple(effect for effect in effects if 2 * held.chosen[effect.key()] >= held.folds)
-    keys = {coarse(effect) for effect in effects}
-    chosen = [one for one in loop.selection.chosen if coarse(one.candidate.effect) in keys]
+    keys = {effect.search_key() for effect in effects}
+    chosen = [one for one in loop.selection.chosen if one.candidate.effect.search_key() in keys]
     selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
     selection.prune()
-    keys = {coarse(one.candidate.effect) for one in selection.chosen}
-    effects = tuple(effect for effect in effects if effect.name in ALIGNABLE or coarse(effect) in keys)
+    keys = {one.candidate.effect.search_key() for one in selection.chosen}
+    effects = tuple(effect for effect in effects if effect.is_frame or effect.search_key() in keys)
     if len(effects) == len(loop.effects):
         return loop
     free = (*loop.declared.model.free, *frames_first(effects))

@@ -1,0 +1,36 @@
+"""Periodic errors of one joint as a search builds them: of one order, or the joint's whole profile."""
+
+from __future__ import annotations
+
+from robacc.effects.base import Effect
+from robacc.effects.transmission_error import TransmissionError
+from robacc.robots.arm import Arm
+
+PERIODIC = TransmissionError.name
+"""Name of the effect that a search over orders finds."""
+
+
+def periodic_joints(arm: Arm) -> tuple[str, ...]:
+    """Return the joints that turn."""
+    return TransmissionError.possible_joints(arm)
+
+
+def of_order(joint: str, order: float) -> Effect:
+    """Return the periodic error of ``joint`` of one order (periods per turn)."""
+    return TransmissionError((joint,), (order,))
+
+
+def profile(joint: str, orders: tuple[float, ...]) -> Effect:
+    """Return the periodic error of ``joint`` of all ``orders``, shrunk by a common prior."""
+    return TransmissionError((joint,), orders, True)
+
+
+def orders_of(effect: Effect) -> tuple[float, ...]:
+    """Return the orders of a periodic error; none of any other effect."""
+    return effect.orders if isinstance(effect, TransmissionError) else ()
+
+
+def searched_order(effect: Effect) -> float | None:
+    """Return the order of an effect that a search found: a single order that is not 1 or 2."""
+    orders = orders_of(effect)
+    return orders[0] if len(orders) == 1 and not effect.is_profile() and orders[0] not in (1.0, 2.0) else None

@@ -1,0 +1,44 @@
+"""Columns and masses that an effect cannot do without."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robacc.errors import UsageError
+from robacc.geometry import Array
+from robacc.gravity.loads import Load, own_weight
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+
+def needed(column: Array | None, name: str, effect: str) -> Array:
+    """Return a column that an effect cannot do without.
+
+    Raises:
+        UsageError: the data have none.
+    """
+    if column is None:
+        raise UsageError(f"{effect} needs the column {name}, which the poses do not have")
+    return column
+
+
+def commanded(data: Measurements, effect: str) -> Array:
+    """Return the commanded joint variables ``(J, N)``."""
+    return needed(data.q, "q1 … qN", effect)
+
+
+def weight_needed(arm: Arm, effect: str) -> tuple[Load, ...]:
+    """Return the arm's own weight, which an effect cannot do without.
+
+    Raises:
+        UsageError: the robot file has no masses.
+    """
+    loads = own_weight(arm)
+    if not loads:
+        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
+    return loads
+
+
+def varies(column: Array | None) -> bool:
+    """Return whether a column exists and takes more than one value."""
+    return column is not None and column.size > 1 and bool(np.ptp(column) > 0)

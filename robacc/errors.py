@@ -1,6 +1,7 @@
-"""What can go wrong with input, said so that the user can mend it.
+"""Errors of input and of calls: each says what happened, where, and what to do.
 
-The library raises these and never prints or exits; :mod:`robacc.cli` maps them to one red line and an exit status.
+The library raises these and never prints or exits; :mod:`robacc.cli` maps them to one red line and an exit status. A
+message names a parameter of the call in backquotes, as its signature spells it; the command line shows it as an option.
 """
 
 from __future__ import annotations
@@ -10,59 +11,65 @@ from dataclasses import dataclass
 from typing import Literal
 
 Counted = Literal["line", "row"]
-"""What places in a file are counted in."""
+"""Unit that places in a file are counted in."""
 
 MAX_PROBLEMS = 20
+"""Problems that one error carries at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing wrong with one place of one file."""
+    """A defect at one place of one file."""
 
     message: str
-    """What was found and what was expected, in one sentence without a full stop."""
+    """The value in the file and the expected value, in one sentence without a full stop."""
     file: str | None = None
     line: int | None = None
     """1-based line of the file, as an editor counts them."""
     column: str | None = None
     """Name of the CSV column, or dotted key of the YAML document (``joints[2].alpha``)."""
     fix: str | None = None
-    """What to do about it."""
+    """Advice on how to correct it."""
     row: int | None = None
     """1-based row of a table that has no lines, in place of ``line``."""
 
     @property
     def place(self) -> str:
         """``file:line, column`` or ``file, row 7, column``, as far as it is known."""
-        whole = ":".join(str(part) for part in (self.file, self.line) if part is not None)
+        position = ":".join(str(part) for part in (self.file, self.line) if part is not None)
         row = None if self.row is None else f"row {self.row}"
-        return ", ".join(part for part in (whole, row, self.column) if part)
+        return ", ".join(part for part in (position, row, self.column) if part)
 
     def __str__(self) -> str:
-        """``place: message; fix``."""
+        """Return ``place: message; fix``."""
         text = f"{self.place}: {self.message}" if self.place else self.message
         return f"{text}; {self.fix}" if self.fix else text
 
 
 class RobaccError(Exception):
-    """Root of every error that robacc raises on purpose."""
+    """Base of every error that robacc raises on purpose."""
 
     exit_status = 1
+    """Status that the command line exits with."""
 
 
 class UsageError(RobaccError):
-    """The command line or the call asks for something that does not exist or does not fit together (exit 2)."""
+    """A call asks for something that does not exist, or its arguments contradict each other (exit 2)."""
 
     exit_status = 2
 
 
+class MissingColumnError(UsageError):
+    """The poses lack a column that an effect depends on."""
+
+
 class InputError(RobaccError):
-    """A file, or the data in it, cannot be used (exit 3). Carries every problem found, not only the first."""
+    """A file, or the data in it, cannot be used (exit 3). Carries every problem, not only the first."""
 
     exit_status = 3
 
     def __init__(self, problems: Sequence[Problem] | Problem | str, *, total: int | None = None) -> None:
-        """Hold ``problems``; ``total`` counts those found when the list was cut at :data:`MAX_PROBLEMS`."""
+        """Store at most :data:`MAX_PROBLEMS` problems; ``total`` counts those before the list was cut."""
         if isinstance(problems, str):
             problems = (Problem(problems),)
         elif isinstance(problems, Problem):
@@ -76,4 +83,4 @@ class InputError(RobaccError):
 
 
 class EquilibriumError(InputError):
-    """A compliance is so large that the arm has no elastic equilibrium under its weight."""
+    """The arm has no elastic equilibrium under its weight, because a compliance is too large."""

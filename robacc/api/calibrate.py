@@ -94,10 +94,10 @@ def calibrate(
     asked = given(poses, robot, holdout, ordered, base_link, tip_link)
     requests = parse_requests(listed(fit))
     if not requests:
-        raise UsageError("--fit names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
+        raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
     priors = tolerance_priors(asked.robot) if prior else {}
     if prior and not priors:
-        raise UsageError(f"--prior: {path_of(robot) or asked.robot.name} has no tolerance on any joint")
+        raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or asked.robot.name} has none on any joint")
     found = fit_effects(
         asked.robot,
         asked.data,

@@ -75,7 +75,7 @@ def compare(
     """
     within("seed", seed, 0)
     if scale is not None and grade is None:
-        raise UsageError("--scale is of the grade that --grade names")
+        raise UsageError("`scale` needs `grade`, the grade to check the results for")
     subjects, inputs = _load(results)
     scale_read, scale_record = scale_of(scale)
     found = compared(

@@ -32,12 +32,12 @@ class Estimate(Result, EstimateResult):
 
     def payload(self) -> dict[str, Any]:
         """The result's own keys; arrays stay arrays."""
-        from robacc.accuracy.error_frames import position_moments
+        from robacc.accuracy.error_frames import position_statistics
         from robacc.accuracy.pose_errors import commanded_poses
         from robacc.documents.estimate import payload, pose_payload
 
         aligned = self.robot if self.alignment is None else self.alignment.robot
-        moments = position_moments(self.data, commanded_poses(self.data, aligned))
+        moments = position_statistics(self.data, commanded_poses(self.data, aligned))
         return {**payload(self), **pose_payload(self.data, self.robot, moments)}
 
     def per_pose_csv(self) -> str:
@@ -100,7 +100,7 @@ def estimate(
     data, record = poses_of(poses, arm, ordered=ordered)
     grades, scale_record = scale_of(scale)
     what = names(align)
-    found = estimated(data, arm, frame=frame, what=what, scale=grades, confidence=confidence, seed=seed)
+    found = estimated(data, arm, frame=frame, align=what, scale=grades, confidence=confidence, seed=seed)
     seen = met_again(arm, (record,))
     notes = (*found.notes, *(["the robot file was fitted to these same poses"] if seen else []))
     found = dataclasses.replace(found, notes=notes, warnings=(*found.warnings, *seen))

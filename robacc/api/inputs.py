@@ -51,7 +51,7 @@ def robot_of(
     """
     if source is None:
         if base_link or tip_link:
-            raise UsageError("--base-link and --tip-link choose a chain of the URDF that --robot names")
+            raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
         return None, ()
     robot, record = needed_robot_of(source, base_link, tip_link)
     return robot, (record,)
@@ -68,7 +68,7 @@ def needed_robot_of(
     """
     if isinstance(source, Robot):
         if base_link is not None or tip_link is not None:
-            raise UsageError("base_link and tip_link choose a chain of a URDF as it is read; this robot has been read")
+            raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
         from robacc.robots.yaml_writer import robot_to_yaml
 
         text = robot_to_yaml(in_si(source))
@@ -117,7 +117,7 @@ def poses_of(
     """
     if isinstance(source, Measurements):
         if ordered and not source.ordered:
-            raise UsageError("ordered is of a file as it is read; use read_poses(path, ordered=True)")
+            raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
         data = checked(source, robot)
         if robot is not None and (wrong := _wrong_targets(data, robot)):
             raise InputError(wrong)

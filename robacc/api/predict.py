@@ -174,17 +174,17 @@ def _check(
     target: str | None,
 ) -> None:
     if poses is not None and samples is not None:
-        raise UsageError("--poses and --samples both say where to predict; give one of them")
+        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
     if against is not None and samples is not None:
-        raise UsageError("--against predicts at the measured poses; leave out --samples")
+        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
     if against is None:
-        for name, value in (("--align", align or None), ("--noise", noise)):
+        for name, value in (("align", align or None), ("noise", noise)):
             if value is not None:
-                raise UsageError(f"{name} is about measured poses, so it needs --against")
+                raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
     if target is not None and (poses is not None or against is not None):
-        raise UsageError("--target is of sampled configurations; the poses of a file name theirs in a column target")
+        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
     if path_of(poses) == path_of(against) == STDIN:
-        raise UsageError("standard input can be read once: --poses or --against, not both")
+        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
 
 
 def _noise(noise: str | Noise | None) -> Noise:
@@ -197,11 +197,11 @@ def _noise(noise: str | Noise | None) -> Noise:
         return None, None
     sizes = noise.split(",") if isinstance(noise, str) else noise
     if len(sizes) > 2:
-        raise UsageError(f"--noise: expected a length and perhaps an angle, as in 0.02mm,0.01deg, found {noise!r}")
+        raise UsageError(f"`noise`: expected a length and perhaps an angle, as in 0.02mm,0.01deg, found {noise!r}")
     position, rotation = (*sizes, None)[:2]
     return (
-        None if position is None else size(position, "length", "--noise"),
-        None if rotation is None else size(rotation, "angle", "--noise"),
+        None if position is None else size(position, "length", "`noise`"),
+        None if rotation is None else size(rotation, "angle", "`noise`"),
     )
 
 

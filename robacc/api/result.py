@@ -122,7 +122,7 @@ def one_of(option: str, value: object, allowed: Sequence[object]) -> None:
         UsageError: it is not one of ``allowed``.
     """
     if value not in allowed:
-        raise UsageError(f"{option}: expected one of {', '.join(map(repr, allowed))}, found {value!r}")
+        raise UsageError(f"`{option}`: expected one of {', '.join(map(repr, allowed))}, found {value!r}")
 
 
 def within(option: str, value: float, low: float, high: float = math.inf) -> None:
@@ -132,5 +132,5 @@ def within(option: str, value: float, low: float, high: float = math.inf) -> Non
         UsageError: it is below ``low`` or above ``high``.
     """
     if not low <= value <= high:
-        limits = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-        raise UsageError(f"{option}: expected a number of {limits}, found {value!r}")
+        limits = f"of at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+        raise UsageError(f"`{option}`: expected a number {limits}, found {value!r}")

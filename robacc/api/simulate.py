@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of, some_poses
 from robacc.api.result import Made, Result, one_of, parts, within
 from robacc.documents.envelope import InputFile
-from robacc.errors import UsageError
+from robacc.errors import MissingColumnError, UsageError
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import pose_pieces, read_poses
 from robacc.quantities import size
@@ -138,17 +138,17 @@ def simulate(
         20
     """
     if (poses is None) == (at is None):
-        raise UsageError("give either --poses, how many to sample, or --at, a CSV of poses to visit")
+        raise UsageError("give either `poses`, the number of poses to sample, or `at`, the poses to visit")
     plan = Plan(
         poses=poses or 0,
         seed=seed,
         cycles=cycles,
         sampling=sampling,
-        noise_position=size(noise, "length", "--noise"),
-        noise_orientation=size(noise_orientation, "angle", "--noise-orientation"),
+        noise_position=size(noise, "length", "`noise`"),
+        noise_orientation=size(noise_orientation, "angle", "`noise_orientation`"),
         sigma=sigma,
         outliers=outliers,
-        outlier_size=size(outlier_size, "length", "--outlier-size"),
+        outlier_size=size(outlier_size, "length", "`outlier_size`"),
         orientation=not position_only,
         commanded=commanded,
         motion=motion,
@@ -161,9 +161,9 @@ def simulate(
     planned, records = _planned(at, arm)
     try:
         found = simulated(arm, plan, planned)
-    except UsageError as error:
-        tip = "; --time-step, --temperature and --payload give circumstances" if "column" in str(error) else ""
-        raise type(error)(f"{error}{tip}") from error
+    except MissingColumnError as error:
+        message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
+        raise MissingColumnError(message) from error
     made = Made(dataclasses.asdict(plan), (arm_record, *records), seed)
     return Simulated(**parts(found), robot=arm, plan=plan, made=made)
 
@@ -177,11 +177,11 @@ def _check(plan: Plan, poses: int | None) -> None:
     within("time_step", plan.time_step or 0.0, 0.0)
     for weight in plan.payloads:
         if not 0 <= weight < math.inf:
-            raise UsageError(f"--payload: a payload is a number that is not negative, found {weight:g}")
+            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {weight:g}")
     if not all(map(math.isfinite, plan.temperature or ())):
-        raise UsageError("--temperature: expected finite numbers")
+        raise UsageError("`temperature`: expected finite numbers")
     if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
-        raise UsageError("--sigma needs a noise above zero: --noise, and --noise-orientation unless --position-only")
+        raise UsageError("`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`")
 
 
 def _noise_told(plan: Plan) -> str:

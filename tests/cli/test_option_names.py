@@ -1,0 +1,112 @@
+"""The library names parameters, the command line options: no text outside ``robacc.cli`` is spelled for one of them."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import FunctionType
+
+import pytest
+
+import robacc
+from robacc.errors import InputError, Problem, UsageError
+from robacc.render.text.console import say_error
+from robacc.render.text.parameter_names import _MARKED, as_options
+
+PACKAGE = Path(robacc.__file__).parent
+OPTION = re.compile(r"(?<![\w-])--[a-z]")
+SHOWS_COMMANDS = {
+    "render/html/reproduce.py",  # the command that makes a result again
+    "simulation/templates.py",  # comments of files that `robacc init` writes
+    "render/plots/canvas.py",  # variables of CSS
+    "render/plots/palette.py",
+    "render/text/parameter_names.py",
+}
+TO_CONVERT = {
+    "accuracy/estimation.py",
+    "accuracy/pose_errors.py",
+    "comparison/grade_status.py",
+    "documents/read_result.py",
+    "effects/approach_lag.py",
+    "effects/backlash.py",
+    "gates/decision_rules.py",
+    "iso_9283/pose_criteria.py",
+    "iso_9283/proposal.py",
+    "iso_9283/protocol.py",
+    "modelling/robot_file.py",
+    "prediction/comparison.py",
+    "prediction/configurations.py",
+    "prediction/parameters.py",
+    "prediction/sufficient_statistics.py",
+    "render/text/calibrate.py",
+    "robots/urdf.py",
+    "robots/yaml_robot.py",
+    "simulation/simulate.py",
+    "tracing/trace.py",
+}
+"""Files whose messages still have options; nothing is added to this list."""
+METHODS = {"write_model"}
+"""Methods of results that are options on the command line."""
+
+
+def library_files() -> Iterator[tuple[str, Path]]:
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = path.relative_to(PACKAGE).as_posix()
+        if not name.startswith("cli/"):
+            yield name, path
+
+
+def texts(path: Path) -> Iterator[str]:
+    """String literals of a file, parts of f-strings included and docstrings left out."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+            yield node.value
+
+
+def test_no_text_of_the_library_has_an_option():
+    with_options = {
+        name
+        for name, path in library_files()
+        if name not in SHOWS_COMMANDS and any(OPTION.search(text) for text in texts(path))
+    }
+    assert with_options <= TO_CONVERT
+
+
+def test_every_marked_name_is_a_parameter_of_a_call():
+    calls = [getattr(robacc, name) for name in robacc.__all__]
+    parameters = {
+        name for call in calls if isinstance(call, FunctionType) for name in inspect.signature(call).parameters
+    }
+    for name, path in library_files():
+        marked = {match[1] for text in texts(path) for match in _MARKED.finditer(text)}
+        assert marked <= parameters | METHODS, name
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("`align` needs `against`", "--align needs --against"),
+        ("`base_link`, `tip_link`: none", "--base-link, --tip-link: none"),
+        ('try `align="base_frame,tool_frame"`', "try --align base_frame,tool_frame"),
+        ("try `jobs=1` (or `ordered=True`)", "try --jobs 1 (or --ordered)"),
+        ("`shrink=False`, `robust=False`, `empirical=False`", "--no-shrink, --all-rows, --named-only"),
+        ("unknown key '`robot`', ``x``, a`b`c, \"`y`\"", "unknown key '`robot`', ``x``, a`b`c, \"`y`\""),
+    ],
+)
+def test_marked_names_become_options(text, shown):
+    assert as_options(text) == shown
+
+
+def test_errors_show_options_on_the_terminal_only(capsys):
+    error = UsageError("`poses` and `samples` both say where to predict")
+    say_error(error)
+    say_error(InputError(Problem("no column", "poses.csv", fix="give `robot`")))
+    assert str(error) == "`poses` and `samples` both say where to predict"
+    assert capsys.readouterr().err == (
+        "error: --poses and --samples both say where to predict\nerror: poses.csv: no column\n  tip: give --robot\n"
+    )

@@ -58,14 +58,14 @@ def load_gate(text: str, file: str) -> Gate:
     nodes = top.require("criteria")
     items = () if nodes is None else source.items(nodes, "criteria", "criteria")
     if nodes is not None and not items and not source.problems:
-        source.complain(nodes, "criteria", "a gate without a criterion would let everything pass")
+        source.report(nodes, "criteria", "a gate without a criterion would let everything pass")
     for index, node in enumerate(items):
         section = source.section(node, f"criteria[{index}]", _KEYS)
         one = None if section is None else _GateFileReader(section, confidence).criterion()
         if one is None:
             continue
         if one.name in [other.name for other in criteria]:
-            source.complain(node, f"criteria[{index}].name", f"the name {one.name!r} stands here twice")
+            source.report(node, f"criteria[{index}].name", f"the name {one.name!r} stands here twice")
         criteria.append(one)
     source.finish()
     return Gate(gate_name or "", tuple(criteria))
@@ -83,9 +83,9 @@ class _GateFileReader:
     def source(self) -> Source:
         return self.section.source
 
-    def complain(self, key: str, message: str, fix: str | None = None) -> None:
+    def report(self, key: str, message: str, fix: str | None = None) -> None:
         node = self.section.values.get(key, self.section.node)
-        self.source.complain(node, self.section.at(key), message, fix)
+        self.source.report(node, self.section.at(key), message, fix)
 
     def text(self, key: str) -> str | None:
         node = self.section.get(key)
@@ -100,7 +100,7 @@ class _GateFileReader:
         if key is None:
             return None
         if not is_known(key):
-            self.complain("key", f"no result has a key {key!r}", nearest_key(key))
+            self.report("key", f"no result has a key {key!r}", nearest_key(key))
             return None
         baseline = self.text("baseline")
         kind, limit, words, at_least = self._limit(key, baseline)
@@ -120,7 +120,7 @@ class _GateFileReader:
         if node is None:
             return ""
         if not isinstance(node, ScalarNode):
-            self.complain("reason", "expected text: why the limit is what it is")
+            self.report("reason", "expected text: why the limit is what it is")
             return ""
         return " ".join(node.value.split())
 
@@ -129,12 +129,12 @@ class _GateFileReader:
         kind = kind_of(key)
         given = [name for name in ("limit", "at_least") if self.section.get(name) is not None]
         if len(given) == 2:
-            self.complain("at_least", "limit (the most allowed) and at_least both stand here", "give one of them")
+            self.report("at_least", "limit (the most allowed) and at_least both stand here", "give one of them")
         if kind in ("word", "grade"):
             return kind, None, self._words(kind, given, baseline), False
         if not given:
             if baseline is None:
-                self.complain("limit", "is missing: the most allowed; or at_least, the least")
+                self.report("limit", "is missing: the most allowed; or at_least, the least")
             # Beside a baseline the plain question is whether the figure got worse at all.
             return kind or "number", 0.0, (), key in LARGER_IS_BETTER
         name = given[0]
@@ -145,30 +145,30 @@ class _GateFileReader:
         wanted = _dimension(kind)
         if found is None or (kind is not None and found[1] != wanted and not (found[0] == 0 and found[1] is None)):
             units = "a bare number" if kind == "number" else f"a number with its unit ({_units(kind)})"
-            self.complain(name, f"expected {units}, found {text!r}", _example(kind))
+            self.report(name, f"expected {units}, found {text!r}", _example(kind))
             return kind or "number", None, (), False
         if found[0] < 0 and baseline is None and wanted is not None and key != "gain":
-            self.complain(name, f"{key} is never negative, so nothing could meet {text!r}")
+            self.report(name, f"{key} is never negative, so nothing could meet {text!r}")
         return kind or found[1] or "number", found[0], (), name == "at_least"
 
     def _words(self, kind: Kind, given: list[str], baseline: str | None) -> tuple[str, ...]:
         if baseline is not None:
-            self.complain("baseline", "a comparison is of numbers, and this key's value is a word")
+            self.report("baseline", "a comparison is of numbers, and this key's value is a word")
         if given != ["limit"]:
             wanted = "the grade to be met" if kind == "grade" else "the words that pass, as a list"
-            self.complain("limit", f"expected here: {wanted}")
+            self.report("limit", f"expected here: {wanted}")
             return ()
         node = self.section.values["limit"]
         path = self.section.at("limit")
         from yaml import SequenceNode
 
         if kind == "grade" and isinstance(node, SequenceNode):
-            self.complain("limit", "expected one grade, which better ones meet too, found a list")
+            self.report("limit", "expected one grade, which better ones meet too, found a list")
             return ()
         nodes = list(node.value) if isinstance(node, SequenceNode) else [node]
         words = [self.source.text(item, path) for item in nodes]
         if not words:
-            self.complain("limit", "the list of words that pass is empty")
+            self.report("limit", "the list of words that pass is empty")
         return tuple(word for word in words if word is not None)
 
     def _rule(self, kind: Kind, baseline: str | None) -> tuple[Rule, float]:
@@ -178,27 +178,27 @@ class _GateFileReader:
         if (node := self.section.get("rule")) is not None:
             rule = cast("Rule", self.source.choice(node, self.section.at("rule"), tuple(RULES)) or rule)
         if kind == "word" and rule != "simple":
-            self.complain("rule", "a word has no uncertainty, so only rule: simple fits it")
+            self.report("rule", "a word has no uncertainty, so only rule: simple fits it")
         if kind == "grade" and rule in ("guard_band", "guarded_rejection"):
-            self.complain("rule", "a grade is judged by rule: bound, at its scale's confidence, or rule: simple")
+            self.report("rule", "a grade is judged by rule: bound, at its scale's confidence, or rule: simple")
         own = _SETTING.get(rule)
         for key in _SETTING.values():
             if key != own and self.section.get(key) is not None:
                 fits = f"it goes with rule: {next(name for name, value in _SETTING.items() if value == key)}"
-                self.complain(key, f"does not go with rule: {rule}", fits)
+                self.report(key, f"does not go with rule: {rule}", fits)
         if kind == "grade" and self.section.get("confidence") is not None:
-            self.complain("confidence", "the grade's scale states the confidence that demonstrates it")
+            self.report("confidence", "the grade's scale states the confidence that demonstrates it")
         if own is None:
             return rule, self.confidence
         if own == "confidence":
             return rule, _probability(self.section, own, self.confidence)
         if rule == "guard_band" and self.section.get(own) is None:
-            self.complain(own, "is missing: the risk of a false accept that this guard band holds, as 0.05")
+            self.report(own, "is missing: the risk of a false accept that this guard band holds, as 0.05")
         return rule, 1.0 - _risk(self.section, own, 1.0 - self.confidence)
 
     def _share(self, key: str, baseline: str | None) -> float:
         if self.section.get("share") is not None and (not key.endswith(".max") or baseline is not None):
-            self.complain("share", "is the share of all poses within the limit of a largest error: of keys ending .max")
+            self.report("share", "is the share of all poses within the limit of a largest error: of keys ending .max")
         return _probability(self.section, "share", DEFAULT_SHARE)
 
     def _paired(self, baseline: str | None) -> bool | None:
@@ -206,7 +206,7 @@ class _GateFileReader:
         if node is None:
             return None
         if baseline is None:
-            self.complain("paired", "is about the poses of a baseline, and there is none")
+            self.report("paired", "is about the poses of a baseline, and there is none")
         found = self.source.choice(node, self.section.at("paired"), ("true", "false"))
         return None if found is None else found == "true"
 
@@ -240,7 +240,5 @@ def _between(section: YamlSection, key: str, default: float, low: float, high: f
         return default
     value = section.source.number(node, section.at(key))
     if value is not None and not low < value < high:
-        section.source.complain(
-            node, section.at(key), f"found {value:g}, expected a number between {low:g} and {high:g}"
-        )
+        section.source.report(node, section.at(key), f"found {value:g}, expected a number between {low:g} and {high:g}")
     return default if value is None else value

@@ -1,1 +1,1 @@
-"""The only place that opens files."""
+"""Files, lines, tables and YAML nodes; the only package that opens files."""

@@ -1,4 +1,4 @@
-"""Text in and out: decoded with a clear complaint, written whole or not at all."""
+"""Read and write files: text is decoded with a clear error, and a file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from pathlib import Path
 from robacc.errors import InputError, Problem
 
 TEXT_LIMIT = 64 * 2**20
-"""Largest text file read whole, bytes: far above any robot file, far below what would exhaust the memory."""
+"""Largest text file that is read, bytes: far above any robot file, far below what would exhaust the memory."""
 
 STANDARD_STREAM = "-"
-"""Names standard input where a file is read, and standard output where one is written."""
+"""Stands for standard input where a file is read, and for standard output where a file is written."""
 _READ: dict[str, str] = {}
-"""Digest of the bytes that each file had when it was last read, until it is asked for."""
+"""Digest of each file's bytes as last read, by the file's name; :func:`sha256_of` removes it."""
 
 
 def read_text(path: str | os.PathLike[str], limit: int = TEXT_LIMIT) -> str:
-    """The text of a UTF-8 file (with or without byte order mark), or of a UTF-16 one that has its mark.
+    """Return the text of a UTF-8 file (with or without byte order mark) or of a UTF-16 file with its mark.
 
     Args:
         path: File to read; ``-`` is standard input.
-        limit: Largest size in bytes that is accepted.
+        limit: Largest accepted size, bytes.
 
     Raises:
         InputError: The file is missing, a folder, unreadable, too large, binary, or in another encoding.
     """
     name = os.fspath(path)
-    return decoded(read_bytes(name, limit), "<stdin>" if name == STANDARD_STREAM else name)
+    return decode(read_bytes(name, limit), "<stdin>" if name == STANDARD_STREAM else name)
 
 
-def decoded(data: bytes, name: str) -> str:
-    """The text of a file's bytes, as :func:`read_text` takes them; ``name`` is for messages.
+def decode(data: bytes, name: str) -> str:
+    """Return the text of a file's bytes in the encodings of :func:`read_text`; ``name`` is for messages.
 
     Raises:
-        InputError: The bytes are no text, or in another encoding.
+        InputError: The bytes are not text, or are in another encoding.
     """
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
@@ -46,7 +46,7 @@ def decoded(data: bytes, name: str) -> str:
         position = data.find(b"\0")
         if position >= 0:
             line = data.count(b"\n", 0, position) + 1
-            raise InputError(Problem("is not a text file: it holds a NUL byte", name, line))
+            raise InputError(Problem("is not a text file: it contains a NUL byte", name, line))
     try:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
@@ -56,7 +56,7 @@ def decoded(data: bytes, name: str) -> str:
 
 
 def read_bytes(name: str, limit: int) -> bytes:
-    """All of a file, or of standard input for ``-``, read once, so that a pipe will do.
+    """Return the bytes of a file, or of standard input for ``-``, read once so that a pipe works.
 
     Raises:
         InputError: The file is missing, a folder, unreadable or larger than ``limit`` bytes.
@@ -75,16 +75,16 @@ def read_bytes(name: str, limit: int) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(Problem(f"cannot be read: {_reason(error)}", name)) from None
     if len(data) > limit:
-        shown = "<stdin>" if name == STANDARD_STREAM else name
-        raise InputError(Problem(f"is larger than {limit / 2**20:g} MiB, the most that is read as text", shown))
+        label = "<stdin>" if name == STANDARD_STREAM else name
+        raise InputError(Problem(f"is larger than {limit / 2**20:g} MiB, the limit for text files", label))
     _READ[name] = hashlib.sha256(data).hexdigest()
     return data
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal: of those that were read, where it was read as text just before.
+    """Return the SHA-256 of a file's bytes, in hexadecimal: of the bytes last read, where the file was just read.
 
-    A pipe cannot be read twice, and a file may change meanwhile; a result's record is of what it was computed from.
+    A pipe cannot be read twice, and a file may change meanwhile; a result records the bytes it was computed from.
 
     Raises:
         InputError: The file cannot be read.
@@ -99,34 +99,34 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder with those around it; one that is there stays as it is.
+    """Create a folder and its parents; an existing folder stays as it is.
 
     Raises:
-        InputError: It cannot be made.
+        InputError: The folder cannot be created.
     """
     try:
         os.makedirs(path, exist_ok=True)
     except OSError as error:
-        raise InputError(Problem(f"cannot be made: {_reason(error)}", os.fspath(path))) from None
+        raise InputError(Problem(f"cannot be created: {_reason(error)}", os.fspath(path))) from None
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write ``text`` as UTF-8, whole or not at all: to a file beside ``path``, then moved into its place.
+    """Write ``text`` as UTF-8, completely or not at all: to a file beside ``path`` that then replaces it.
 
-    A link is followed, an existing file keeps its permissions, and what is no plain file (a pipe, a terminal) is
-    written to directly; ``-`` is standard output.
+    A link is followed, and an existing file keeps its permissions. A pipe or a terminal is written to directly; ``-``
+    is standard output.
 
     Raises:
-        InputError: The folder does not exist, or it or the file may not be written.
+        InputError: The folder does not exist, or the folder or the file is not writable.
     """
     _write(path, (text.encode(),))
 
 
 def write_pieces(path: str | os.PathLike[str], pieces: Iterable[str]) -> None:
-    """Write text that comes in pieces as :func:`write_text` does, without holding all of it at once.
+    """Write text in pieces as :func:`write_text` does, without all of it in memory at once.
 
     Raises:
-        InputError: The folder does not exist, or it or the file may not be written.
+        InputError: The folder does not exist, or the folder or the file is not writable.
     """
     _write(path, (piece.encode() for piece in pieces))
 
@@ -135,26 +135,26 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     """Write ``data`` as :func:`write_text` writes text.
 
     Raises:
-        InputError: The folder does not exist, or it or the file may not be written.
+        InputError: The folder does not exist, or the folder or the file is not writable.
     """
     _write(path, (data,))
 
 
 def target_of(path: str | os.PathLike[str]) -> Path:
-    """The file that writing to ``path`` makes or replaces, links followed.
+    """Return the file that writing to ``path`` creates or replaces, with links followed.
 
-    What is there and no plain file is left as it is named: the link of ``/dev/stdout``, or of a shell's ``>(command)``,
-    names a pipe that no path leads to.
+    The path of anything but a plain file is returned unchanged: the link of ``/dev/stdout``, or of a shell's
+    ``>(command)``, names a pipe that has no path of its own.
 
     Raises:
-        InputError: It is a folder, or its folder does not exist.
+        InputError: ``path`` is a folder, or its folder does not exist.
     """
     name = os.fspath(path)
     if os.path.exists(name) and not os.path.isfile(name) and not os.path.isdir(name):
         return Path(name)
     target = Path(os.path.realpath(name))
     if target.is_dir():
-        raise InputError(Problem("is a folder; a file's name is needed to write to", name))
+        raise InputError(Problem("is a folder, not a file", name, fix="name a file in it"))
     if not target.parent.is_dir():
         raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
     return target
@@ -182,7 +182,7 @@ def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
 def _replace(target: Path, pieces: Iterable[bytes]) -> None:
     mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
     if target.exists() and not os.access(target, os.W_OK):
-        # Moving another file over it would succeed; a file that its owner protected is left alone all the same.
+        # Another file could replace it; a write-protected file stays as it is all the same.
         raise PermissionError(None, "the file is write-protected")
     import tempfile
 

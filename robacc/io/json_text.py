@@ -1,8 +1,8 @@
-"""A result as JSON text: the same text for the same result, and never NaN, which JSON does not have.
+"""JSON text of a result: the same text for the same result, without NaN, which JSON does not have.
 
-Keys keep their order. A list of numbers stands on one line, a list of lists or records has one a line, so that a
-result can be read and compared with ordinary tools. Arrays are written in pieces, without a Python object for each of
-their numbers at once.
+Keys keep their order. A list of numbers stands on one line, and a list of lists or records has one item a line, so that
+ordinary tools can read and compare a result. Arrays are written in pieces, so that their numbers are not all Python
+objects at once.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ROWS_AT_ONCE = 4096
-"""Rows of an array made into text at a time: some MB of Python objects at most."""
+"""Rows of an array that are converted to text at a time: some MB of Python objects at most."""
 
 
 def json_text(document: Mapping[str, Any]) -> str:
-    """The whole document, with a newline at its end."""
+    """Return the text of the document, with a newline at its end."""
     return "".join(json_pieces(document))
 
 
 def json_pieces(document: Mapping[str, Any]) -> Iterator[str]:
-    """The document's text in pieces, in order.
+    """Yield the text of the document in pieces, in order.
 
     Leaves may be None, bool, int, float, str, NumPy scalars and arrays; NaN and infinity become null.
 
     Raises:
-        TypeError: something in the document has no form in JSON (a defect).
+        TypeError: a value of the document has no JSON form (a defect).
     """
     yield from _pieces(document, "")
     yield "\n"
@@ -74,7 +74,7 @@ def _scalar(value: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    """JSON of strings and numbers; controls and turned writing, which JSON allows and terminals obey, are escaped."""
+    """Return the JSON of a string or number; control and bidirectional characters are escaped for terminals."""
     text = json.dumps(value, ensure_ascii=False)
     return text if text.isprintable() else json.dumps(value)
 
@@ -95,7 +95,7 @@ def _array(array: NDArray[Any], indent: str) -> Iterator[str]:
 
 
 def _dumps(array: NDArray[Any]) -> str:
-    """An array's rows on one line; what is not finite is null."""
+    """Return an array's rows on one line; numbers that are not finite become null."""
     if array.dtype.kind == "f" and not np.all(np.isfinite(array)):
         finite = np.isfinite(array)
         array = array.astype(object)

@@ -1,4 +1,4 @@
-"""A text file as blocks of whole lines, read once: a pipe serves as well as a file, and memory is bounded."""
+"""Blocks of complete lines of a text file, read once: a pipe works like a file, and memory is bounded."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from robacc.errors import InputError, Problem
 from robacc.io.problem_log import ProblemLog
 
 MAX_LINE = 1 << 20
-"""Bytes that a line may have: a file without line ends must not fill the memory before it is refused."""
+"""Largest line, bytes: a file without line ends must not fill the memory before it is refused."""
 _PIECE = 1 << 22
-"""Bytes read at a time, and hashed by a thread of their own while their lines are parsed."""
+"""Bytes read at a time; a thread hashes them while their lines are parsed."""
 _BLOCK = 1 << 18
-"""Bytes split at a time: the block, its lines and its numbers stay in the second-level cache."""
+"""Bytes split at a time: the block, its lines and its numbers fit the second-level cache."""
 _BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Whole lines of the file, without their ends."""
+    """Complete lines of the file, without their line ends."""
 
     lines: list[str]
     first: int
-    """1-based number of the first of them."""
+    """1-based number of the first line."""
 
 
 class LineReader:
-    """Reads UTF-8 lines of any kind of end, counts them, and takes the digest of the bytes."""
+    """Reader of UTF-8 lines with any line end; it counts lines and computes the digest of the bytes."""
 
     def __init__(self, stream: BinaryIO, log: ProblemLog) -> None:
         """Read ``stream``; bytes that are not UTF-8 go to ``log``."""
@@ -50,13 +50,14 @@ class LineReader:
 
     @property
     def share_read(self) -> float:
-        """Share of the file that has been read, above 0 and up to 1; half where its size is not known."""
+        """Share of the file that has been read, above 0 and up to 1; 0.5 where the file size is unknown."""
         return min(self._consumed / self._size, 1.0) if self._size else 0.5
 
     def blocks(self) -> Iterator[Block]:
-        """Blocks of whole lines.
+        """Yield blocks of complete lines.
 
-        Raises InputError where this is no text, or where a line is longer than :data:`MAX_LINE`.
+        Raises:
+            InputError: The file is not text, or a line is longer than :data:`MAX_LINE`.
         """
         number = 1
         while piece := self._piece(number):
@@ -69,7 +70,7 @@ class LineReader:
                 yield block
 
     def _piece(self, number: int) -> bytes:
-        """The next bytes up to a line's end, every one of which is a line feed; empty at the end of the file."""
+        """Return the next bytes up to a line's end, with every line end as a line feed; empty at the file's end."""
         data = self._stream.read(_PIECE)
         if data and not data.endswith(b"\n"):
             tail = self._stream.readline(MAX_LINE)
@@ -78,7 +79,7 @@ class LineReader:
                 raise self._too_long(number + data.count(b"\n"))
         self._digest.update(data)
         if (number == 1 and data.startswith(_UTF16)) or b"\0" in data:
-            message = "the file is not UTF-8 text (UTF-16, or no text)"
+            message = "the file is not UTF-8 text (it is UTF-16 or binary)"
             raise InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
         if number == 1:
             data = data.removeprefix(_BOM)
@@ -100,20 +101,20 @@ class LineReader:
         except UnicodeDecodeError:
             lines = [self._decode(line, number) for number, line in enumerate(data.tobytes().split(b"\n"), first)]
         if not lines[-1]:
-            lines.pop()  # what follows the last line's end is no line
+            lines.pop()  # nothing follows the last line's end
         return lines
 
     def _decode(self, line: bytes, number: int) -> str:
         try:
             return line.decode()
         except UnicodeDecodeError as error:
-            found = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
-            self._log.add(found, number, fix="save the file as UTF-8")
+            message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
+            self._log.add(message, number, fix="save the file as UTF-8")
             return line.decode(errors="replace")
 
 
 class _Digest:
-    """SHA-256 of bytes that come piece by piece; a large piece is taken in while the caller goes on."""
+    """SHA-256 of bytes that arrive in pieces; a thread hashes a large piece while the caller continues."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -138,7 +139,7 @@ class _Digest:
 
 
 def _size(stream: BinaryIO) -> int:
-    """Bytes of a plain file, 0 of anything else."""
+    """Return the size of a plain file in bytes, 0 for any other stream."""
     try:
         status = os.fstat(stream.fileno())
     except OSError:  # a stream in memory has no descriptor

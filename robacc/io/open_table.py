@@ -1,4 +1,4 @@
-"""Which of the two kinds of table a file is: CSV text, or Parquet, which its first bytes say."""
+"""Open a table: a Parquet file, recognised by its first bytes, or else CSV text."""
 
 from __future__ import annotations
 
@@ -9,47 +9,47 @@ from pathlib import PurePath
 from typing import BinaryIO, Protocol
 
 from robacc.errors import InputError, Problem
+from robacc.io.files import STANDARD_STREAM
 from robacc.io.problem_log import ProblemLog
 from robacc.io.table import Header, TableBody, TableReader
 
-STDIN = "-"
 _PARQUET = b"PAR1"
-"""What every Parquet file begins with, and ends."""
+"""First and last bytes of every Parquet file."""
 _SUFFIXES = frozenset({".parquet", ".pq"})
 
 
 class Table(Protocol):
-    """A table that is read from front to back."""
+    """Table that is read from front to back."""
 
     log: ProblemLog
-    """Takes what is wrong with it."""
+    """Collects the table's problems."""
     file: str
-    """Its name, for messages."""
+    """Name of the file, for messages."""
 
     @property
     def sha256(self) -> str:
-        """Of the file's bytes, once the body was read."""
+        """Digest of the file's bytes, once the body was read."""
 
     def header(self) -> Header:
-        """The columns' names."""
+        """Return the columns' names."""
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Every row, the columns of the given indices only."""
+        """Return every row, with the columns of the given indices only."""
 
 
 @contextmanager
 def open_table(path: str) -> Iterator[Table]:
-    """A reader of the file, or of standard input for ``-``.
+    """Open the file, or standard input for ``-``, as a table.
 
     Raises:
-        InputError: It cannot be opened.
-        UsageError: It is Parquet, and the extra ``parquet`` is not installed.
+        InputError: The file cannot be opened.
+        UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
     """
-    if path == STDIN:
+    if path == STANDARD_STREAM:
         yield _reader(sys.stdin.buffer, "<stdin>")
         return
     try:
-        stream = open(path, "rb")  # noqa: SIM115 (closed below; only opening may fail as the user's mistake)
+        stream = open(path, "rb")  # noqa: SIM115 (closed below; only the failure to open is an error of the input)
     except OSError as error:
         raise InputError(Problem(f"cannot be read ({error.strerror})", path)) from error
     with stream:
@@ -57,18 +57,18 @@ def open_table(path: str) -> Iterator[Table]:
 
 
 def _reader(stream: BinaryIO, file: str) -> Table:
-    if _beginning(stream) == _PARQUET:
+    if _first_bytes(stream) == _PARQUET:
         from robacc.io.parquet import ParquetReader
 
         return ParquetReader(stream, file)
     if PurePath(file).suffix.lower() in _SUFFIXES:
-        fix = "write it again, or name it .csv if it is text"
-        raise InputError(Problem("is no Parquet file: it does not begin with PAR1", file, fix=fix))
+        fix = "export it again, or rename it to .csv if it is text"
+        raise InputError(Problem("is not a Parquet file: it does not begin with PAR1", file, fix=fix))
     return TableReader(stream, file)
 
 
-def _beginning(stream: BinaryIO) -> bytes:
-    """The first bytes, which stay to be read."""
+def _first_bytes(stream: BinaryIO) -> bytes:
+    """Return the stream's first bytes without consuming them."""
     if hasattr(stream, "peek"):
         return bytes(stream.peek(len(_PARQUET))[: len(_PARQUET)])
     start = stream.read(len(_PARQUET))

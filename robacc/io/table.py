@@ -1,7 +1,7 @@
-"""A CSV file as columns of numbers and of text, every fault of it found in one pass.
+"""Read a CSV file as columns of numbers and text, with every problem found in one pass.
 
-A block of lines goes through :func:`numpy.loadtxt`; only one that this refuses, or in which a value is not finite, is
-walked field by field to say what is wrong where.
+:func:`numpy.loadtxt` parses a block of lines. A block that it refuses, or that has a value that is not finite, is
+parsed field by field to locate each problem.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from robacc.io.problem_log import ProblemLog, clip
 
 MAX_COLUMNS = 2000
 MAX_TEXT = 256
-"""Characters that an id may have; text columns are as wide as their longest entry."""
+"""Characters of an id; text columns are as wide as their longest entry."""
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """The names that a file gives its columns."""
+    """Names that a file gives its columns."""
 
     names: tuple[str, ...]
     line: int | None
-    """1-based line that they stand on; None where the file has no lines."""
+    """1-based line of the names; None where the file has no lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableBody:
-    """The rows below the header."""
+    """Rows below the header."""
 
     numbers: Array
-    """``(C, N)`` wanted columns of numbers; NaN where a problem was logged."""
+    """``(C, N)`` columns of numbers; NaN where a problem was logged."""
     texts: tuple[NDArray[np.str_], ...]
-    """Wanted columns of text, ``(N,)`` each."""
+    """Columns of text, ``(N,)`` each."""
     lines: NDArray[np.int64]
-    """``(N,)`` 1-based line of each row, or where the file has no lines its number."""
+    """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
 
 
 class TableReader:
-    """Reads one CSV file from front to back: first :meth:`header`, then :meth:`body`."""
+    """Reader of one CSV file from front to back: first :meth:`header`, then :meth:`body`."""
 
     def __init__(self, stream: BinaryIO, file: str) -> None:
         """Read ``stream``, called ``file`` in messages."""
@@ -56,18 +56,19 @@ class TableReader:
         self.log = ProblemLog(file)
         self._reader = LineReader(stream, self.log)
         self._blocks = self._reader.blocks()
-        self._rest: Block | None = None
+        self._pending: Block | None = None
         self._names: tuple[str, ...] = ()
 
     @property
     def sha256(self) -> str:
-        """Digest of the bytes read so far: of the whole file once the body was read."""
+        """Digest of the bytes read so far: of the complete file once the body was read."""
         return self._reader.sha256
 
     def header(self) -> Header:
-        """The first line that is neither blank nor a comment.
+        """Return the column names of the first line that is neither blank nor a comment.
 
-        Raises InputError where the file has none, or where it cannot be a comma-separated table.
+        Raises:
+            InputError: The file has no such line, or cannot be a comma-separated table.
         """
         for block in self._blocks:
             for i, line in enumerate(block.lines):
@@ -75,14 +76,14 @@ class TableReader:
                     continue
                 number = block.first + i
                 self._names = _header_names(line, number, self.file)
-                self._rest = Block(block.lines[i + 1 :], number + 1)
+                self._pending = Block(block.lines[i + 1 :], number + 1)
                 return Header(self._names, number)
         raise InputError(
             Problem("the file is empty", self.file, fix="expected a header row of column names and one row a pose")
         )
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Every row, the columns of the given indices only; what is wrong with rows goes to :attr:`log`."""
+        """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
         store = _GrowingColumns(len(numbers))
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
         columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
@@ -95,44 +96,44 @@ class TableReader:
         return TableBody(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
 
     def _remaining(self) -> Iterator[Block]:
-        if self._rest is not None and self._rest.lines:
-            yield self._rest
-        self._rest = None
+        if self._pending is not None and self._pending.lines:
+            yield self._pending
+        self._pending = None
         yield from self._blocks
 
     def _parse(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         parsed = self._parse_fast(block.lines, numbers, texts)
         if parsed is not None and parsed.numbers.shape[1] == len(block.lines):
             return TableBody(parsed.numbers, parsed.texts, parsed.lines + block.first)
-        kept = [i for i, line in enumerate(block.lines) if _is_row(line)]
-        lines = [block.lines[i] for i in kept]
-        parsed = self._parse_fast(lines, numbers, texts) if len(kept) < len(block.lines) else None
+        rows = [i for i, line in enumerate(block.lines) if _is_row(line)]
+        lines = [block.lines[i] for i in rows]
+        parsed = self._parse_fast(lines, numbers, texts) if len(rows) < len(block.lines) else None
         if parsed is None:
-            return self._parse_fields([(block.first + i, block.lines[i]) for i in kept], numbers, texts)
-        return TableBody(parsed.numbers, parsed.texts, np.asarray(kept, dtype=np.int64) + block.first)
+            return self._parse_fields([(block.first + i, block.lines[i]) for i in rows], numbers, texts)
+        return TableBody(parsed.numbers, parsed.texts, np.asarray(rows, dtype=np.int64) + block.first)
 
     def _parse_fast(self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody | None:
-        """The rows by NumPy, lines counted from 0; None where it cannot, or where a value is not finite or empty."""
-        width = len(self._names)
-        plain = len(set(numbers)) == width
+        """Return the rows parsed by NumPy, lines from 0; None where it cannot or a value is not finite or empty."""
+        n_columns = len(self._names)
+        only_numbers = len(set(numbers)) == n_columns
         # Without a type for every column a row with too many fields would pass unnoticed.
-        kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(width)]
-        dtype = np.dtype(float) if plain else np.dtype([(f"f{i}", kind) for i, kind in enumerate(kinds)])
+        kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(n_columns)]
+        dtype = np.dtype(float) if only_numbers else np.dtype([(f"f{i}", kind) for i, kind in enumerate(kinds)])
         if texts and any('"' in line for line in lines):
             return None
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # a block without a row is none of NumPy's business
+                warnings.simplefilter("ignore")  # NumPy warns of a block without rows
                 table: NDArray[Any] = np.loadtxt(
-                    lines, dtype, comments=None, delimiter=",", ndmin=2 if plain else 1, encoding="utf-8"
+                    lines, dtype, comments=None, delimiter=",", ndmin=2 if only_numbers else 1, encoding="utf-8"
                 )
         except ValueError:
             return None
-        if plain:
-            if table.shape[1] != width:
+        if only_numbers:
+            if table.shape[1] != n_columns:
                 return None
-            # In the file's own order, which is the usual one, there is nothing to copy before the columns are stored.
-            values = table.T if list(numbers) == list(range(width)) else table.T[list(numbers)]
+            # In the file's order, which is the usual one, no copy is needed before the columns are stored.
+            values = table.T if list(numbers) == list(range(n_columns)) else table.T[list(numbers)]
         else:
             values = np.empty((len(numbers), table.size))
             for row, i in zip(values, numbers, strict=True):
@@ -146,7 +147,7 @@ class TableReader:
         return TableBody(values, arrays, np.arange(values.shape[1], dtype=np.int64))
 
     def _parse_fields(self, rows: list[tuple[int, str]], numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """The rows field by field, logging each fault; a row that is no row of this table is left out."""
+        """Parse rows field by field and log each problem; a row that does not fit the header is left out."""
         values: list[list[float]] = []
         columns: list[list[str]] = []
         lines: list[int] = []
@@ -165,16 +166,16 @@ class TableReader:
         try:
             fields = split_fields(line)
         except csv.Error as error:
-            self.log.add(f"the row cannot be read ({error})", number, fix="a quoted field ends on the line it began on")
+            self.log.add(f"the row cannot be read ({error})", number, fix="close every quote on its line")
             return None
-        found, expected = len(fields), len(self._names)
-        if found == expected and any(fields):
+        n_fields, expected = len(fields), len(self._names)
+        if n_fields == expected and any(fields):
             return fields
         if not any(fields):
             self.log.add("every field of the row is empty", number, fix="delete the line")
         else:
-            comma = "write decimals with a point, not a comma" if found > 1.5 * expected else None
-            self.log.add(f"found {found} fields, expected {expected} as in the header", number, fix=comma)
+            comma = "write decimals with a point, not a comma" if n_fields > 1.5 * expected else None
+            self.log.add(f"found {n_fields} fields, expected {expected} as in the header", number, fix=comma)
         return None
 
     def _number(self, field: str, line: int, column: str) -> float:
@@ -182,7 +183,7 @@ class TableReader:
             self.log.add("the value is missing, expected a number", line, column)
             return math.nan
         try:
-            # float() also takes 1_000 and digits of other scripts, which are no numbers in a CSV file.
+            # float() also accepts 1_000 and digits of other scripts, which are not numbers in a CSV file.
             value = float(field) if field.isascii() and "_" not in field else None
         except ValueError:
             value = None
@@ -198,17 +199,17 @@ class TableReader:
 
     def _text(self, field: str, line: int, column: str) -> str:
         if not field:
-            self.log.add("the value is missing, expected a text", line, column)
+            self.log.add("the value is missing, expected text", line, column)
         elif len(field) > MAX_TEXT:
             self.log.add(f"the text has {len(field)} characters, expected at most {MAX_TEXT}", line, column)
         return field[:MAX_TEXT]
 
 
 class _GrowingColumns:
-    """``(C, N)`` numbers of which N is not known before the end, in one piece of memory.
+    """``(C, N)`` numbers in one array, where N is known only at the end of the file.
 
-    It is made as large as the share of the file that was read lets expect; pages that are never written cost nothing,
-    while joining parts in the end would touch all of the memory twice.
+    The array grows to the size that the share of the file read so far suggests. Pages that are never written cost
+    nothing, while joining parts at the end would touch all of the memory twice.
     """
 
     def __init__(self, n_columns: int) -> None:
@@ -216,7 +217,7 @@ class _GrowingColumns:
         self._size = 0
 
     def append(self, part: Array, share: float) -> None:
-        """Add rows; ``share`` of the file (0 to 1) ends with them."""
+        """Add rows; ``share`` is the share of the file (0 to 1) read so far."""
         end = self._size + part.shape[1]
         if end > self._numbers.shape[1]:
             larger = np.empty((len(part), max(int(end / share * 1.02), end)))
@@ -226,12 +227,16 @@ class _GrowingColumns:
         self._size = end
 
     def columns(self) -> Array:
-        """The numbers; each column is contiguous."""
+        """Return the numbers; each column is contiguous."""
         return self._numbers[:, : self._size]
 
 
 def split_fields(line: str) -> list[str]:
-    """The fields of one line, trimmed; csv.Error where quotes do not match."""
+    """Return the fields of one line, stripped.
+
+    Raises:
+        csv.Error: Quotes do not match.
+    """
     if '"' not in line:
         return [field.strip() for field in line.split(",")]
     return [field.strip() for field in next(csv.reader((line,), strict=True, skipinitialspace=True))]
@@ -243,23 +248,27 @@ def _is_row(line: str) -> bool:
 
 
 def _header_names(line: str, number: int, file: str) -> tuple[str, ...]:
-    """Names of the header row; InputError where the line is none."""
+    """Return the names of the header row.
 
-    def refuse(message: str, fix: str) -> InputError:
+    Raises:
+        InputError: The line is not a header row.
+    """
+
+    def error_of(message: str, fix: str) -> InputError:
         return InputError(Problem(message, file, number, fix=fix))
 
     if line.count(",") >= MAX_COLUMNS:
-        raise refuse(f"found {line.count(',') + 1} columns", f"expected at most {MAX_COLUMNS}")
+        raise error_of(f"found {line.count(',') + 1} columns", f"expected at most {MAX_COLUMNS}")
     try:
         names = tuple(split_fields(line))
     except csv.Error as error:
-        raise refuse(f"the header row cannot be read ({error})", "close every quote on its line") from error
-    for separator, word in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
+        raise error_of(f"the header row cannot be read ({error})", "close every quote on its line") from error
+    for separator, separator_name in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
         if line.strip().count(separator) >= len(names) and (separator != " " or len(names) == 1):
-            message = f"the columns are separated by {word}, expected commas"
-            raise refuse(message, "export as comma-separated, with a point in decimals")
+            message = f"the columns are separated by {separator_name}, expected commas"
+            raise error_of(message, "export the file with commas, and with a point in decimals")
     if all(_is_number(name) for name in names):
-        raise refuse("found numbers where the header row was expected", "begin the file with the columns' names")
+        raise error_of("found numbers, expected a header row", "begin the file with the columns' names")
     return names
 
 

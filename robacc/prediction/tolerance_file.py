@@ -18,7 +18,7 @@ from typing import cast
 
 import yaml
 
-from robacc.io.yaml_nodes import Source, YamlSection, compose, found, nearest
+from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, nearest
 from robacc.prediction.parameters import FRAME_PARAMETERS, Distribution, Tolerances, lengths_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
 from robacc.robots.yaml_units import Units
@@ -61,7 +61,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
         tool=reader.frame(top, "tool"),
     )
     if not any((tolerances.every, tolerances.joints, tolerances.base, tolerances.tool)) and not source.problems:
-        source.complain(None, "", "no tolerance is given", "add all, joints, base or tool")
+        source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.finish()
     return tolerances
 
@@ -83,7 +83,7 @@ class _ToleranceFileReader:
         values = self._values(top.source, node, "all", self.kinds, lengths)
         if "offset" in values and len(moving) > 1:
             message = "offset is an angle of revolute joints and a length of prismatic ones"
-            top.source.complain(node, "all.offset", message, "give it under joints, each by its name")
+            top.source.report(node, "all.offset", message, "give it under joints, each by its name")
         return values
 
     def joints(self, top: YamlSection) -> dict[str, dict[str, float]]:
@@ -93,13 +93,13 @@ class _ToleranceFileReader:
             return {}
         source, result = top.source, {}
         if not isinstance(node, yaml.MappingNode):
-            source.complain(node, "joints", f"expected names of joints with tolerances, found {found(node)}")
+            source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
             return {}
         known = {joint.name: joint for joint in self.robot.joints}
         for name, key_node, value in source.entries(node, "joints"):
             if name not in known:
                 fix = nearest(name, tuple(known)) or f"the joints are {', '.join(known)}"
-                source.complain(key_node, f"joints.{name}", "the robot has no such joint", fix)
+                source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
                 continue
             joint = known[name]
             kinds = FRAME_PARAMETERS if joint.type == "fixed" else self.kinds
@@ -120,7 +120,7 @@ class _ToleranceFileReader:
         for name, item in (section.values if section else {}).items():
             value = self.units.parameter(source, item, f"{path}.{name}", is_length=name in lengths)
             if value is not None and value < 0:
-                source.complain(item, f"{path}.{name}", f"a tolerance is not negative, found {found(item)}")
+                source.report(item, f"{path}.{name}", f"a tolerance is not negative, found {describe(item)}")
             elif value is not None:
                 result[name] = value / self.divisor
         return result
@@ -151,7 +151,7 @@ def _read_coverage(top: YamlSection, distribution: Distribution) -> float:
         return DEFAULT_COVERAGE
     value = top.source.number(node, "coverage")
     if distribution != "limits":
-        top.source.complain(node, "coverage", "says what limits stand for", "write distribution: limits")
+        top.source.report(node, "coverage", "says what limits stand for", "write distribution: limits")
     elif value is not None and not 0 < value <= _MOST_COVERAGE:
-        top.source.complain(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {value:g}")
+        top.source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {value:g}")
     return value if value and value > 0 else DEFAULT_COVERAGE

@@ -99,7 +99,7 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
     document.finish()
     joints = _resolve_mimics(tree, joints)
     if not any(joint.is_variable for joint in joints):
-        document.complain(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
+        document.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
     document.finish()
     return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip)
 
@@ -120,10 +120,10 @@ def _read_tree(document: UrdfDocument) -> _Tree:
     for joint in model.robot.joints:
         for end, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                document.complain(elements[joint.name], joint.name, f"its {end} link {link!r} does not exist")
+                document.report(elements[joint.name], joint.name, f"its {end} link {link!r} does not exist")
         if joint.child in parent_joint:
             message = f"moves the link {joint.child!r}, as {parent_joint[joint.child].name!r} does: not a serial chain"
-            document.complain(elements[joint.name], joint.name, message)
+            document.report(elements[joint.name], joint.name, message)
         parent_joint.setdefault(joint.child, joint)
     document.finish()
     return _Tree(document, model.robot, parent_joint, elements)
@@ -180,7 +180,7 @@ def _read_joint(tree: _Tree, joint: Any) -> Joint:
         known = f"a {joint.type} joint is not one of a serial chain"
         message = known if joint.type in ("floating", "planar") else f"unknown joint type {joint.type!r}"
         fix = "choose a chain without it with --base-link and --tip-link"
-        document.complain(element, joint.name, message, fix)
+        document.report(element, joint.name, message, fix)
     mass, com = _read_inertial(tree, joint.child)
     return Joint(
         name=joint.name,
@@ -210,7 +210,7 @@ def _read_axis(document: UrdfDocument, element: Element, joint: Any) -> Vector:
     x, y, z = (float(value) for value in joint.axis)
     length = math.hypot(x, y, z)
     if length < _MIN_AXIS:
-        document.complain(element, joint.name, "the joint's axis is zero and has no direction")
+        document.report(element, joint.name, "the joint's axis is zero and has no direction")
         return (0.0, 0.0, 1.0)
     return (x, y, z) if abs(length - 1) < _UNIT_AXIS else (x / length, y / length, z / length)
 
@@ -224,13 +224,13 @@ def _read_limits(document: UrdfDocument, element: Element, joint: Any) -> tuple[
     if math.isinf(lower) and math.isinf(upper):
         return None
     if math.isinf(lower) or math.isinf(upper):
-        document.complain(element, joint.name, f"one limit is infinite, the other is not ({lower:g}, {upper:g})")
+        document.report(element, joint.name, f"one limit is infinite, the other is not ({lower:g}, {upper:g})")
     elif lower > upper:
-        document.complain(element, joint.name, f"the lower limit {lower:g} is above the upper one {upper:g}")
+        document.report(element, joint.name, f"the lower limit {lower:g} is above the upper one {upper:g}")
     elif joint.type in ("revolute", "prismatic"):
         meant, problem = limits_meant(joint.type, (lower, upper))
         if problem is not None:
-            document.complain(element, joint.name, problem, "make them infinite where there are none")
+            document.report(element, joint.name, problem, "make them infinite where there are none")
         return meant
     return lower, upper
 
@@ -242,7 +242,7 @@ def _read_inertial(tree: _Tree, link_name: str) -> tuple[float | None, Vector | 
     mass = float(link.inertial.mass)
     if mass < 0:
         element = next(item for item in tree.document.root.iter("link") if item.get("name") == link_name)
-        tree.document.complain(element, link_name, f"the link's mass is negative ({mass:g} kg)")
+        tree.document.report(element, link_name, f"the link's mass is negative ({mass:g} kg)")
     origin = link.inertial.origin
     com = ZERO if origin is None else cast(Vector, tuple(float(value) for value in origin[:3, 3]))
     return mass, com
@@ -264,7 +264,7 @@ def _resolve_mimics(tree: _Tree, joints: Sequence[Joint]) -> list[Joint]:
             elif master.name in seen:
                 problem = "and that one it: none of them moves by itself"
             if problem or master is None:
-                tree.document.complain(tree.elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
+                tree.document.report(tree.elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
                 break
             seen.add(master.name)
             if master.mimic is None:

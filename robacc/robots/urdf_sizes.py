@@ -25,15 +25,15 @@ def complain_of_sizes(document: UrdfDocument, elements: Mapping[str, Element], j
         element = elements[joint.name]
         for name, value in joint.parameters.items():
             if name in LENGTH_PARAMETERS and abs(value) > MAX_LENGTH:
-                document.complain(element, joint.name, f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX)
+                document.report(element, joint.name, f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX)
             elif name not in LENGTH_PARAMETERS and abs(value) > TURN:
-                document.complain(element, joint.name, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
+                document.report(element, joint.name, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
         if joint.com is not None and max(map(abs, joint.com)) > MAX_LENGTH:
             message = f"the centre of mass of its link lies {max(map(abs, joint.com)):g} m off, too far for an arm"
-            document.complain(element, joint.name, message, _LENGTH_FIX)
+            document.report(element, joint.name, message, _LENGTH_FIX)
         if joint.type == "prismatic" and joint.limits is not None:
             longest = max(map(abs, joint.limits))
             if TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
-                document.complain(element, joint.name, f"a travel to {longest:g} m is too long for an arm", _LENGTH_FIX)
+                document.report(element, joint.name, f"a travel to {longest:g} m is too long for an arm", _LENGTH_FIX)
     if limits_likely_degrees(joints):
-        document.complain(None, "", "the limits of every joint are more than two turns", _ANGLE_FIX)
+        document.report(None, "", "the limits of every joint are more than two turns", _ANGLE_FIX)

@@ -48,7 +48,7 @@ class UrdfDocument:
     """1-based line of each element's opening tag."""
     problems: list[Problem] = field(default_factory=list)
 
-    def complain(self, element: Element | None, name: str, message: str, fix: str | None = None) -> None:
+    def report(self, element: Element | None, name: str, message: str, fix: str | None = None) -> None:
         """Note a problem of the joint or link ``name``."""
         line = None if element is None else self.lines[element]
         self.problems.append(Problem(message, self.file, line, name or None, fix))
@@ -145,20 +145,20 @@ class _UrdfReader:
 def _check(document: UrdfDocument) -> None:
     own = document.root.attrib.setdefault("name", "robot")
     if not own.isprintable():
-        document.complain(document.root, "", f"<robot name>: expected a name, found {own!r}")
+        document.report(document.root, "", f"<robot name>: expected a name, found {own!r}")
     seen: dict[tuple[str, str], int] = {}
     for owner in document.root:
         name = owner.get("name", "")
         if name and (owner.tag, name) in seen:
             message = f"there is already a {owner.tag} {name!r} in line {seen[owner.tag, name]}"
-            document.complain(owner, name, message)
+            document.report(owner, name, message)
         seen.setdefault((owner.tag, name), document.lines[owner])
         for element in owner.iter():
             _check_element(document, owner, element)
         if owner.tag == "joint":
             for tag in ("parent", "child"):
                 if owner.find(tag) is None:
-                    document.complain(owner, name, f"the joint has no <{tag}>")
+                    document.report(owner, name, f"the joint has no <{tag}>")
 
 
 def _check_element(document: UrdfDocument, owner: Element, element: Element) -> None:
@@ -166,9 +166,9 @@ def _check_element(document: UrdfDocument, owner: Element, element: Element) -> 
     for attribute in _NAMES.get(element.tag, ()):
         given = element.get(attribute, "")
         if not given.strip():
-            document.complain(element, name, f"<{element.tag}> needs the attribute {attribute!r}")
+            document.report(element, name, f"<{element.tag}> needs the attribute {attribute!r}")
         elif not given.isprintable():
-            document.complain(element, name, f"<{element.tag} {attribute}>: expected a name, found {given!r}")
+            document.report(element, name, f"<{element.tag} {attribute}>: expected a name, found {given!r}")
     for attribute, count in _NUMBERS.get(element.tag, {}).items():
         numbers = element.get(attribute)
         if numbers is None:
@@ -183,4 +183,4 @@ def _check_element(document: UrdfDocument, owner: Element, element: Element) -> 
         finite = all(math.isfinite(value) or (element.tag == "limit" and math.isinf(value)) for value in values)
         if len(values) != count or not finite:
             wanted = "a number" if count == 1 else f"{count} numbers"
-            document.complain(element, name, f"<{element.tag} {attribute}>: expected {wanted}, found {numbers[:60]!r}")
+            document.report(element, name, f"<{element.tag} {attribute}>: expected {wanted}, found {numbers[:60]!r}")

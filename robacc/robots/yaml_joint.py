@@ -9,7 +9,7 @@ from typing import Literal, cast
 
 import yaml
 
-from robacc.io.yaml_nodes import Source, YamlSection, found
+from robacc.io.yaml_nodes import Source, YamlSection, describe
 from robacc.robots.description import (
     DH_PARAMETERS,
     LENGTH_PARAMETERS,
@@ -74,10 +74,10 @@ def read_joint(source: Source, node: yaml.Node, index: int, convention: Conventi
 def _check_keys_of_type(section: YamlSection, kind: str) -> None:
     for key in section.values:
         if kind == "fixed" and key not in _FIXED_KEYS:
-            section.source.complain(section.values[key], section.at(key), "a fixed joint has none")
+            section.source.report(section.values[key], section.at(key), "a fixed joint has none")
     if kind == "continuous" and "limits" in section.values:
         message = "a continuous joint has no limits"
-        section.source.complain(section.values["limits"], section.at("limits"), message, "make its type revolute")
+        section.source.report(section.values["limits"], section.at("limits"), message, "make its type revolute")
 
 
 def _read_dh(section: YamlSection, joint_type: JointType, units: Units) -> dict[str, float]:
@@ -122,7 +122,7 @@ def _read_axis(section: YamlSection) -> Vector:
         return (0.0, 0.0, 1.0)
     length = math.hypot(*values)
     if length < _MIN_AXIS:
-        section.source.complain(node, section.at("axis"), "the axis is zero and has no direction")
+        section.source.report(node, section.at("axis"), "the axis is zero and has no direction")
         return (0.0, 0.0, 1.0)
     if abs(length - 1) < _UNIT_AXIS:
         return cast(Vector, values)
@@ -136,7 +136,7 @@ def _read_limits(section: YamlSection, joint_type: JointType, units: Units) -> t
     if values is None:
         return None
     if values[0] > values[1]:
-        section.source.complain(node, path, f"the lower limit {values[0]:g} is above the upper one {values[1]:g}")
+        section.source.report(node, path, f"the lower limit {values[0]:g} is above the upper one {values[1]:g}")
         return None
     if joint_type == "fixed":  # which has none, and was complained of
         return None
@@ -146,7 +146,7 @@ def _read_limits(section: YamlSection, joint_type: JointType, units: Units) -> t
         limits = (values[0] * units.angle, values[1] * units.angle)
     meant, problem = limits_meant(joint_type, limits)
     if problem is not None:
-        section.source.complain(node, path, problem, "leave limits out where there are none")
+        section.source.report(node, path, problem, "leave limits out where there are none")
     return meant
 
 
@@ -154,7 +154,7 @@ def _read_sign(section: YamlSection) -> Literal[1, -1]:
     node = section.get("sign")
     value = section.source.number(node, section.at("sign")) if node else None
     if node and value is not None and abs(value) != 1:
-        section.source.complain(node, section.at("sign"), f"expected 1 or -1, found {found(node)}")
+        section.source.report(node, section.at("sign"), f"expected 1 or -1, found {describe(node)}")
     return -1 if value == -1 else 1
 
 
@@ -163,7 +163,7 @@ def _read_positive(section: YamlSection, key: str) -> float | None:
     value = section.source.number(node, section.at(key)) if node else None
     if node and value is not None and value <= 0:
         fix = "write sign: -1 where the motor turns the other way" if value < 0 else None
-        section.source.complain(node, section.at(key), f"expected a positive number, found {found(node)}", fix)
+        section.source.report(node, section.at(key), f"expected a positive number, found {describe(node)}", fix)
     return value
 
 
@@ -171,10 +171,10 @@ def _read_mass(section: YamlSection, units: Units) -> tuple[float | None, Vector
     source, node, com_node = section.source, section.get("mass"), section.get("com")
     mass = source.number(node, section.at("mass")) if node else None
     if node and mass is not None and mass < 0:
-        source.complain(node, section.at("mass"), f"a mass is not negative, found {found(node)}")
+        source.report(node, section.at("mass"), f"a mass is not negative, found {describe(node)}")
     com = units.position(source, com_node, section.at("com")) if com_node else None
     if com_node and not node:
-        source.complain(com_node, section.at("com"), "a centre of mass without a mass", "add the link's mass in kg")
+        source.report(com_node, section.at("com"), "a centre of mass without a mass", "add the link's mass in kg")
     return mass, com
 
 
@@ -206,10 +206,10 @@ def resolve_mimics(
         path, master = f"joints[{i}].mimic.joint", by_name.get(joint.mimic.master)
         if master is None:
             message = f"{joint.name!r} follows {joint.mimic.master!r}, which is no joint of this robot"
-            source.complain(nodes[i], path, message)
+            source.report(nodes[i], path, message)
         elif not master.is_variable:
             kind = "is fixed" if master.type == "fixed" else "follows another joint itself"
-            source.complain(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
+            source.report(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
         else:
             own = units.length if joint.type == "prismatic" else units.angle
             its = units.length if master.type == "prismatic" else units.angle

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import yaml
 
-from robacc.io.yaml_nodes import Source, YamlSection, compose, found
+from robacc.io.yaml_nodes import Source, YamlSection, compose, describe
 from robacc.robots.description import (
     MAX_JOINTS,
     STANDARD_GRAVITY,
@@ -104,9 +104,9 @@ def _check_version(top: YamlSection) -> None:
     node = top.values.get("robacc")
     if node is None:
         fix = f"write 'robacc: {FORMAT_VERSION}' as the first line"
-        top.source.complain(None, "robacc", "the format version is missing: not a robot file of robacc", fix)
+        top.source.report(None, "robacc", "the format version is missing: not a robot file of robacc", fix)
     elif not isinstance(node, yaml.ScalarNode) or node.value != str(FORMAT_VERSION):
-        top.source.complain(node, "robacc", f"expected format version {FORMAT_VERSION}, found {found(node)}")
+        top.source.report(node, "robacc", f"expected format version {FORMAT_VERSION}, found {describe(node)}")
 
 
 def _read_units(top: YamlSection) -> Units | None:
@@ -135,7 +135,7 @@ def _read_gravity(top: YamlSection) -> Vector:
     if values is None:
         return STANDARD_GRAVITY
     if sum(value * value for value in values) > _MAX_GRAVITY**2:
-        top.source.complain(node, "gravity", f"{list(values)} is too much", "it is in m/s^2 whatever the units")
+        top.source.report(node, "gravity", f"{list(values)} is too much", "it is in m/s^2 whatever the units")
     return cast(Vector, values)
 
 
@@ -160,10 +160,10 @@ def _read_targets(top: YamlSection, units: Units) -> dict[str, Frame]:
         return {}
     source = top.source
     if not isinstance(node, yaml.MappingNode) or not node.value:
-        source.complain(node, "targets", f"expected names with xyz, found {found(node)}")
+        source.report(node, "targets", f"expected names with xyz, found {describe(node)}")
         return {}
     if "tool" in top.values:
-        source.complain(node, "targets", "stands beside tool; a robot has one or the other", "name the tool a target")
+        source.report(node, "targets", "stands beside tool; a robot has one or the other", "name the tool a target")
     targets: dict[str, Frame] = {}
     for name, _, value in source.entries(node, "targets"):
         section = source.section(value, f"targets.{name}", ("xyz", "rpy"))
@@ -180,8 +180,8 @@ def _read_digests(top: YamlSection) -> tuple[str, ...]:
         # Not read as text: digits alone are a number to YAML, and are written in quotes for that.
         digest = item.value if isinstance(item, yaml.ScalarNode) else ""
         if not _DIGEST.fullmatch(digest):
-            message = f"expected the SHA-256 of a file of poses, 64 digits 0 to f, found {found(item)}"
-            top.source.complain(item, f"fitted_to[{i}]", message, "--write-model writes it; leave it as it was")
+            message = f"expected the SHA-256 of a file of poses, 64 digits 0 to f, found {describe(item)}"
+            top.source.report(item, f"fitted_to[{i}]", message, "--write-model writes it; leave it as it was")
         digests.append(digest)
     return tuple(digests)
 
@@ -193,9 +193,9 @@ def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tupl
         return ()
     items = source.items(node, "joints", "joints")
     if isinstance(node, yaml.SequenceNode) and not items:
-        source.complain(node, "joints", "a robot needs at least one joint")
+        source.report(node, "joints", "a robot needs at least one joint")
     if len(items) > MAX_JOINTS:
-        source.complain(node, "joints", f"found {len(items)} joints, expected at most {MAX_JOINTS}")
+        source.report(node, "joints", f"found {len(items)} joints, expected at most {MAX_JOINTS}")
         return ()
     joints: list[Joint] = []
     lines: dict[str, int] = {}
@@ -207,13 +207,13 @@ def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tupl
             continue
         if joint.name in lines:
             message = f"{joint.name!r} is taken by the joint of line {lines[joint.name]}"
-            source.complain(item, f"joints[{i}].name", message)
+            source.report(item, f"joints[{i}].name", message)
         lines.setdefault(joint.name, item.start_mark.line + 1)
         if joint.link and any(joint.link == other.link for other in joints):
-            source.complain(item, f"joints[{i}].link", f"{joint.link!r} is moved by an earlier joint already")
+            source.report(item, f"joints[{i}].link", f"{joint.link!r} is moved by an earlier joint already")
         joints.append(joint)
     if complete and items and not any(joint.is_variable for joint in joints):
-        source.complain(node, "joints", "no joint moves: all are fixed or follow another")
+        source.report(node, "joints", "no joint moves: all are fixed or follow another")
     return resolve_mimics(source, joints, items, units) if complete else ()
 
 
@@ -226,7 +226,7 @@ def _read_effects(top: YamlSection) -> tuple[Mapping[str, Any], ...]:
         if isinstance(item, yaml.MappingNode):
             effects.append(top.source.plain(item, effect_key(i)))
         else:
-            top.source.complain(item, effect_key(i), f"expected keys with values, found {found(item)}")
+            top.source.report(item, effect_key(i), f"expected keys with values, found {describe(item)}")
     return tuple(effects)
 
 

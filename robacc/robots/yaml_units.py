@@ -9,7 +9,7 @@ from typing import cast
 
 import yaml
 
-from robacc.io.yaml_nodes import Source, YamlSection, found
+from robacc.io.yaml_nodes import Source, YamlSection, describe
 from robacc.robots.description import LENGTH_PARAMETERS, ZERO, Frame, Joint, Robot, Vector
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
@@ -51,11 +51,11 @@ class Units:
     def _check(self, source: Source, node: yaml.Node, path: str, value: float, is_length: bool) -> float | None:
         if is_length and abs(value) * self.length > MAX_LENGTH:
             fix = "it looks like mm: write length: mm under units" if self.length == 1.0 else None
-            source.complain(node, path, f"{value:g} is {abs(value) * self.length:g} m, too long for an arm", fix)
+            source.report(node, path, f"{value:g} is {abs(value) * self.length:g} m, too long for an arm", fix)
             return None
         if not is_length and abs(value) * self.angle > TURN:
             fix = "it looks like degrees: write angle: deg under units" if self.angle == 1.0 else None
-            source.complain(node, path, f"{value:g} {'rad' if fix else 'deg'} is more than a turn", fix)
+            source.report(node, path, f"{value:g} {'rad' if fix else 'deg'} is more than a turn", fix)
             return None
         return value * (self.length if is_length else self.angle)
 
@@ -64,7 +64,7 @@ class Units:
         longest = max(map(abs, limits)) * self.length
         if self.length == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
             fix = "it looks like mm: write length: mm under units"
-            source.complain(node, path, f"a travel to {longest:g} m is too long for an arm", fix)
+            source.report(node, path, f"a travel to {longest:g} m is too long for an arm", fix)
         return limits[0] * self.length, limits[1] * self.length
 
     def position(self, source: Source, node: yaml.Node, path: str) -> Vector | None:
@@ -100,8 +100,8 @@ class Units:
         for name, item in inner.values.items():
             value = self.parameter(section.source, item, inner.at(name), is_length=name in lengths)
             if value is not None and value < 0:
-                message = f"a standard deviation is not negative, found {found(item)}"
-                section.source.complain(item, inner.at(name), message)
+                message = f"a standard deviation is not negative, found {describe(item)}"
+                section.source.report(item, inner.at(name), message)
             elif value is not None:
                 result[name] = value
         return result
@@ -113,15 +113,15 @@ def complain_of_likely_units(robot: Robot, units: Units, top: YamlSection) -> No
     if units.angle == 1.0 and limits_likely_degrees(robot.joints):
         first = next(joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute")
         message = f"the limits of every joint (the first: {first} rad) are more than two turns"
-        source.complain(node, "units.angle", message, "they look like degrees: write angle: deg")
+        source.report(node, "units.angle", message, "they look like degrees: write angle: deg")
     angles = [abs(angle) / units.angle for joint in robot.joints for angle in _fixed_angles(joint)]
     if units.angle != 1.0 and angles and all(_is_right_angle(value) for value in angles):
         message = f"the joints' angles ({angles[0]:g} and so on) are multiples of a quarter turn in rad, not in deg"
-        source.complain(node, "units.angle", message, "they look like radians: write angle: rad")
+        source.report(node, "units.angle", message, "they look like radians: write angle: rad")
     longest = max((abs(value) for joint in robot.joints for value in _lengths(joint)), default=0.0)
     if units.length != 1.0 and 0 < longest < MIN_LENGTH:
         message = f"the longest length of the arm is {longest / units.length:g} mm"
-        source.complain(node, "units.length", message, "the lengths look like metres: write length: m")
+        source.report(node, "units.length", message, "the lengths look like metres: write length: m")
 
 
 def limits_meant(kind: str, limits: tuple[float, float]) -> tuple[tuple[float, float] | None, str | None]:

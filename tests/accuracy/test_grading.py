@@ -242,8 +242,8 @@ def problems(text: str) -> list[str]:
             "s.yaml:10, xyzzy: this key is not known; the keys are robacc, name",
         ),
         ("  - {grade: B, position: 3e-4}", "  - B", "s.yaml:8, steps[1]: a mapping with the keys grade, position"),
-        ("name: mine", "name: [", "s.yaml:4: not readable as YAML: "),
-        ("name: mine", "name: \x07", "s.yaml:2: not readable as YAML: "),
+        ("name: mine", "name: [", "s.yaml:4: cannot be read as YAML: "),
+        ("name: mine", "name: \x07", "s.yaml:2: cannot be read as YAML: "),
     ],
 )
 def test_every_message_of_a_scale(old: str, new: str, message: str | None) -> None:
@@ -267,9 +267,9 @@ def test_a_file_without_a_mapping() -> None:
 
 def test_a_scale_is_read_as_carefully_as_a_robot_file() -> None:
     # libyaml ends the process here, without a word.
-    assert problems("[" * 200_000) == ["s.yaml:1: not readable as YAML: nested deeper than 32"]
+    assert problems("[" * 200_000) == ["s.yaml:1: cannot be read as YAML: nested deeper than 32"]
     assert problems(GOOD.replace("3e-4", "&a 3e-4")) == [
-        "s.yaml:8: not readable as YAML: anchors (&) and aliases (*) are not taken"
+        "s.yaml:8: cannot be read as YAML: anchors (&) and aliases (*) are not supported"
     ]
     assert "found '3_00', expected a number greater than zero" in problems(GOOD.replace("3e-4", "3_00"))[0]
     assert "a single word or number is expected here" in problems(GOOD.replace("mine", '"\\e[2J"'))[0]

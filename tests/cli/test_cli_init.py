@@ -135,7 +135,7 @@ def test_nothing_is_written_over_unasked() -> None:
         (("two.urdf", "--robot", "two.urdf", "--force"), 2, "two.urdf is the URDF, and would be overwritten"),
         (("none.urdf",), 3, "none.urdf: there is no such file"),
         (("arm.yaml",), 2, "arm.yaml is a robot file already"),
-        (("--joints", "2", "--folder", "two.urdf"), 3, "two.urdf: cannot be made: "),
+        (("--joints", "2", "--folder", "two.urdf"), 3, "two.urdf: cannot be created: "),
     ],
 )
 def test_calls_that_do_not_fit(arguments: tuple[str, ...], status: int, message: str) -> None:

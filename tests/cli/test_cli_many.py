@@ -195,7 +195,7 @@ def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:
         (["a", "c", "--scale", "none.yaml"], 3, "none.yaml: there is no such file"),
         (["a", "c", "--per-pose", "x.csv"], 2, "of several files it is a folder"),
         (["a", "c", "--per-pose", "./"], 2, "a.csv is an input too, and would be overwritten"),
-        (["a", "c", "--output", "a.csv/"], 3, "a.csv/: cannot be made: "),
+        (["a", "c", "--output", "a.csv/"], 3, "a.csv/: cannot be created: "),
         (["sub/c", "c", "sub-c", "--output", "out/"], 2, "would both be written to out/sub-c.txt"),
     ],
 )

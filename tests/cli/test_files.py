@@ -24,10 +24,10 @@ def test_text_is_read_whatever_marks_its_encoding(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"a\nb\0c", ":2: is not a text file: it holds a NUL byte"),
+        (b"a\nb\0c", ":2: is not a text file: it contains a NUL byte"),
         (b"a\nb\n\xe4", ":3: is not UTF-8 text (byte 0xe4); save it as UTF-8"),
         (b"\xff\xfea", ":1: is not UTF-16 text"),
-        (b"x" * 2000, ": is larger than 0.000976562 MiB, the most that is read as text"),
+        (b"x" * 2000, ": is larger than 0.000976562 MiB, the limit for text files"),
     ],
 )
 def test_what_is_no_text_is_said(tmp_path: Path, content: bytes, message: str) -> None:
@@ -93,7 +93,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path, monkeyp
 def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="its folder does not exist; create the folder first"):
         write_text(tmp_path / "no" / "out.txt", "x")
-    with pytest.raises(InputError, match="is a folder; a file's name is needed to write to"):
+    with pytest.raises(InputError, match="is a folder, not a file; name a file in it"):
         write_text(tmp_path, "x")
     path = write(tmp_path / "out.txt", "old")
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anything, so the mode alone shows nothing

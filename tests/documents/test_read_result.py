@@ -89,7 +89,7 @@ def test_every_truncation_is_one_clear_error(tmp_path: Path) -> None:
         ('{"a": %s}' % ("9" * 5000), "result.json: is no result: Exceeds the limit"),
         ("[" * 100_000, "result.json: is nested more deeply than any result"),
         ('{"a": "\\ud800"}', "result.json: holds half of a surrogate pair, which is no character"),
-        (b'{"a": \x00}', "result.json:1: is not a text file: it holds a NUL byte"),
+        (b'{"a": \x00}', "result.json:1: is not a text file: it contains a NUL byte"),
         (b'{"a": "\xe4"}', "result.json:1: is not UTF-8 text (byte 0xe4)"),
         ("[]", "result.json: is no result of robacc: it is no JSON object; make it with --format json"),
         ("{}", "result.json: is no result of robacc: it has no key 'schema'; make it with --format json"),
@@ -138,7 +138,7 @@ def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(module, "RESULT_LIMIT", 64)
     assert "is larger than" in problems(tmp_path, json_text(good()))
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b" " * 65)))
-    with pytest.raises(InputError, match=r"^<stdin>: is larger than 6\.10352e-05 MiB, the most that is read as text$"):
+    with pytest.raises(InputError, match=r"^<stdin>: is larger than 6\.10352e-05 MiB, the limit for text files$"):
         read_result("-")
 
 

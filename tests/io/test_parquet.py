@@ -133,7 +133,7 @@ def test_every_bad_value_is_named_by_its_row(tmp_path: Path, monkeypatch: pytest
     assert problems(written(tmp_path / "p.parquet", columns)) == [
         ", row 1, y_mm: found 'nan', expected a finite number",
         ", row 2, z_mm: found 'inf', expected a finite number",
-        ", row 2, pose: the value is missing, expected a text",
+        ", row 2, pose: the value is missing, expected text",
         ", row 3, x_mm: the value is missing, expected a number",
         ", row 3, cycle: the text has 257 characters, expected at most 256",
     ]
@@ -192,7 +192,7 @@ def test_what_is_no_parquet_is_said(tmp_path: Path) -> None:
     path = tmp_path / "p.parquet"
     path.write_text("x,y,z,q1\n1,2,3,4\n", encoding="utf-8")
     assert problems(str(path)) == [
-        ": is no Parquet file: it does not begin with PAR1; write it again, or name it .csv if it is text"
+        ": is not a Parquet file: it does not begin with PAR1; export it again, or rename it to .csv if it is text"
     ]
     whole = Path(sample(tmp_path / "whole.parquet")).read_bytes()
     for length in (4, 12, len(whole) // 2, len(whole) - 1):
@@ -222,7 +222,7 @@ def test_damage_in_the_middle_is_an_error_or_harmless(tmp_path: Path) -> None:
 def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "p.parquet", PLAIN)
     monkeypatch.setattr(parquet, "_MOST_NUMBERS", 11)
-    assert problems(path) == [": found 3 rows of 4 columns; measure less at a time"]
+    assert problems(path) == [": found 3 rows of 4 columns; split the file"]
     monkeypatch.setattr(parquet, "_MOST_ROWS", 2)
     assert problems(path) == [": found 3 rows; expected at most 2"]
     monkeypatch.setattr(parquet, "MAX_COLUMNS", 3)
@@ -249,7 +249,7 @@ def test_a_pipe_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(parquet, "_PIPE_LIMIT", 100)
     with through_pipe() as stream:
         monkeypatch.setattr(sys, "stdin", stream)
-        with pytest.raises(InputError, match="come through the pipe; name a file instead"):
+        with pytest.raises(InputError, match="the pipe holds more than 0 GiB; name a file instead"):
             read_poses("-")
 
 
@@ -257,5 +257,5 @@ def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path, monkeypatch: py
     path = written(tmp_path / "p.parquet", PLAIN)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(UsageError, match=r"is Parquet, which needs an extra: pip install 'robacc\[parquet\]'"):
+    with pytest.raises(UsageError, match=r"is Parquet, which needs an optional package: pip install 'robacc\[parquet\]'"):
         read_poses(path)

@@ -18,12 +18,12 @@ from robacc.poses.csv_file import read_poses
 BAD_FILES = {
     b"": "the file is empty; expected a header row",
     b"# only a comment\n\n": "the file is empty; expected a header row",
-    b"q1;x;y;z\n1;2;3;4\n": "1: the columns are separated by semicolons, expected commas; export as comma-separated",
+    b"q1;x;y;z\n1;2;3;4\n": "1: the columns are separated by semicolons, expected commas; export the file with commas",
     b"q1\tx\ty\tz\n": "1: the columns are separated by tabs, expected commas",
     b"q1 x y z\n": "1: the columns are separated by spaces, expected commas",
-    b"0.1,1,2,3\n": "1: found numbers where the header row was expected; begin the file with the columns' names",
-    "q1,x,y,z\n".encode("utf-16"): "the file is not UTF-8 text (UTF-16, or no text); save it as UTF-8",
-    "q1,x,y,z\n".encode("utf-16-le"): "the file is not UTF-8 text (UTF-16, or no text)",
+    b"0.1,1,2,3\n": "1: found numbers, expected a header row; begin the file with the columns' names",
+    "q1,x,y,z\n".encode("utf-16"): "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8",
+    "q1,x,y,z\n".encode("utf-16-le"): "the file is not UTF-8 text (it is UTF-16 or binary)",
     b'"q1,x,y,z\n': "1: the header row cannot be read (unexpected end of data); close every quote",
     b",".join(b"c%d" % i for i in range(100_000)): "1: found 100000 columns; expected at most 2000",
     b"q1,x,y,z\n" + b"1" * (1 << 21): "2: the line is longer than 1 MB; expected one line a pose",
@@ -127,7 +127,7 @@ BAD_VALUES: dict[str, tuple[dict[str, object], str]] = {
     "nan": ({"z": "nan"}, "2, z: found 'nan', expected a finite number"),
     "inf": ({"z": "-inf"}, "2, z: found '-inf', expected a finite number"),
     "comma": ({"z": '"1,5"'}, "2, z: found '1,5', expected a number; write decimals with a point, not a comma"),
-    "no text": ({"pose": " "}, "2, pose: the value is missing, expected a text"),
+    "no text": ({"pose": " "}, "2, pose: the value is missing, expected text"),
     "long text": ({"pose": "p" * 300}, "2, pose: the text has 300 characters, expected at most 256"),
     "quaternion": (
         {"qw": 0.9, "qx": 0, "qy": 0, "qz": 0},
@@ -195,7 +195,7 @@ BAD_ROWS = {
     "1,2,3,4,": "2: found 5 fields, expected 4 as in the header",
     "1,0,2,0,3,0,4,0": "2: found 8 fields, expected 4 as in the header; write decimals with a point, not a comma",
     ",, ,": "2: every field of the row is empty; delete the line",
-    '1,2,3,"4': "2: the row cannot be read (unexpected end of data); a quoted field ends on the line it began on",
+    '1,2,3,"4': "2: the row cannot be read (unexpected end of data); close every quote on its line",
 }
 
 

@@ -1,4 +1,4 @@
-"""Parts of the reference that are made from the program: between ``<!-- made: NAME -->`` and ``<!-- end -->``."""
+"""Generated parts of the reference, between ``<!-- made: NAME -->`` and ``<!-- end -->``."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ _PART = re.compile(r"(<!-- made: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def with_made_parts(page: str) -> str:
-    """The page with every made part as the program is now."""
-    return _PART.sub(lambda found: found[1] + "\n" + _MAKERS[found[2]]().strip() + "\n\n" + found[3], page)
+    """Return the page with every generated part as the program is now."""
+    return _PART.sub(lambda match: match[1] + "\n" + _MAKERS[match[2]]().strip() + "\n\n" + match[3], page)
 
 
 def _effects() -> str:
-    """The catalogue: a table to choose from, then each effect."""
+    """Return the catalogue: a table of all effects, then each effect."""
     from robacc.effects import REGISTRY
 
     rows = "\n".join(f"| [`{name}`](#{name}) | {_prose(cls.about.summary)} |" for name, cls in REGISTRY.items())
     parts = [f"| effect | what it is |\n| --- | --- |\n{rows}"]
     for name, cls in REGISTRY.items():
         about = cls.about
-        told = [
+        properties = [
             ("equation", about.equation),
             ("unit", about.unit),
             ("usual size", about.usual_size),
             ("needs", about.needs),
             ("confused with", about.confused_with),
-            ("competes", "joint by joint" if cls.per_joint else "as a whole"),
-            ("written as", "the robot's own numbers" if cls.is_constant else "an entry under `effects:`"),
+            ("tested", "joint by joint" if cls.per_joint else "as a whole"),
+            ("written as", "parameters of the robot" if cls.is_constant else "an entry under `effects:`"),
             ("source", about.source),
         ]
-        table = "\n".join(f"| {key} | {_prose(value) if key != 'written as' else value} |" for key, value in told)
+        table = "\n".join(f"| {key} | {_prose(value) if key != 'written as' else value} |" for key, value in properties)
         entry = f"```yaml\neffects:\n  - {about.example}\n```"
         parts.append(f"## {name}\n\n{_sentence(_prose(about.summary))}\n\n| | |\n| --- | --- |\n{table}\n\n{entry}")
     return "\n\n".join(parts)
 
 
 def _commands() -> str:
-    """Every command: what it does, synopsis and options, as its --help has them."""
+    """Return every command: its purpose, synopsis and options, as ``--help`` prints them."""
     from robacc.cli.main import COMMANDS
 
     return "\n\n".join(f"## {name}\n\n{_command(name)}" for name in COMMANDS)
@@ -55,14 +55,14 @@ def _command(name: str) -> str:
     context = command.make_context(f"robacc {name}", [], resilient_parsing=True)
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     options = [p for p in command.params if p.param_type_name == "option"]
-    words = [_argument(p, context) for p in arguments]
-    words += [f"{p.opts[0]} {_value(p, context)}" for p in options if p.required]
+    synopsis = [_argument(p, context) for p in arguments]
+    synopsis += [f"{p.opts[0]} {_value(p, context)}" for p in options if p.required]
     rows = [f"| `{_argument(p, context)}` | {_prose(p.help or '')} |" for p in arguments]
     rows += [f"| {_names(p, context)} | {_prose(_help(p, context))} |" for p in options]
     return "\n\n".join(
         (
             _paragraphs(command.help or ""),
-            f"```text\n{' '.join(('robacc', name, *words))} [OPTIONS]\n```",
+            f"```text\n{' '.join(('robacc', name, *synopsis))} [OPTIONS]\n```",
             "| argument or option | meaning |\n| --- | --- |\n" + "\n".join(rows),
         )
     )
@@ -99,13 +99,13 @@ def _help(parameter: Any, context: Any) -> str:
 
 
 def _paragraphs(text: str) -> str:
-    """Help text with each command that it gives as an example set as code."""
+    """Return a help text with its example commands set as code."""
     pieces = re.split(r"(robacc [a-z9-]+ [^;]*?\S)(?=; |\. |\.$|$)", " ".join(text.split()))
     return "".join(f"`{piece}`" if number % 2 else _prose(piece) for number, piece in enumerate(pieces))
 
 
 def _gate_keys() -> str:
-    """Keys that a criterion may name, those that differ in one word put together."""
+    """Return the keys that a criterion may name; the four statistics of a figure share a row."""
     from robacc.gates.keys import KEYS, LARGER_IS_BETTER
 
     rows = [
@@ -116,12 +116,12 @@ def _gate_keys() -> str:
 
 
 def _folded(keys: dict[str, str]) -> Iterator[tuple[str, str]]:
-    """Keys with the four statistics folded into one row."""
+    """Yield keys and kinds, the four statistics of a figure in one row."""
     done = set()
     for key, kind in keys.items():
         stem, _, last = key.rpartition(".")
         if last in ("rms", "mean_error", "p95", "max") and all(
-            f"{stem}.{one}" in keys for one in ("rms", "mean_error", "p95", "max")
+            f"{stem}.{statistic}" in keys for statistic in ("rms", "mean_error", "p95", "max")
         ):
             if stem not in done:
                 done.add(stem)
@@ -137,7 +137,7 @@ def _rules() -> str:
 
 
 def _prose(text: str) -> str:
-    """Text of the program as Markdown: nothing in it is markup."""
+    """Return a text of the program as Markdown, with its markup characters escaped."""
     plain = re.sub(r"\s+", " ", text)
     return re.sub(r"([\\`*_\[\]|])", r"\\\1", html.escape(plain, quote=False))
 

@@ -1,6 +1,6 @@
-"""Formulas as MathML when the site is built, so that pages need no script and no network.
+"""Formulas become MathML when the site is built, so that pages need no script and no network.
 
-``$…$`` within a line and ``$$…$$`` as a paragraph of their own, in LaTeX; pymdownx.arithmatex finds them.
+``$…$`` within a line and ``$$…$$`` as a paragraph, in LaTeX; pymdownx.arithmatex marks them.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ _DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.D
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """A page's HTML with its formulas in MathML."""
-    content = _INLINE.sub(lambda found: convert(html.unescape(found[1])), content)
+    """Return a page's HTML with its formulas in MathML."""
+    content = _INLINE.sub(lambda match: convert(html.unescape(match[1])), content)
     return _DISPLAY.sub(
-        lambda found: f'<div class="formula">{convert(html.unescape(found[1]).strip(), display="block")}</div>', content
+        lambda match: f'<div class="formula">{convert(html.unescape(match[1]).strip(), display="block")}</div>', content
     )

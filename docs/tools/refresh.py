@@ -1,4 +1,7 @@
-"""Bring outputs and made parts of the pages up to date: ``python docs/tools/refresh.py [PAGE …]``, all by default."""
+"""Update outputs and generated parts of the pages: ``python docs/tools/refresh.py [PAGE …]``.
+
+Without arguments it goes through README and all pages of ``docs``.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,8 @@ DOCS = ROOT / "docs"
 
 
 def refreshed(page: str, name: str, cache: dict[str, Ran]) -> tuple[str, list[str]]:
-    """The page with the outputs of today, and what has to be mended by hand."""
-    page, trouble = with_made_parts(page), []
+    """Return the page with the current outputs, and the problems that need an edit by hand."""
+    page, problems = with_made_parts(page), []
     with tempfile.TemporaryDirectory() as folder:
         session = Session(Path(folder), cache)
         parts, place = [], 0
@@ -34,30 +37,30 @@ def refreshed(page: str, name: str, cache: dict[str, Ran]) -> tuple[str, list[st
                 try:
                     output = session.run(shown.command)
                 except AssertionError as error:
-                    return page, [*trouble, f"{name}: {error}; it printed {lines[-1:]}"]
-                now = brought_up_to_date(shown.output, output)
-                if now is None:
-                    trouble.append(f"{name}: what is left out of {shown.command!r} cannot be found again in\n{output}")
-                lines += [*shown.lines, *(shown.output if now is None else now)]
+                    return page, [*problems, f"{name}: {error}; it printed {lines[-1:]}"]
+                current = brought_up_to_date(shown.output, output)
+                if current is None:
+                    problems.append(f"{name}: cannot place the omitted parts of {shown.command!r} in\n{output}")
+                lines += [*shown.lines, *(shown.output if current is None else current)]
             parts.append("".join(line.rstrip() + "\n" for line in lines))
-    return "".join(parts) + page[place:], trouble
+    return "".join(parts) + page[place:], problems
 
 
 def main(names: list[str]) -> int:
-    """Refresh pages; status 1 where something has to be mended by hand."""
-    pages = [Path(name).resolve() for name in names] or sorted(DOCS.rglob("*.md"))
+    """Update pages; return status 1 if a page needs an edit by hand."""
+    pages = [Path(name).resolve() for name in names] or [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
     cache: dict[str, Ran] = {}
-    trouble: list[str] = []
+    problems: list[str] = []
     for path in pages:
         before = path.read_text(encoding="utf-8")
-        after, found = refreshed(before, path.name, cache)
-        trouble += found
+        after, page_problems = refreshed(before, path.name, cache)
+        problems += page_problems
         if after != before:
             path.write_text(after, encoding="utf-8")
             print(f"refreshed {path.relative_to(ROOT)}")
-    for line in trouble:
+    for line in problems:
         print(line, file=sys.stderr)
-    return 1 if trouble else 0
+    return 1 if problems else 0
 
 
 if __name__ == "__main__":

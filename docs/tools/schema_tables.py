@@ -1,4 +1,4 @@
-"""The schemas of results as tables: every key with what it is, parts that several results share by themselves."""
+"""Schemas of results as tables: every key with its meaning; shared parts have tables of their own."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from robacc.api.schema import schema_names, schema_text
 
 Schema = dict[str, Any]
 _SHAPES = {"vector3": "[3]", "matrix3": "[3][3]", "rows3": "[n][3]"}
-"""Shared parts that are said by their shape alone."""
+"""Shared parts that the tables show by their shape."""
 _ORDER = ("estimate", "estimate-many", "predict", "calibrate", "trace", "iso9283", "compare", "check")
 
 
 def results() -> str:
-    """What every result has, a section a result, and the parts that they share."""
+    """Return the keys of every result, a section for each result, and the shared parts."""
     names = (*_ORDER, *(name for name in schema_names() if name not in _ORDER))
     schemas = {name: _described(json.loads(schema_text(name))) for name in names}
     first = schemas["estimate"]["properties"]
@@ -25,13 +25,13 @@ def results() -> str:
     parts = ["## Every result", _table({key: first[key] for key in every}, every[:-1])]
     shared: dict[str, Schema] = {}
     for name, schema in schemas.items():
-        # A check's gate is its own result, not one that may stand beside it.
+        # The gate of a check is the result itself, not an optional part of it.
         shown = every[:-1] if name == "check" else every
         own = {key: value for key, value in schema["properties"].items() if key not in shown}
-        what = schema["description"].split(" Lengths in m")[0]
-        parts += [f"## {schema['title']}", _prose(what), _table(own, schema["required"])]
+        purpose = schema["description"].split(" Lengths in m")[0]
+        parts += [f"## {schema['title']}", _prose(purpose), _table(own, schema["required"])]
         shared |= schema["$defs"]
-    parts += ["## Shared parts", "Parts that stand in several places or results."]
+    parts += ["## Shared parts", "Parts that several results or places use."]
     for name in sorted(set(shared) - set(_SHAPES)):
         part = shared[name]
         parts.append(f"### {_title(name)}")
@@ -43,32 +43,32 @@ def results() -> str:
 
 
 def _described(schema: Schema) -> Schema:
-    """The schema with what it says of a shared part at each place that says nothing more."""
+    """Return the schema with descriptions of shared parts copied to references without a description."""
 
-    def told(value: Any) -> Any:
+    def described(value: Any) -> Any:
         if isinstance(value, list):
-            return [told(one) for one in value]
+            return [described(item) for item in value]
         if not isinstance(value, dict):
             return value
         part = schema["$defs"].get(value.get("$ref", "").rpartition("/")[2], {})
         known = {"description": part["description"]} if "description" in part else {}
-        return known | {key: told(one) for key, one in value.items()}
+        return known | {key: described(item) for key, item in value.items()}
 
-    described: Schema = told(schema)
-    return described
+    result: Schema = described(schema)
+    return result
 
 
 def _table(properties: Schema, required: Any) -> str:
-    rows = [f"| {key} | {kind} | {told} |" for key, kind, told in _rows(properties, required, "")]
+    rows = [f"| {key} | {kind} | {meaning} |" for key, kind, meaning in _rows(properties, required, "")]
     return "\n".join(["| key | value | meaning |", "| --- | --- | --- |", *rows])
 
 
 def _rows(properties: Schema, required: Any, owner: str) -> Iterator[tuple[str, str, str]]:
     for key, part in properties.items():
-        name, told = f"{owner}{key}", _prose(part.get("description", ""))
+        name, meaning = f"{owner}{key}", _prose(part.get("description", ""))
         if key not in required:
-            told = f"{told} Not always there."
-        yield f"`{name}`", _kind(part), told.strip()
+            meaning = f"{meaning} Optional."
+        yield f"`{name}`", _kind(part), meaning.strip()
         inner, mark = part, "."
         while "items" in inner and "properties" not in inner:
             inner, mark = inner["items"], f"[]{mark}"
@@ -77,9 +77,9 @@ def _rows(properties: Schema, required: Any, owner: str) -> Iterator[tuple[str, 
 
 
 def _kind(part: Schema) -> str:
-    """What a value is, in a word or by its shape; shared parts as a link."""
+    """Return the type of a value as a word or a shape; shared parts as a link."""
     if "anyOf" in part:
-        return " or ".join(_kind(one) for one in part["anyOf"])
+        return " or ".join(_kind(choice) for choice in part["anyOf"])
     if "$ref" in part:
         name = part["$ref"].rpartition("/")[2]
         return _SHAPES.get(name) or f"[{_title(name)}](#{_title(name).lower().replace(' ', '-')})"

@@ -1,16 +1,15 @@
-r"""Commands and their output in Markdown pages: run, compared, and brought up to date.
+r"""Run, compare and update the commands and outputs of Markdown pages.
 
-A page is one session in a folder of its own that holds ``sample_data`` and ``configs``, as a checkout does. Its fenced
-blocks are gone through in order:
+A page is one session in a new folder with the checkout's ``sample_data`` and ``configs``. Its fenced blocks are read
+in order:
 
 - ``yaml``, ``csv``, ``python``, ``xml`` with a ``title="NAME"``: the file NAME, written into the folder.
-- ``console``: ``$`` lines are commands, what follows is what a terminal shows. A line that is ``…`` alone stands for
-  any number of lines. Commands are ``robacc``, ``cat``, ``head -n N``, ``tail -n +N``, ``python FILE …``, ``echo $?``;
+- ``console``: ``$`` lines are commands, the lines below them their output. A line ``…`` stands for any number of
+  lines. Commands are ``robacc``, ``cat``, ``head -n N``, ``tail -n +N``, ``python FILE …``, ``echo $?``;
   ``|``, ``>``, ``>>`` and a ``\`` at the end of a line do what they do in a shell. A command that does not end with
   status 0 must be followed by ``echo $?``.
 
-Commands run in this process, which spares each of them the start of an interpreter; an equal command on equal files is
-run once.
+Commands run in this process, without a new interpreter; an equal command on equal files runs once.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 ROOT = Path(__file__).resolve().parents[2]
-LENT = ("sample_data", "configs")
-"""Folders of the checkout that a session finds in its own."""
+SHARED_FOLDERS = ("sample_data", "configs")
+"""Folders of the checkout that a session gets a copy of."""
 OMITTED = "…"
 
 _FENCE = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -40,75 +39,75 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w])")
 _BLANKS = re.compile(r"[ ]+")
 _TITLE = re.compile(r'title="([^"]+)"')
 _FILES = ("yaml", "csv", "python", "xml")
-_JUDGES = ("--gate", "check")
-"""Words of a command that may read files which it does not name."""
+_GATE_WORDS = ("--gate", "check")
+"""Words of commands that may read files without naming them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A fenced block that takes part in the session."""
+    """A fenced block of the session."""
 
     kind: str
     file: str | None
-    """The file that it is; None for a console."""
+    """Name of the file; None for a console."""
     text: str
     start: int
-    """Where its text begins in the page."""
+    """Offset of its text in the page."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """One command of a console and what the page shows of its output."""
+    """One command of a console and the part of its output that the page shows."""
 
     lines: tuple[str, ...]
-    """The command as it stands there, with ``$``."""
+    """The command as written, with ``$``."""
     output: tuple[str, ...]
 
     @property
     def command(self) -> str:
-        """The command in one line."""
+        """The command on one line."""
         return " ".join(line.removesuffix("\\").strip() for line in self.lines).removeprefix("$ ")
 
 
 @dataclass(frozen=True, slots=True)
 class Ran:
-    """What a command did."""
+    """Output, status and files of a command."""
 
     output: str
     status: int
     files: tuple[tuple[str, bytes], ...]
-    """That it wrote, by their names."""
+    """Files that it wrote, by name."""
 
 
 def blocks(page: str) -> tuple[Block, ...]:
-    """The blocks of a page that are files or consoles."""
-    found = []
+    """Return the blocks of a page that are files or consoles."""
+    result = []
     for match in _FENCE.finditer(page):
         kind, title = match[1], _TITLE.search(match[2])
         if kind == "console" or (kind in _FILES and title):
-            found.append(Block(kind, title[1] if title and kind != "console" else None, match[3], match.start(3)))
-    return tuple(found)
+            result.append(Block(kind, title[1] if title and kind != "console" else None, match[3], match.start(3)))
+    return tuple(result)
 
 
 def commands(text: str) -> tuple[Shown, ...]:
-    """The commands of a console, each with the output shown below it."""
-    found: list[tuple[list[str], list[str]]] = []
+    """Return the commands of a console, each with the output below it."""
+    pairs: list[tuple[list[str], list[str]]] = []
     continued = False
     for line in text.splitlines():
         if continued:
-            found[-1][0].append(line)
+            pairs[-1][0].append(line)
         elif line.startswith("$ "):
-            found.append(([line], []))
+            pairs.append(([line], []))
         else:
-            found[-1][1].append(line)
-        continued = bool(found[-1][0]) and not found[-1][1] and found[-1][0][-1].endswith("\\")
-    return tuple(Shown(tuple(command), tuple(output)) for command, output in found)
+            pairs[-1][1].append(line)
+        continued = bool(pairs[-1][0]) and not pairs[-1][1] and pairs[-1][0][-1].endswith("\\")
+    return tuple(Shown(tuple(command), tuple(output)) for command, output in pairs)
 
 
 def agrees(shown: tuple[str, ...], output: str) -> bool:
-    """Return whether a page shows the output, ``…`` alone on a line standing for any number of lines.
+    """Return whether a page shows the output; a line ``…`` stands for any number of lines.
 
-    Numbers agree within the last digit printed (see :func:`same_line`), since processors round differently.
+    Numbers agree within the last printed digit (see :func:`same_line`), because processors round differently.
     """
     parts: list[list[str]] = [[]]
     for line in shown:
@@ -138,9 +137,9 @@ def _same(shown: list[str], actual: list[str]) -> bool:
 
 
 def same_line(shown: str, actual: str) -> bool:
-    """Return whether two lines are equal but for the last digit of their numbers and the blanks that this moves.
+    """Return whether two lines are equal, except for the last digit of their numbers and for spacing.
 
-    A number may differ by one unit of its last printed digit, and by one part in 10^9 where more digits are printed:
+    A number may differ by one unit of its last printed digit, or by one part in 10^9 where more digits are printed:
     other processors sum in another order.
     """
     shown, actual = shown.rstrip(), actual.rstrip()
@@ -153,7 +152,7 @@ def same_line(shown: str, actual: str) -> bool:
 
 
 def _unit(number: str) -> float:
-    """Return one unit of the last digit of a printed number, with 1 % more for rounding; 0 of a whole number."""
+    """Return one unit of the last digit of a printed number, plus 1 % for rounding; 0 for an integer."""
     digits, _, exponent = number.lower().partition("e")
     if "." not in digits and not exponent:
         return 0.0
@@ -161,9 +160,9 @@ def _unit(number: str) -> float:
 
 
 def brought_up_to_date(shown: tuple[str, ...], output: str) -> tuple[str, ...] | None:
-    """The output with the parts left out that the page leaves out; None where a part's ends are found no more.
+    """Return the output without the parts that the page omits; None if the end of a part is missing.
 
-    A part's first and last line are looked for with digits and signs made equal, so that figures may change.
+    The first and last line of a part are compared without digits and signs, so that figures may change.
     """
     actual = [line.rstrip() for line in output.splitlines()]
     parts: list[list[str]] = [[]]
@@ -172,17 +171,17 @@ def brought_up_to_date(shown: tuple[str, ...], output: str) -> tuple[str, ...] |
             parts.append([])
         else:
             parts[-1].append(line)
-    alike, result, place = [_alike(line) for line in actual], [], 0
+    patterns, result, place = [_pattern(line) for line in actual], [], 0
     for number, part in enumerate(parts):
         first, last = number == 0, number == len(parts) - 1
         if number:
             result.append(OMITTED)
         if not part and not (first and last):
             continue
-        begin = 0 if first else _find(alike, part[0], place, place)
+        begin = 0 if first else _find(patterns, part[0], place, place)
         if begin is None:
             return None
-        end = len(actual) - 1 if last else _find(alike, part[-1], begin, begin + len(part) - 1)
+        end = len(actual) - 1 if last else _find(patterns, part[-1], begin, begin + len(part) - 1)
         if end is None:
             return None
         result += actual[begin : end + 1]
@@ -190,15 +189,15 @@ def brought_up_to_date(shown: tuple[str, ...], output: str) -> tuple[str, ...] |
     return tuple(result)
 
 
-def _find(alike: list[str], line: str, start: int, expected: int) -> int | None:
-    """Where a line stands, or else one that begins like it, from ``start`` on, nearest to where it is expected."""
-    wanted = _alike(line)
-    places = [i for i in range(start, len(alike)) if alike[i] == wanted]
-    places = places or [i for i in range(start, len(alike)) if wanted and alike[i].startswith(wanted)]
+def _find(patterns: list[str], line: str, start: int, expected: int) -> int | None:
+    """Return the number of the equal line nearest to ``expected``, else of a line that begins with it."""
+    wanted = _pattern(line)
+    places = [i for i in range(start, len(patterns)) if patterns[i] == wanted]
+    places = places or [i for i in range(start, len(patterns)) if wanted and patterns[i].startswith(wanted)]
     return min(places, key=lambda i: abs(i - expected), default=None)
 
 
-def _alike(line: str) -> str:
+def _pattern(line: str) -> str:
     return re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?|\s+", "#", line.strip())
 
 
@@ -216,18 +215,18 @@ class Session:
     status: int = 0
 
     def __post_init__(self) -> None:
-        """Lend the folder what a checkout has."""
-        for name in LENT:
+        """Copy the shared folders of the checkout."""
+        for name in SHARED_FOLDERS:
             shutil.copytree(ROOT / name, self.folder / name)
 
     def write(self, block: Block) -> None:
-        """Put a file of the page into the folder."""
+        """Write a file of the page into the folder."""
         path = self.folder / str(block.file)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(block.text, encoding="utf-8")
 
     def run(self, command: str) -> str:
-        """What a terminal shows of a command; its status is kept for ``echo $?``."""
+        """Run a command and return its output; keep its status for ``echo $?``."""
         if command == "echo $?":
             status, self.status = self.status, 0
             return f"{status}\n"
@@ -254,7 +253,7 @@ class Session:
 
     def _key(self, words: list[str]) -> str:
         read = {word for word in words if (self.folder / word).is_file()}
-        if any(word in _JUDGES for word in words):
+        if any(word in _GATE_WORDS for word in words):
             read |= {name for name, _ in self._own_files()}
         digest = hashlib.sha256("\0".join(words).encode())
         for name in sorted(read):
@@ -264,7 +263,7 @@ class Session:
     def _own_files(self) -> Iterator[tuple[str, bytes]]:
         for path in sorted(self.folder.rglob("*")):
             name = str(path.relative_to(self.folder))
-            if path.is_file() and not name.startswith(LENT):
+            if path.is_file() and not name.startswith(SHARED_FOLDERS):
                 yield name, path.read_bytes()
 
     def _pipeline(self, words: list[str]) -> Ran:
@@ -302,7 +301,7 @@ def _robacc(words: list[str], stdin: str) -> tuple[str, int]:
 
 
 def _python(name: str, words: list[str]) -> tuple[str, int]:
-    """A script of the folder; effects and modules that it brings along are gone when it has ended."""
+    """Run a script of the folder; its effects and modules are removed afterwards."""
     from robacc.effects import REGISTRY
 
     known, loaded, argv, path = dict(REGISTRY), set(sys.modules), sys.argv, sys.path

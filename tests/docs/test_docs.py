@@ -1,4 +1,4 @@
-"""The documentation's commands print what its pages show, and its reference is what the program says of itself."""
+"""Commands of the documentation print the outputs of its pages, and generated parts agree with the program."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from robacc.cli.main import COMMANDS
+from robacc.cli.main import COMMANDS, app
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -40,7 +41,7 @@ def test_commands_print_what_the_page_shows(path: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", PAGES, ids=NAMES)
-def test_made_parts_are_the_programs_own(path: Path) -> None:
+def test_generated_parts_are_up_to_date(path: Path) -> None:
     page = path.read_text(encoding="utf-8")
     assert with_made_parts(page) == page, "run python docs/tools/refresh.py"
 
@@ -54,13 +55,24 @@ def test_every_command_and_effect_is_in_the_reference() -> None:
     assert re.findall(r"^## (\w+)$", catalogue, re.MULTILINE) == list(REGISTRY)
 
 
+def test_every_option_is_in_the_reference() -> None:
+    reference = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## ([\w-]+)\n(.*?)(?=^## |^<!-- end)", reference, re.MULTILINE | re.DOTALL))
+    for name in COMMANDS:
+        shown = CliRunner().invoke(app, [name, "--help"], terminal_width=200).stdout
+        options = set(re.findall(r"--[a-z][a-z-]+", shown)) - {"--help"}
+        missing = {option for option in options if option not in sections[name]}
+        assert not missing, f"{name}: {missing}"
+        assert name != "estimate" or {"--robot", "--align", "--per-pose"} <= options
+
+
 def test_every_page_is_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     for name in NAMES:
         assert f"{name}\n" in navigation, name
 
 
-def test_a_page_that_shows_something_else_is_noticed(tmp_path: Path) -> None:
+def test_a_difference_from_the_page_is_noticed(tmp_path: Path) -> None:
     session = Session(tmp_path, {})
     output = session.run("robacc effects gear_ratio")
     first, *rest = output.splitlines()
@@ -98,10 +110,10 @@ def test_a_failed_command_must_be_shown_as_failed(tmp_path: Path) -> None:
     assert session.run("echo $?") == "2\n"
 
 
-def test_files_of_a_page_and_of_its_commands_are_there(tmp_path: Path) -> None:
+def test_a_session_has_the_files_of_the_page_and_of_its_commands(tmp_path: Path) -> None:
     page = '```yaml title="a.yaml"\nx: 1\n```\n\n```console\n$ cat a.yaml \\\n  > b.yaml\n$ cat b.yaml\nx: 1\n```\n'
     cache: dict[str, Ran] = {}
-    for folder in (tmp_path / "one", tmp_path / "two"):
+    for folder in (tmp_path / "first", tmp_path / "second"):
         folder.mkdir()
         session = Session(folder, cache)
         file, console = blocks(page)
@@ -112,7 +124,7 @@ def test_files_of_a_page_and_of_its_commands_are_there(tmp_path: Path) -> None:
         assert session.run(second.command) == "x: 1\n"
 
 
-def test_what_a_page_leaves_out_stays_left_out_when_figures_change() -> None:
+def test_omitted_lines_stay_omitted_when_figures_change() -> None:
     output = "title 2\na 1.5\nb -2\nc 3\nd 4\nend\n"
     assert brought_up_to_date(("title 1", "…", "c 9", "d 9", "…"), output) == ("title 2", "…", "c 3", "d 4", "…")
     assert brought_up_to_date(("…", "b 7", "…", "end"), output) == ("…", "b -2", "…", "end")
@@ -121,18 +133,18 @@ def test_what_a_page_leaves_out_stays_left_out_when_figures_change() -> None:
 
 
 class _Fetched(HTMLParser):
-    """What a browser fetches of itself to show a page."""
+    """Addresses that a browser fetches to show a page."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[str] = []
+        self.addresses: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = dict(attrs)
         if tag in ("script", "img", "iframe", "source", "video", "audio", "embed"):
-            self.found.append(given.get("src") or "")
+            self.addresses.append(given.get("src") or "")
         if tag == "link" and given.get("rel") not in ("canonical", "prev", "next"):
-            self.found.append(given.get("href") or "")
+            self.addresses.append(given.get("href") or "")
 
 
 @pytest.mark.slow
@@ -140,7 +152,7 @@ class _Fetched(HTMLParser):
 def test_the_site_builds_without_warnings_and_needs_no_network(tmp_path: Path) -> None:
     site = tmp_path / "site"
     build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
-    quiet = os.environ | {"NO_MKDOCS_2_WARNING": "1"}  # the theme's own announcement, which is no warning of the build
+    quiet = os.environ | {"NO_MKDOCS_2_WARNING": "1"}  # an announcement of the theme, not a warning of the build
     done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, timeout=300, env=quiet)
     assert done.returncode == 0, done.stderr
     assert "WARNING" not in done.stderr
@@ -150,8 +162,8 @@ def test_the_site_builds_without_warnings_and_needs_no_network(tmp_path: Path) -
         text = page.read_text(encoding="utf-8")
         fetched = _Fetched()
         fetched.feed(text)
-        assert fetched.found
-        assert not [one for one in fetched.found if "//" in one], page.name
+        assert fetched.addresses
+        assert not [address for address in fetched.addresses if "//" in address], page.name
         assert 'class="arithmatex"' not in text
     for style in site.rglob("*.css"):
         assert not re.findall(r"url\(\s*[\"']?https?:|@import", style.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The README's worked example is what the program prints."""
+"""README is short, its example is what the program prints, and its commands and links exist."""
 
 from __future__ import annotations
 
@@ -7,32 +7,41 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from robacc.cli.main import COMMANDS, app
+from robacc.cli.main import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "tools"))
 
-from transcripts import agrees  # noqa: E402
+from transcripts import Session, agrees, blocks, commands  # noqa: E402
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+EXAMPLE = [shown for block in blocks(README) for shown in commands(block.text)]
 
 
-BLOCKS = re.findall(r"```text\n\$ robacc (.*)\n([\s\S]*?)```", README)
+def test_it_is_short() -> None:
+    assert len(README.splitlines()) <= 150
+    assert sum(len(shown.output) for shown in EXAMPLE) <= 25
+    assert README.count("](docs/pictures/") == 1
 
 
-@pytest.mark.parametrize(("command", "output"), BLOCKS, ids=[command.split()[0] for command, _ in BLOCKS])
-def test_examples_are_real_output(command: str, output: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    result = CliRunner().invoke(app, command.split(), catch_exceptions=False)
-    assert result.exit_code in (0, 4, 5)
-    assert agrees(tuple(output.splitlines()), result.stdout)
+def test_the_example_asks_for_the_accuracy_and_then_for_the_cause() -> None:
+    assert [shown.command.split()[:2] for shown in EXAMPLE] == [["robacc", "estimate"], ["robacc", "trace"]]
 
 
-def test_the_worked_examples_are_there() -> None:
-    assert {"trace", "estimate"} <= {command.split()[0] for command, _ in BLOCKS}
-    assert all(len(output.splitlines()) > 20 for command, output in BLOCKS[:2])
+@pytest.mark.parametrize("number", range(len(EXAMPLE)), ids=[shown.command.split()[1] for shown in EXAMPLE])
+def test_the_example_is_real_output(number: int, tmp_path: Path) -> None:
+    shown = EXAMPLE[number]
+    output = Session(tmp_path).run(shown.command)
+    assert agrees(shown.output, output), f"{shown.command}\nprints\n{output}"
+
+
+def test_one_command_runs_the_main_job_and_one_the_tests() -> None:
+    setup = [block for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL) if "venv" in block]
+    main_job, tests = setup
+    assert main_job.count("\n") == tests.count("\n") == 1
+    assert f".venv/bin/{EXAMPLE[1].command}\n" in main_job
+    assert "pytest" in tests
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -40,9 +49,8 @@ def test_every_command_is_named(name: str) -> None:
     assert f"robacc {name}" in README
 
 
-def test_every_option_of_estimate_is_explained() -> None:
-    shown = CliRunner().invoke(app, ["estimate", "--help"], terminal_width=200).stdout
-    options = set(re.findall(r"--[a-z][a-z-]+", shown)) - {"--help"}
-    assert {"--robot", "--align", "--per-pose"} <= options
-    for option in options:
-        assert f"`{option}" in README, option
+def test_every_link_leads_to_a_file() -> None:
+    links = re.findall(r"\]\(([^)#]+)[^)]*\)", README)
+    assert {"CONTRIBUTING.md", "docs/tutorial.md", "docs/architecture.md", "docs/glossary.md"} <= set(links)
+    for link in links:
+        assert (ROOT / link).exists(), link

@@ -72,6 +72,24 @@ def test_every_page_is_in_the_navigation() -> None:
         assert f"{name}\n" in navigation, name
 
 
+def test_the_architecture_names_files_that_exist() -> None:
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:robacc|tests|docs)/[\w./]+)`", page))
+    assert len(named) > 20
+    assert not {name for name in named if "NAME" not in name and not (ROOT / name).exists()}
+    steps = {
+        name
+        for walk in re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+        for name in re.findall(r"\w+/[\w/]+\.py", walk)
+    }
+    assert len(steps) > 20
+    assert not {name for name in steps if not (ROOT / "robacc" / name).exists()}
+    parts = {
+        path.stem for path in (ROOT / "robacc").iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()
+    }
+    assert not {name for name in parts - {"__init__", "__main__"} if not re.search(rf"`{name}(?:\.py|/)`", page)}
+
+
 def test_a_difference_from_the_page_is_noticed(tmp_path: Path) -> None:
     session = Session(tmp_path, {})
     output = session.run("robacc effects gear_ratio")

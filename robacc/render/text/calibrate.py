@@ -1,4 +1,4 @@
-"""A calibration as tables: before and after, coefficients with their uncertainties, and what to bear in mind."""
+"""A calibration as tables: before and after, coefficients with their uncertainties, quality of the fit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from robacc.measurements import Measurements
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, p_value, three_digits
-from robacc.render.text.stages import deflection, gain_line, stages
+from robacc.render.text.stages import deflection, gain_line, stage_tables
 
 _IN_MM = 1e3
-_SHOWN = 60
-_DIFFERING = 6
+_MAX_COEFFICIENTS = 60
+_MAX_NAMES = 6
 
 
 def draw_calibration(
     result: Calibration, data: Measurements, poses: str, robot: str, fitted: str, stream: TextIO
 ) -> None:
-    """Draw the whole calibration on ``stream``."""
+    """Write the calibration report to ``stream``."""
     write_lines(_parts(result, data, poses, robot, fitted, width_of(stream)), stream)
 
 
@@ -31,65 +31,72 @@ def _parts(
     count = result.identifiability.kept.size
     yield heading(f"Calibration from {data.n} measured poses: {count} coefficients fitted")
     yield TextLine(f"{poses}, commanded by {robot}")
-    yield from wrapped(f"asked for: {fitted}; fitted: {', '.join(str(effect) for effect in result.effects)}", width)
+    yield from wrapped(f"requested: {fitted}; fitted: {', '.join(str(effect) for effect in result.effects)}", width)
     yield BLANK
     yield heading("Before and after")
-    yield from stages(
-        [("as delivered", result.nominal), ("base and tool", result.before), ("calibrated", result.after)]
+    yield from stage_tables(
+        [("nominal model", result.nominal), ("base and tool fitted", result.before), ("calibrated", result.after)]
     )
     yield from gain_line(result.gain)
     yield BLANK
     yield heading("Coefficients")
     yield from _coefficients(result)
     yield BLANK
-    yield heading("How well the poses show them")
+    yield heading("Quality of the fit")
     yield from items(_quality(result, data), width)
 
 
 def _coefficients(result: Calibration) -> list[TextLine]:
-    shown = [one for one in result.parameters if one.std is not None]
+    estimated = [parameter for parameter in result.parameters if parameter.std is not None]
     rows = [
-        [one.name, *measured(one.value, one.std or 0.0), "" if one.unit == "1" else one.unit] for one in shown[:_SHOWN]
+        [
+            parameter.name,
+            *measured(parameter.value, parameter.std or 0.0),
+            "" if parameter.unit == "1" else parameter.unit,
+        ]
+        for parameter in estimated[:_MAX_COEFFICIENTS]
     ]
     lines = columns(["name", "value", "standard error", "unit"], rows)
-    return [*lines, TextLine(f"and {len(shown) - _SHOWN} more, all in the JSON")] if len(shown) > _SHOWN else lines
+    if len(estimated) > _MAX_COEFFICIENTS:
+        lines.append(TextLine(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
+    return lines
 
 
 def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
-    noise, found = result.noise.noise, result.fit
-    source = {"file": "known from the file", "repeats": "known from repeats"}.get(noise.source)
-    size = f"noise {three_digits(noise.position * _IN_MM)} mm along each axis"
+    noise, fit = result.noise.noise, result.fit
+    source = {"file": "from the file's sigma columns", "repeats": "from repeated poses"}.get(noise.source)
+    size = f"measurement noise {three_digits(noise.position * _IN_MM)} mm along each axis (standard deviation)"
     yield f"{size}, {source or 'estimated from the residual'}"
     if result.noise.p_value is not None:
-        yield f"residual {result.noise.ratio:.3g} times that noise, lack of fit {p_value(result.noise.p_value)}"
+        yield f"residual {result.noise.ratio:.3g} times this noise; test for lack of fit: {p_value(result.noise.p_value)}"
     if source is not None:
-        # Of rows weighed by their own residual it is the degrees of freedom again, whatever the model.
-        yield f"chi-square {found.chi_square:.4g} on {found.degrees_of_freedom:.1f} degrees of freedom, as weighed"
+        # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
+        yield f"weighted chi-square {fit.chi_square:.4g} on {fit.degrees_of_freedom:.1f} degrees of freedom"
     indices = ", ".join(f"{name} {value:.3g}" for name, value in result.identifiability.observability().items())
-    yield f"condition number {result.identifiability.condition:.3g}; observability {indices}"
+    yield f"condition number {result.identifiability.condition:.3g}; observability indices {indices}"
     for kind in result.shrunk:
-        yield _drawn(kind)
+        yield _shrinkage(kind)
     if result.shrunk:
-        yield "standard errors are of the poses alone, drawn or not; --no-shrink draws nothing"
+        yield "standard errors come from the poses alone, without the prior; `shrink=False` fits without it"
     yield from deflection(result.deflection)
-    for one in result.identifiability.dropped:
-        yield f"no number: {one.why}"
+    for dropped in result.identifiability.dropped:
+        yield f"not identifiable: {dropped.why}"
     for pair in result.correlations[:8]:
-        yield f"correlated {pair.value:+.3f}: {pair.first} and {pair.second}"
+        yield f"correlation {pair.value:+.3f} between {pair.first} and {pair.second}"
     if len(result.correlations) > 8:
-        yield f"and {len(result.correlations) - 8} pairs more correlated above 0.9"
+        yield f"and {len(result.correlations) - 8} more pairs with a correlation above 0.9"
     for i, share in result.leverage[:5]:
-        yield f"{data.place(i)} decides {100 * share:.0f} % of its own prediction"
+        yield f"{data.place(i)} determines {100 * share:.0f} % of its own prediction (leverage)"
 
 
-def _drawn(kind: ShrunkKind) -> str:
+def _shrinkage(kind: ShrunkKind) -> str:
     differing = [name for name, p in zip(kind.names, kind.probability, strict=True) if p > 0.5]
-    count, what = len(kind.names), {"m": "lengths", "rad": "angles"}[kind.unit]
+    count, quantity = len(kind.names), {"m": "lengths", "rad": "angles"}[kind.unit]
     if not differing:
-        return f"no one of {count} {what} is shown to differ from the robot file's value: all are drawn to it"
-    shown = ", ".join(differing[:_DIFFERING]) + (" …" if len(differing) > _DIFFERING else "")
+        return f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
+    listed = ", ".join(differing[:_MAX_NAMES]) + (" …" if len(differing) > _MAX_NAMES else "")
     verb = "differs" if len(differing) == 1 else "differ"
     return (
-        f"{len(differing)} of {count} {what} {verb} from the robot file's value, {shown}; the others are drawn to it "
+        f"{len(differing)} of {count} {quantity} {verb} from nominal: {listed}; the others are shrunk to nominal "
         "as far as the poses allow"
     )

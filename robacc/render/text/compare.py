@@ -1,4 +1,4 @@
-"""A comparison as tables to read: mm and degrees, results as columns where they are few, else as rows."""
+"""A comparison as tables in mm and degrees; few results stand in columns, many in rows."""
 
 from __future__ import annotations
 
@@ -27,65 +27,68 @@ _STATISTICS = {
     **{f"sd_{axis}": f"sd {axis}" for axis in "xyz"},
 }
 _STAGES = {
-    "before.held_out": "before, held out",
-    "nominal.held_out": "nominal",
-    "after.fitted": "after, poses fitted",
-    "before.fitted": "before, poses fitted",
-    "nominal.fitted": "nominal",
+    "before.held_out": "baseline, held-out poses",
+    "nominal.held_out": "nominal model",
+    "after.fitted": "extended model, calibration poses",
+    "before.fitted": "baseline, calibration poses",
+    "nominal.fitted": "nominal model",
 }
-_NIL = 1e-12
-"""m or rad: less is rounding."""
+_ROUNDING = 1e-12
+"""m or rad; smaller values are rounding errors."""
 _ISO9283 = "iso9283."
-_TESTED = ("rms", "mean_error", "p95")
-"""Statistics whose differences are listed where there are more than two results; the JSON has all."""
-_MOST_COLUMNS = 4
-"""Results that stand side by side; more stand in rows."""
-_LONGEST = 24
-"""Columns that a result's name takes at most."""
+_LISTED = ("rms", "mean_error", "p95")
+"""Statistics whose differences are listed for more than two results; the JSON result has all."""
+_MAX_COLUMNS = 4
+"""Largest number of results that stand side by side; more stand in rows."""
+_MAX_NAME = 24
+"""Largest number of columns for a result's name."""
 
 
-def draw_comparison(found: ResultComparison, stream: TextIO) -> None:
-    """Write everything ``robacc compare`` says to ``stream``."""
-    write_lines(comparison_lines(found, width_of(stream)), stream)
+def draw_comparison(comparison: ResultComparison, stream: TextIO) -> None:
+    """Write the report of ``robacc compare`` to ``stream``."""
+    write_lines(comparison_lines(comparison, width_of(stream)), stream)
 
 
-def comparison_lines(found: ResultComparison, width: int) -> Iterator[TextLine]:
-    """The report's lines; running text is wrapped to ``width`` columns."""
-    yield heading(f"{len(found.subjects)} results compared; differences are to {_short(found.baseline)}")
-    yield from _results(found)
-    yield from (BLANK, *_ranking(found))
-    if found.scale is not None:
-        yield from (BLANK, *_grade(found, width))
-    for owner in dict.fromkeys(split_key(row.key)[0] for row in found.rows):
+def comparison_lines(comparison: ResultComparison, width: int) -> Iterator[TextLine]:
+    """Return the report's lines; running text is wrapped to ``width`` columns."""
+    yield heading(f"{len(comparison.subjects)} results compared; baseline: {_short(comparison.baseline)}")
+    yield from _results(comparison)
+    yield from (BLANK, *_ranking(comparison))
+    if comparison.scale is not None:
+        yield from (BLANK, *_grade(comparison, width))
+    for owner in dict.fromkeys(split_key(row.key)[0] for row in comparison.rows):
         if _stage(owner) is None and not owner.startswith(_ISO9283):
-            rows = [row for row in found.rows if split_key(row.key)[0] == owner]
-            yield from (BLANK, *_block(found, _title(owner), rows, [_label(split_key(row.key)[1]) for row in rows]))
+            rows = [row for row in comparison.rows if split_key(row.key)[0] == owner]
+            yield from (
+                BLANK,
+                *_block(comparison, _title(owner), rows, [_label(split_key(row.key)[1]) for row in rows]),
+            )
     for title, unit in (("ISO 9283, position", "m"), ("ISO 9283, orientation", "rad")):
-        rows = [row for row in found.rows if row.key.startswith(_ISO9283) and row.unit == unit]
+        rows = [row for row in comparison.rows if row.key.startswith(_ISO9283) and row.unit == unit]
         if rows:
-            yield from (BLANK, *_block(found, title, rows, [_characteristic(row.key) for row in rows]))
+            yield from (BLANK, *_block(comparison, title, rows, [_characteristic(row.key) for row in rows]))
     for quantity in ("position", "orientation"):
-        rows = [row for row in found.rows if row.key.endswith(f".{quantity}.rms") and _stage(row.key)]
+        rows = [row for row in comparison.rows if row.key.endswith(f".{quantity}.rms") and _stage(row.key)]
         if rows:
             title = f"{quantity.capitalize()} rms"
-            yield from (BLANK, *_block(found, title, rows, [_stage(row.key) or "" for row in rows]))
-    texts = list(dict.fromkeys(_methods(found)))
+            yield from (BLANK, *_block(comparison, title, rows, [_stage(row.key) or "" for row in rows]))
+    texts = list(dict.fromkeys(_methods(comparison)))
     if texts:
         yield from (BLANK, heading("Differences"), *items(texts, width))
-    if found.notes:
-        yield from (BLANK, heading("To bear in mind"), *items(found.notes, width))
+    if comparison.notes:
+        yield from (BLANK, heading("Limitations"), *items(comparison.notes, width))
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
+    return name if len(name) <= _MAX_NAME else f"{name[: _MAX_NAME - 1]}…"
 
 
-def _results(found: ResultComparison) -> list[TextLine]:
-    paired = {one.second: one for one in found.pairing}
+def _results(comparison: ResultComparison) -> list[TextLine]:
+    paired = {pairing.second: pairing for pairing in comparison.pairing}
     rows = []
-    for subject in found.subjects:
+    for subject in comparison.subjects:
         match = paired.get(subject.name)
-        poses = "" if match is None else "the same poses" if match.paired else "other poses"
+        poses = "" if match is None else "same poses" if match.paired else "different poses"
         if match is not None and not subject.errors:
             poses = ""
         cells = (subject.command, subject.robot or "–", str(subject.n_poses), subject.grade or "–", poses)
@@ -93,15 +96,17 @@ def _results(found: ResultComparison) -> list[TextLine]:
     return columns(("result", "command", "robot", "poses", "grade", ""), rows)
 
 
-def _ranking(found: ResultComparison) -> Iterator[TextLine]:
-    ranking = found.ranking
+def _ranking(comparison: ResultComparison) -> Iterator[TextLine]:
+    ranking = comparison.ranking
     owner, statistic = split_key(ranking.key)
-    of = owner.rpartition(".")[2]
-    what = _characteristic(ranking.key) if owner.startswith(_ISO9283) else f"{_label(statistic)} of the {of} error"
+    quantity = owner.rpartition(".")[2]
+    description = (
+        _characteristic(ranking.key) if owner.startswith(_ISO9283) else f"{_label(statistic)} of the {quantity} error"
+    )
     stage = _stage(ranking.key)
     if stage is not None:
-        what = f"{what} ({stage})"
-    yield heading(f"Ranking by {what}, {_UNITS[ranking.unit]}")
+        description = f"{description} ({stage})"
+    yield heading(f"Ranking by {description}, {_UNITS[ranking.unit]}")
     following = {pair.better: pair for pair in ranking.pairs if _next_to(ranking.names, pair.better, pair.worse)}
     rows = []
     for name, value, letters in zip(ranking.names, ranking.values, ranking.letters, strict=True):
@@ -110,7 +115,7 @@ def _ranking(found: ResultComparison) -> Iterator[TextLine]:
         if pair is not None:
             cells = [_difference(pair.difference, ranking.unit), p_value(pair.p_corrected)]
         rows.append((_short(name), _amount(value, ranking.unit), letters, *cells))
-    yield from columns(("", "", "group" if ranking.groups else "", "to the next", "corrected"), rows)
+    yield from columns(("", "", "group" if ranking.groups else "", "to the next", "corrected p"), rows)
     yield from (TextLine(f"- {sentence}") for sentence in ranking.sentences())
 
 
@@ -118,23 +123,32 @@ def _next_to(names: tuple[str, ...], better: str, worse: str) -> bool:
     return names.index(worse) == names.index(better) + 1
 
 
-def _grade(found: ResultComparison, width: int) -> Iterator[TextLine]:
-    scale = found.scale
+def _grade(comparison: ResultComparison, width: int) -> Iterator[TextLine]:
+    scale = comparison.scale
     if scale is None:
         return
-    yield heading(f"Grade {found.wanted} (scale: {scale.name})")
+    yield heading(f"Grade {comparison.wanted} (scale: {scale.name})")
     rows = []
-    for one in found.standings:
-        sure = "–" if one.probability is None else chance(one.probability)
-        cells = [one.verdict, one.grade, sure, _bounded(one.position, one.position_bound, "m")]
-        cells.append("–" if one.orientation is None else _bounded(one.orientation, one.orientation_bound, "rad"))
-        rows.append((_short(one.name), *cells))
-    yield from columns(("", "", "own", "chance", "position (bound), mm", "orientation (bound), °"), rows)
-    reasons = [f"{one.name}: {one.why}" for one in found.standings if one.why]
+    for standing in comparison.standings:
+        probability = "–" if standing.probability is None else chance(standing.probability)
+        cells = [
+            standing.verdict,
+            standing.grade,
+            probability,
+            _bounded(standing.position, standing.position_bound, "m"),
+        ]
+        cells.append(
+            "–" if standing.orientation is None else _bounded(standing.orientation, standing.orientation_bound, "rad")
+        )
+        rows.append((_short(standing.name), *cells))
+    header = ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °")
+    yield from columns(header, rows)
+    reasons = [f"{standing.name}: {standing.why}" for standing in comparison.standings if standing.why]
     reasons += [
-        f"{one.name}: if the estimate stays, {one.poses_to_demonstrate} poses in all would likely demonstrate it"
-        for one in found.standings
-        if one.poses_to_demonstrate is not None
+        f"{standing.name}: if the estimate does not change, {standing.poses_to_demonstrate} poses in total would "
+        "probably confirm it"
+        for standing in comparison.standings
+        if standing.poses_to_demonstrate is not None
     ]
     yield from items(reasons, width)
 
@@ -143,66 +157,81 @@ def _bounded(value: float, bound: float | None, unit: str) -> str:
     return _amount(value, unit) + ("" if bound is None else f" ({_amount(bound, unit)})")
 
 
-def _block(found: ResultComparison, title: str, rows: list[Row], labels: list[str]) -> Iterator[TextLine]:
-    """Figures that belong together; results are columns where they are few, else rows."""
+def _block(comparison: ResultComparison, title: str, rows: list[Row], labels: list[str]) -> Iterator[TextLine]:
+    """Return the table of related statistics; few results stand in columns, many in rows."""
     unit = rows[0].unit
-    names = [_short(subject.name) for subject in found.subjects]
+    names = [_short(subject.name) for subject in comparison.subjects]
     title = f"{title}, {_UNITS[unit]}"
     if len(names) == 2:
         table = []
         for label, row in zip(labels, rows, strict=True):
-            one = next(one for one in row.differences if one is not None)
+            difference = next(difference for difference in row.differences if difference is not None)
             values = (_amount(figure.value, unit) for figure in row.figures)
-            table.append((label, *values, _difference(one, unit), _interval(one, unit), p_value(one.p_value)))
-        yield from columns((title, *names, "difference", _percent(found), ""), table)
+            table.append(
+                (
+                    label,
+                    *values,
+                    _difference(difference, unit),
+                    _interval(difference, unit),
+                    p_value(difference.p_value),
+                )
+            )
+        yield from columns((title, *names, "difference", _percent(comparison), ""), table)
         return
-    if len(names) <= _MOST_COLUMNS:
-        side = [
-            (label, *(_amount(one.value, unit) for one in row.figures)) for label, row in zip(labels, rows, strict=True)
+    if len(names) <= _MAX_COLUMNS:
+        table_rows = [
+            (label, *(_amount(figure.value, unit) for figure in row.figures))
+            for label, row in zip(labels, rows, strict=True)
         ]
-        yield from columns((title, *names), side)
+        yield from columns((title, *names), table_rows)
         yield BLANK
-        shown = [i for i, row in enumerate(rows) if split_key(row.key)[1] in _TESTED] or range(len(rows))
+        selected = [i for i, row in enumerate(rows) if split_key(row.key)[1] in _LISTED] or range(len(rows))
     else:
-        shown = [i for i, row in enumerate(rows) if split_key(row.key)[1] in (*_TESTED, "max")] or range(len(rows))[:4]
-        cells = [(name, *(_amount(rows[k].figures[i].value, unit) for k in shown)) for i, name in enumerate(names)]
-        yield from columns((title, *(labels[k] for k in shown)), cells)
+        selected = [i for i, row in enumerate(rows) if split_key(row.key)[1] in (*_LISTED, "max")] or range(len(rows))[
+            :4
+        ]
+        cells = [(name, *(_amount(rows[k].figures[i].value, unit) for k in selected)) for i, name in enumerate(names)]
+        yield from columns((title, *(labels[k] for k in selected)), cells)
         yield BLANK
-        shown = shown[:1]
-    yield from _differences(found, [rows[k] for k in shown], [labels[k] for k in shown])
+        selected = selected[:1]
+    yield from _differences(comparison, [rows[k] for k in selected], [labels[k] for k in selected])
 
 
-def _differences(found: ResultComparison, rows: list[Row], labels: list[str]) -> list[TextLine]:
-    """One line for each figure and result beside the baseline."""
+def _differences(comparison: ResultComparison, rows: list[Row], labels: list[str]) -> list[TextLine]:
+    """Return a line for each statistic and each result but the baseline."""
     table = []
     for label, row in zip(labels, rows, strict=True):
-        for subject, one in zip(found.subjects, row.differences, strict=True):
-            if one is not None:
-                cells = (_difference(one, row.unit), _interval(one, row.unit), p_value(one.p_value))
+        for subject, difference in zip(comparison.subjects, row.differences, strict=True):
+            if difference is not None:
+                cells = (
+                    _difference(difference, row.unit),
+                    _interval(difference, row.unit),
+                    p_value(difference.p_value),
+                )
                 table.append((f"{label}, {_short(subject.name)}", *cells))
-    return columns((f"less that of {_short(found.baseline)}", "difference", _percent(found), ""), table)
+    return columns((f"difference from {_short(comparison.baseline)}", "difference", _percent(comparison), ""), table)
 
 
-def _percent(found: ResultComparison) -> str:
-    return f"{100 * found.confidence:g} % interval"
+def _percent(comparison: ResultComparison) -> str:
+    return f"{100 * comparison.confidence:g} % interval"
 
 
-def _methods(found: ResultComparison) -> Iterator[str]:
-    """How differences were had, or why not, with the figures that this is of."""
+def _methods(comparison: ResultComparison) -> Iterator[str]:
+    """Return how each difference was computed, or why it is missing, with the statistics concerned."""
     methods: dict[str, dict[str, None]] = {}
-    for row in found.rows:
-        for one in row.differences:
-            if one is not None:
+    for row in comparison.rows:
+        for difference in row.differences:
+            if difference is not None:
                 iso9283 = row.key.startswith(_ISO9283)
                 statistic = _characteristic(row.key) if iso9283 else _label(split_key(row.key)[1])
-                methods.setdefault(one.why or one.method, {})[statistic] = None
+                methods.setdefault(difference.why or difference.method, {})[statistic] = None
     for method, statistics in methods.items():
         yield f"{', '.join(statistics)}: {method}"
 
 
 def _stage(key: str) -> str | None:
-    """In words, of a figure of a fit that is not its main one."""
-    return next((words for stage, words in _STAGES.items() if key.startswith(f"{stage}.")), None)
+    """Return the label of a fit's stage, None for its main statistics."""
+    return next((label for stage, label in _STAGES.items() if key.startswith(f"{stage}.")), None)
 
 
 def _title(owner: str) -> str:
@@ -210,10 +239,10 @@ def _title(owner: str) -> str:
 
 
 def _characteristic(key: str) -> str:
-    """``AP``, ``drift of AP`` …, the largest over the commanded poses."""
+    """Return the criterion: ``AP``, ``drift of AP`` …"""
     symbol = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation")
-    kind, _, of = symbol.partition(".")
-    return f"{kind} of {of}" if of else kind
+    kind, _, base = symbol.partition(".")
+    return f"{kind} of {base}" if base else kind
 
 
 def _label(statistic: str) -> str:
@@ -221,28 +250,32 @@ def _label(statistic: str) -> str:
 
 
 def _amount(value: float, unit: str) -> str:
-    return "0" if abs(value) < _NIL else three_digits(value * _FACTORS[unit])
+    return "0" if abs(value) < _ROUNDING else three_digits(value * _FACTORS[unit])
 
 
-def _difference(one: Difference, unit: str) -> str:
-    if abs(one.value) < _NIL:
+def _difference(difference: Difference, unit: str) -> str:
+    if abs(difference.value) < _ROUNDING:
         return "0"
-    return _signed(one.value * _FACTORS[unit], _places(one, unit))
+    return _signed(difference.value * _FACTORS[unit], _places(difference, unit))
 
 
-def _interval(one: Difference, unit: str) -> str:
-    if one.lower is None or one.upper is None:
+def _interval(difference: Difference, unit: str) -> str:
+    if difference.lower is None or difference.upper is None:
         return "–"
-    if max(abs(one.lower), abs(one.upper)) < _NIL:
+    if max(abs(difference.lower), abs(difference.upper)) < _ROUNDING:
         return "0 … 0"
-    factor, places = _FACTORS[unit], _places(one, unit)
-    return f"{_signed(one.lower * factor, places)} … {_signed(one.upper * factor, places)}"
+    factor, places = _FACTORS[unit], _places(difference, unit)
+    return f"{_signed(difference.lower * factor, places)} … {_signed(difference.upper * factor, places)}"
 
 
-def _places(one: Difference, unit: str) -> int:
+def _places(difference: Difference, unit: str) -> int:
     factor = _FACTORS[unit]
-    limits = (None, None) if one.lower is None or one.upper is None else (one.lower * factor, one.upper * factor)
-    return decimals(one.value * factor, *limits)
+    limits = (
+        (None, None)
+        if difference.lower is None or difference.upper is None
+        else (difference.lower * factor, difference.upper * factor)
+    )
+    return decimals(difference.value * factor, *limits)
 
 
 def _signed(value: float, places: int) -> str:

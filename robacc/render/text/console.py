@@ -1,4 +1,4 @@
-"""Where text meets the terminal: messages on standard error, tables on standard output, colour only where it shows.
+"""Terminal output: messages on standard error, tables on standard output, colour only on a terminal.
 
 Colour is used on a terminal unless NO_COLOR is set and not empty (https://no-color.org) or TERM is ``dumb``.
 """
@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, TextIO
 
 from robacc.errors import InputError, RobaccError
+from robacc.render.text.parameter_names import as_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,21 +24,21 @@ _SPACES = frozenset("\u00a0\u2002\u2003\u2007\u2009\u202f\u3000")
 _RED, _YELLOW, _DIM, _RESET = "\033[31m", "\033[33m", "\033[2m", "\033[0m"
 
 PLAIN_WIDTH = 80
-"""Columns of a table that goes to a file or a pipe: what a mail, a ticket or a printed page takes."""
+"""Columns of a table written to a file or a pipe; fits a mail, a ticket and a printed page."""
 
 WIDEST = 100
-"""Columns beyond which running text is hard to read."""
+"""Upper limit of text columns; longer lines are hard to read."""
 
 
 def uses_colour(stream: TextIO) -> bool:
-    """Whether colour shows on ``stream`` and is wanted."""
+    """Return whether to use colour on ``stream``."""
     return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 def visible(text: str) -> str:
-    """The text with what would act on a terminal, or not show on it, spelled out: controls, turned writing.
+    """Return the text with control and other unprintable characters escaped.
 
-    A file's names and texts reach messages and tables; an escape sequence among them could clear or rewrite the screen.
+    Names and texts from files reach messages and tables; an escape sequence in them could clear or rewrite the screen.
     """
     if text.isprintable():
         return text
@@ -45,15 +46,15 @@ def visible(text: str) -> str:
 
 
 def say(text: str, colour: str = "") -> None:
-    """One line on standard error."""
-    text = "\n".join(visible(line) for line in text.split("\n"))
+    """Write one line to standard error."""
+    text = as_options("\n".join(visible(line) for line in text.split("\n")))
     if colour and uses_colour(sys.stderr):
         text = f"{colour}{text}{_RESET}"
     print(text, file=sys.stderr)
 
 
 def say_error(error: RobaccError) -> None:
-    """A red line for each problem, then what to do about them."""
+    """Write a red line for each problem, then the tips."""
     if not isinstance(error, InputError):
         say(f"error: {error}", _RED)
         return
@@ -67,18 +68,18 @@ def say_error(error: RobaccError) -> None:
 
 
 def say_warnings(warnings: Iterable[str]) -> None:
-    """A yellow line for each warning."""
+    """Write a yellow line for each warning."""
     for warning in warnings:
         say(f"warning: {warning}", _YELLOW)
 
 
 def say_interrupted(done: str = "nothing was written") -> None:
-    """The one line that an interrupt leaves, with what was done before it."""
+    """Write the line that reports an interrupt and the work done before it."""
     say(f"interrupted; {done}", _DIM)
 
 
 def console_for(stream: TextIO, width: int | None = None) -> Console:
-    """A rich console on ``stream``: the terminal's width and colours, or plain text of :data:`PLAIN_WIDTH` columns."""
+    """Return a rich console: the terminal's width and colours, or plain text in :data:`PLAIN_WIDTH` columns."""
     from rich.console import Console
 
     class Piped(Console):
@@ -94,15 +95,17 @@ def console_for(stream: TextIO, width: int | None = None) -> Console:
 
 
 def width_of(stream: TextIO) -> int:
-    """Columns to write text in: the terminal's, at most :data:`WIDEST`, or :data:`PLAIN_WIDTH` where there is none."""
+    """Return the columns for text: the terminal's up to :data:`WIDEST`, :data:`PLAIN_WIDTH` without a terminal."""
     return min(shutil.get_terminal_size().columns, WIDEST) if stream.isatty() else PLAIN_WIDTH
 
 
 def write_lines(lines: Iterable[TextLine], stream: TextIO) -> None:
-    """Write a report's lines, with their looks where colour shows."""
+    """Write the lines of a report, styled on a terminal."""
     if not uses_colour(stream):
-        stream.writelines(f"{visible(line.text)}\n" for line in lines)
+        stream.writelines(f"{as_options(visible(line.text))}\n" for line in lines)
         return
     console = console_for(stream)
     for line in lines:
-        console.print(visible(line.text), style=line.style or None, markup=False, highlight=False, soft_wrap=True)
+        console.print(
+            as_options(visible(line.text)), style=line.style or None, markup=False, highlight=False, soft_wrap=True
+        )

@@ -1,4 +1,4 @@
-"""What poses could have shown: the smallest and the largest detection limit of each effect over its joints."""
+"""Detection limits as text: the smallest and the largest of each effect over its joints."""
 
 from __future__ import annotations
 
@@ -13,28 +13,31 @@ _IN_MM = 1e3
 
 
 def draw_detection(limits: Sequence[DetectionLimit], width: int) -> Iterator[TextLine]:
-    """A line for each effect: the size found with even chances where it shows best and worst, and how far it moves."""
+    """Return a line per effect: its lowest and highest detection limit and the motion it causes at the target."""
     families: dict[str, list[DetectionLimit]] = {}
-    for one in limits:
-        families.setdefault(one.effect, []).append(one)
-    rows, hidden = [], []
-    for name, forms in families.items():
-        seen = sorted((one for one in forms if one.limit is not None), key=lambda one: one.limit or 0.0)
-        hidden += [_where(one) for one in forms if one.limit is None]
-        if seen:
-            moved = statistics.median(one.rms or 0.0 for one in seen) * _IN_MM
-            last = _size(seen[-1]) if len(seen) > 1 else ""
-            rows.append([name, _size(seen[0]), last, seen[0].unit, three_digits(moved)])
-    yield from columns(["found with even chances", "from", "to", "unit", "moves the target, mm"], rows)
-    if hidden:
-        names = ", ".join(dict.fromkeys(hidden))
-        yield from (TextLine(one.text, "dim") for one in wrapped(f"not to be seen on these poses: {names}", width))
+    for limit in limits:
+        families.setdefault(limit.effect, []).append(limit)
+    rows, undetectable = [], []
+    for name, family in families.items():
+        detectable = sorted(
+            (limit for limit in family if limit.limit is not None), key=lambda limit: limit.limit or 0.0
+        )
+        undetectable += [_label(limit) for limit in family if limit.limit is None]
+        if detectable:
+            motion = statistics.median(limit.rms or 0.0 for limit in detectable) * _IN_MM
+            highest = _size(detectable[-1]) if len(detectable) > 1 else ""
+            rows.append([name, _size(detectable[0]), highest, detectable[0].unit, three_digits(motion)])
+    yield from columns(["detection limit", "lowest", "highest", "unit", "at the target, mm"], rows)
+    yield TextLine("detection limit: smallest size found with probability 1/2", "dim")
+    if undetectable:
+        names = ", ".join(dict.fromkeys(undetectable))
+        yield from (TextLine(line.text, "dim") for line in wrapped(f"not identifiable on these poses: {names}", width))
 
 
-def _where(one: DetectionLimit) -> str:
-    return f"{one.effect}[{','.join(one.joints)}]" if one.joints else one.effect
+def _label(limit: DetectionLimit) -> str:
+    return f"{limit.effect}[{','.join(limit.joints)}]" if limit.joints else limit.effect
 
 
-def _size(one: DetectionLimit) -> str:
-    at = f" {','.join(one.joints)}" if one.joints else ""
-    return f"{one.limit:.1e}{at}"
+def _size(limit: DetectionLimit) -> str:
+    joints = f" {','.join(limit.joints)}" if limit.joints else ""
+    return f"{limit.limit:.1e}{joints}"

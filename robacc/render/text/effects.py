@@ -16,7 +16,7 @@ _LABEL = 16
 
 
 def draw_effects(entries: Sequence[CatalogueEntry], in_detail: bool, stream: TextIO) -> None:
-    """Draw each effect's lines on ``stream``; ``in_detail`` with its source, example and coefficients."""
+    """Write the catalogue to ``stream``; ``in_detail`` adds sources, examples and coefficients."""
     write_lines(_parts(entries, in_detail, width_of(stream)), stream)
 
 
@@ -32,8 +32,8 @@ def _parts(entries: Sequence[CatalogueEntry], in_detail: bool, width: int) -> It
         for label, value in _facts(entry, in_detail):
             indent = " " * (_LABEL + 2)
             first = f"  {label:<{_LABEL}}"
-            whole = textwrap.wrap(value, width, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)
-            yield from (TextLine(text) for text in whole)
+            lines = textwrap.wrap(value, width, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)
+            yield from (TextLine(text) for text in lines)
 
 
 def _facts(entry: CatalogueEntry, in_detail: bool) -> Iterator[tuple[str, str]]:
@@ -49,9 +49,9 @@ def _facts(entry: CatalogueEntry, in_detail: bool) -> Iterator[tuple[str, str]]:
     if entry.offer is None:
         return
     if entry.offer.why is not None:
-        yield "here", f"not offered: {entry.offer.why}"
+        yield "this robot", f"not applicable: {entry.offer.why}"
         return
-    yield "here", "offered" + (f" on {', '.join(entry.offer.joints)}" if entry.offer.joints else "")
+    yield "this robot", "applicable" + (f" to {', '.join(entry.offer.joints)}" if entry.offer.joints else "")
     if in_detail:
         names = [f"{name} ({unit})" for name, unit in entry.offer.coefficients]
         more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""

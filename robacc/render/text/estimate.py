@@ -1,4 +1,4 @@
-"""An estimate as tables to read: mm and degrees, digits that follow the uncertainty, at most 80 columns."""
+"""An estimate as tables in mm and degrees: digits follow the uncertainty, at most 80 columns."""
 
 from __future__ import annotations
 
@@ -12,28 +12,36 @@ from robacc.accuracy.grade import Grade
 from robacc.geometry import Array
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, beside, columns, heading, items
-from robacc.render.text.numbers import chance, decimals, exponent_of_thousand, fixed, p_value, three_digits
-from robacc.statistics.confidence import ASSURANCE
+from robacc.render.text.numbers import (
+    chance,
+    confirmation,
+    decimals,
+    exponent_of_thousand,
+    fixed,
+    p_value,
+    three_digits,
+)
+from robacc.statistics.confidence_curves import ASSURANCE
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, MatrixInterval
 
 if TYPE_CHECKING:
-    from robacc.accuracy.figures import ErrorMetrics
+    from robacc.accuracy.metrics import ErrorMetrics
 
 _IN_MM = 1e3
 _IN_DEGREES = 180.0 / math.pi
-_UNLIKELY = 0.005
-"""Grades less likely are not listed."""
+_MIN_PROBABILITY = 0.005
+"""Less probable grades are not listed."""
 _FRAMES = {"tool": "axes of the commanded target (frame tool)", "base": "axes of the measuring frame (frame base)"}
 
 
 def draw_estimate(result: EstimateResult, poses: str, robot: str | None, stream: TextIO) -> None:
-    """Write everything ``robacc estimate`` says to ``stream``; ``poses`` and ``robot`` are the files' names."""
+    """Write the report of ``robacc estimate`` to ``stream``; ``poses`` and ``robot`` are file names."""
     write_lines(estimate_lines(result, poses, robot, width_of(stream)), stream)
 
 
 def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width: int) -> Iterator[TextLine]:
-    """The report's lines; running text is wrapped to ``width`` columns, tables take at most 80."""
+    """Return the report's lines; text is wrapped to ``width`` columns, tables take at most 80."""
     plural = "s" * (result.n_poses != 1)
     yield heading(f"Error of {result.n_poses} measured pose{plural}, {_aligned(result)}")
     source = "standard input" if poses == "-" else poses
@@ -49,95 +57,111 @@ def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width:
         yield from _block("Orientation", "°", _IN_DEGREES, result.orientation, earlier, result.worst_orientation)
     if result.targets:
         yield from _targets(result)
-    for title, texts in _how(result):
+    for title, texts in _interval_notes(result):
         yield from (BLANK, heading(title), *items(texts, width))
-    yield from (BLANK, heading("To bear in mind"))
+    yield from (BLANK, heading("Limitations"))
     yield from items([result.position.structure.text, *result.notes], width)
 
 
 def _aligned(result: EstimateResult) -> str:
     if result.alignment is None:
-        return "nothing aligned"
-    return f"{' and '.join(result.alignment.effects)} aligned with {result.alignment.n_parameters} parameters"
+        return "not registered"
+    return f"registered: {' and '.join(result.alignment.effects)} fitted, {result.alignment.n_parameters} parameters"
 
 
 def _grade(result: EstimateResult, width: int) -> Iterator[TextLine]:
     grade = result.grade
-    proven = "demonstrated" if grade.demonstrated else "not demonstrated"
-    yield heading(f"Grade {grade.grade}, {proven} (scale: {grade.scale.name})")
+    yield heading(
+        f"Grade {grade.grade}, {confirmation(grade.demonstrated, grade.scale.confidence)} (scale: {grade.scale.name})"
+    )
     yield from items([*grade.reason.split(". "), *_odds(grade)], width)
 
 
 def _odds(grade: Grade) -> Iterator[str]:
-    """How sure the grade is, and what would make it surer."""
+    """Return the probability of each grade, and how many poses would confirm this grade."""
     if grade.probability is not None:
-        # What rounds to nothing is left out; the grade itself never is.
-        others = [(name, share) for name, share in grade.probabilities if share >= _UNLIKELY or name == grade.grade]
-        shares = ", ".join(f"{name} {chance(share)}" for name, share in others)
+        # Probabilities that round to zero are omitted, except that of the grade itself.
+        listed = [
+            (name, share) for name, share in grade.probabilities if share >= _MIN_PROBABILITY or name == grade.grade
+        ]
+        shares = ", ".join(f"{name} {chance(share)}" for name, share in listed)
         yield f"probability of each grade, given these poses: {shares}"
     if grade.poses_to_demonstrate is not None:
         yield (
-            f"if the estimate stays as it is, {grade.poses_to_demonstrate} poses in all would demonstrate "
+            f"if the estimate does not change, {grade.poses_to_demonstrate} poses in total would confirm grade "
             f"{grade.grade} with a probability of {chance(ASSURANCE)}"
         )
 
 
 def _block(
-    name: str, unit: str, factor: float, found: ErrorStatistics, before: ErrorMetrics | None, worst: Sequence[WorstPose]
+    name: str,
+    unit: str,
+    factor: float,
+    statistics: ErrorStatistics,
+    before: ErrorMetrics | None,
+    worst: Sequence[WorstPose],
 ) -> Iterator[TextLine]:
-    """Everything about one kind of error."""
+    """Return all tables of the position or of the orientation error."""
     yield from (BLANK, heading(f"{name} error, {unit}"))
-    yield from _figures(factor, found, before)
+    yield from _figures(factor, statistics, before)
     for part in (
-        _mean(factor, found),
-        _covariances(unit, factor, found),
-        _ellipsoid(factor, found),
-        _tests(found),
+        _mean(factor, statistics),
+        _covariances(unit, factor, statistics),
+        _ellipsoid(factor, statistics),
+        _tests(statistics),
         _worst(name, worst),
     ):
         yield from (BLANK, *part)
 
 
-def _figures(factor: float, found: ErrorStatistics, before: ErrorMetrics | None) -> list[TextLine]:
-    """The error's length: its figures with their intervals, and the unaligned ones beside them."""
-    intervals = found.intervals
+def _figures(factor: float, statistics: ErrorStatistics, before: ErrorMetrics | None) -> list[TextLine]:
+    """Return the statistics of the error's length with their intervals, and those before registration."""
+    intervals = statistics.intervals
     figures: list[tuple[str, float | None, Interval]] = [
-        ("rms", found.rms, intervals.rms),
-        ("mean", found.mean_error, intervals.mean_error),
-        ("95th percentile", found.p95, intervals.p95),
-        ("maximum", found.max, Interval.missing(found.confidence, "")),
-        ("95 % radius, Gaussian of zero mean", found.radius95_zero_mean.value, found.radius95_zero_mean.interval),
-        ("95 % radius, Gaussian of own mean", found.radius95_fitted_mean.value, found.radius95_fitted_mean.interval),
+        ("rms", statistics.rms, intervals.rms),
+        ("mean", statistics.mean_error, intervals.mean_error),
+        ("95th percentile", statistics.p95, intervals.p95),
+        ("maximum", statistics.max, Interval.missing(statistics.confidence, "")),
+        (
+            "95 % radius, zero-mean Gaussian",
+            statistics.radius95_zero_mean.value,
+            statistics.radius95_zero_mean.interval,
+        ),
+        (
+            "95 % radius, Gaussian with mean",
+            statistics.radius95_fitted_mean.value,
+            statistics.radius95_fitted_mean.interval,
+        ),
     ]
     rows = [(label, *_measured(value, interval, factor)) for label, value, interval in figures]
     if before is None:
-        return columns(("length", "", _percent(found)), rows)
-    # The radii come last and have no unaligned figure.
+        return columns(("length", "", _percent(statistics)), rows)
+    # The radii come last and have no unregistered value.
     earlier = [three_digits(value * factor) for value in (before.rms, before.mean, before.p95, before.max)]
-    both = [(*row, cell) for row, cell in zip_longest(rows, earlier, fillvalue="")]
-    return columns(("length", "", _percent(found), "unaligned"), both)
+    table = [(*row, cell) for row, cell in zip_longest(rows, earlier, fillvalue="")]
+    return columns(("length", "", _percent(statistics), "unregistered"), table)
 
 
-def _mean(factor: float, found: ErrorStatistics) -> list[TextLine]:
-    intervals = found.intervals.mean
+def _mean(factor: float, statistics: ErrorStatistics) -> list[TextLine]:
+    intervals = statistics.intervals.mean
     if intervals[0].lower is None:
-        # A mean that an alignment made zero is rounding: its own digits say nothing, those of the rms do.
-        places = decimals(found.rms * factor, None, None)
+        # Registration makes the mean zero up to rounding, so the digits follow the rms.
+        places = decimals(statistics.rms * factor, None, None)
     else:
         places = max(
-            decimals(float(m) * factor, *_limits(i, factor)) for m, i in zip(found.mean, intervals, strict=True)
+            decimals(float(m) * factor, *_limits(i, factor)) for m, i in zip(statistics.mean, intervals, strict=True)
         )
-    components = zip("xyz", found.mean, intervals, strict=True)
+    components = zip("xyz", statistics.mean, intervals, strict=True)
     rows = [(axis, *_measured(float(mean), interval, factor, places)) for axis, mean, interval in components]
-    return columns(("mean vector", "", _percent(found)), rows)
+    return columns(("mean vector", "", _percent(statistics)), rows)
 
 
-def _covariances(unit: str, factor: float, found: ErrorStatistics) -> list[TextLine]:
-    """The covariance about zero and about the mean, side by side."""
+def _covariances(unit: str, factor: float, statistics: ErrorStatistics) -> list[TextLine]:
+    """Return the covariances about zero and about the mean, side by side."""
     tables = []
     for name, matrix, interval in (
-        ("covariance about zero", found.covariance, found.intervals.covariance),
-        ("covariance about the mean", found.centred_covariance, found.intervals.centred_covariance),
+        ("covariance about zero", statistics.covariance, statistics.intervals.covariance),
+        ("covariance about the mean", statistics.centred_covariance, statistics.intervals.centred_covariance),
     ):
         power = exponent_of_thousand(float(matrix.diagonal().max()) * factor**2)
         rows = _matrix(matrix, interval, factor**2 / 10.0**power)
@@ -149,7 +173,7 @@ def _covariances(unit: str, factor: float, found: ErrorStatistics) -> list[TextL
 
 
 def _matrix(matrix: Array, interval: MatrixInterval, factor: float) -> list[list[str]]:
-    """Rows of a covariance matrix, all with the decimals of its most certain variance."""
+    """Return the rows of a covariance matrix with the decimals of its most precise variance."""
     places = 0
     for i in range(3):
         lower = None if interval.lower is None else float(interval.lower[i, i]) * factor
@@ -158,20 +182,20 @@ def _matrix(matrix: Array, interval: MatrixInterval, factor: float) -> list[list
     return [[fixed(float(value) * factor, places) for value in row] for row in matrix]
 
 
-def _ellipsoid(factor: float, found: ErrorStatistics) -> list[TextLine]:
+def _ellipsoid(factor: float, statistics: ErrorStatistics) -> list[TextLine]:
     rows = []
-    for i, interval in enumerate(found.ellipsoid.intervals):
-        # Adding zero after rounding takes the sign off "-0.00".
-        direction = [f"{round(float(value), 2) + 0.0:+.2f}" for value in found.ellipsoid.axes[:, i]]
-        rows.append((str(i + 1), *_measured(float(found.ellipsoid.sd[i]), interval, factor), *direction))
-    return columns(("principal axis, standard deviation", "", _percent(found), "x", "y", "z"), rows)
+    for i, interval in enumerate(statistics.ellipsoid.intervals):
+        # Adding zero after rounding removes the sign of "-0.00".
+        direction = [f"{round(float(value), 2) + 0.0:+.2f}" for value in statistics.ellipsoid.axes[:, i]]
+        rows.append((str(i + 1), *_measured(float(statistics.ellipsoid.sd[i]), interval, factor), *direction))
+    return columns(("principal axis, standard deviation", "", _percent(statistics), "x", "y", "z"), rows)
 
 
-def _tests(found: ErrorStatistics) -> list[TextLine]:
-    tests = found.tests
+def _tests(statistics: ErrorStatistics) -> list[TextLine]:
+    tests = statistics.tests
     rows = []
     for label, test in (
-        ("the mean is zero, Hotelling's T²", tests.zero_mean),
+        ("zero mean, Hotelling's T²", tests.zero_mean),
         ("Gaussian, Mardia's skewness", tests.skewness),
         ("Gaussian, Mardia's kurtosis", tests.kurtosis),
     ):
@@ -179,35 +203,35 @@ def _tests(found: ErrorStatistics) -> list[TextLine]:
             rows.append((label, "–", test.why or ""))
         else:
             rows.append((label, three_digits(test.statistic), p_value(test.p_value)))
-    return columns(("assumption, and the test of it", "", ""), rows)
+    return columns(("test of an assumption", "statistic", ""), rows)
 
 
-def _how(result: EstimateResult) -> list[tuple[str, list[str]]]:
-    """How the intervals were made: once, where position and orientation were treated alike."""
+def _interval_notes(result: EstimateResult) -> list[tuple[str, list[str]]]:
+    """Return the methods of the intervals, once if position and orientation share them."""
     position = _intervals(result.position)
     orientation = position if result.orientation is None else _intervals(result.orientation)
     if orientation == position:
-        return [("Intervals", position)]
-    return [("Intervals of the position", position), ("Intervals of the orientation", orientation)]
+        return [("Confidence intervals", position)]
+    return [("Confidence intervals, position", position), ("Confidence intervals, orientation", orientation)]
 
 
-def _intervals(found: ErrorStatistics) -> list[str]:
-    """What the intervals assume, which figure's was made how, and why one is missing."""
+def _intervals(statistics: ErrorStatistics) -> list[str]:
+    """Return the assumption of the intervals, their methods, and why an interval is missing."""
     methods: dict[str, list[str]] = {}
-    for name, how in (
-        ("rms", found.intervals.rms),
-        ("mean", found.intervals.mean_error),
-        ("95th percentile", found.intervals.p95),
-        ("95 % radius", found.radius95_zero_mean.interval),
-        ("mean vector", found.intervals.mean[0]),
-        ("covariance", found.intervals.covariance),
-        ("principal axes", found.ellipsoid.intervals[0]),
+    for name, interval in (
+        ("rms", statistics.intervals.rms),
+        ("mean", statistics.intervals.mean_error),
+        ("95th percentile", statistics.intervals.p95),
+        ("95 % radius", statistics.radius95_zero_mean.interval),
+        ("mean vector", statistics.intervals.mean[0]),
+        ("covariance", statistics.intervals.covariance),
+        ("principal axes", statistics.ellipsoid.intervals[0]),
     ):
-        methods.setdefault(how.why or how.method, []).append(name)
+        methods.setdefault(interval.why or interval.method, []).append(name)
     return [
-        found.assumption,
+        statistics.assumption,
         *(f"{', '.join(names)}: {method}" for method, names in methods.items()),
-        f"maximum: {found.estimate('max')[1].why}",
+        f"maximum: {statistics.estimate('max')[1].why}",
     ]
 
 
@@ -235,12 +259,12 @@ def _targets(result: EstimateResult) -> Iterator[TextLine]:
     yield from columns(("target", "poses", "rms", "mean", "95th percentile", "maximum"), rows)
 
 
-def _percent(found: ErrorStatistics) -> str:
-    return f"{100 * found.confidence:g} % interval"
+def _percent(statistics: ErrorStatistics) -> str:
+    return f"{100 * statistics.confidence:g} % interval"
 
 
 def _measured(value: float | None, interval: Interval, factor: float, places: int | None = None) -> tuple[str, str]:
-    """The value and its interval, with the decimals that the interval leaves meaning to."""
+    """Return the value and its interval with the decimals that the interval supports."""
     if value is None:
         return "–", "–"
     lower, upper = _limits(interval, factor)

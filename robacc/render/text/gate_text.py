@@ -1,14 +1,14 @@
-"""What a gate says of a criterion, in words: the same ones in a table, a job summary, an annotation and JUnit."""
+"""Gate outcomes as text: the same wording in a table, a job summary, an annotation and JUnit."""
 
 from __future__ import annotations
 
 import math
 
 from robacc.gates.decision_rules import ASSURANCE, Outcome
-from robacc.gates.evaluate import GateOutcome, Judged
+from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.render.text.numbers import three_digits
 
-WORDS: dict[Outcome, str] = {
+OUTCOME_LABELS: dict[Outcome, str] = {
     "pass": "pass",
     "fail": "fail",
     "inconclusive": "inconclusive",
@@ -18,93 +18,98 @@ _SCALES = {"length": (1e3, " mm"), "angle": (180.0 / math.pi, "°")}
 
 
 def amount(value: float | None, dimension: str) -> str:
-    """In mm, degrees or as a bare number, three digits; a dash where there is none."""
+    """Return the value in mm, degrees or without unit, three digits; a dash for None."""
     if value is None:
         return "–"
     factor, unit = _SCALES.get(dimension, (1.0, ""))
     return f"{three_digits(factor * value)}{unit}"
 
 
-def title(found: GateOutcome) -> str:
-    """The gate's name and outcome, and how many criteria came out how."""
-    counts = [f"{found.count(outcome)} {word}" for outcome, word in WORDS.items() if found.count(outcome)]
-    return f"Gate {found.gate.name}: {WORDS[found.outcome].upper()} ({', '.join(counts)})"
+def title(outcome: GateOutcome) -> str:
+    """Return the gate's name and outcome, and the number of criteria with each outcome."""
+    counts = [f"{outcome.count(kind)} {label}" for kind, label in OUTCOME_LABELS.items() if outcome.count(kind)]
+    return f"Gate {outcome.gate.name}: {OUTCOME_LABELS[outcome.outcome].upper()} ({', '.join(counts)})"
 
 
-def limit(one: Judged) -> str:
-    """The limit, with the way it is meant."""
-    asked = one.criterion
-    if asked.kind == "grade":
-        return f"{asked.words[0]} or better"
-    if asked.kind == "word":
-        return " or ".join(asked.words)
-    factor, unit = _SCALES.get(asked.kind, (1.0, ""))
-    size = f"{factor * abs(asked.limit or 0.0):.6g}{unit}"
-    if asked.baseline is None:
-        return f"at least {size}" if asked.at_least else f"at most {size}"
-    if not asked.limit:
-        return f"no {'less' if asked.at_least else 'more'} than in {asked.baseline}"
-    # A difference may be asked to be small or to be large, in either direction.
-    more = asked.limit > 0.0
-    extent = "at most" if more != asked.at_least else "at least"
-    return f"{extent} {size} {'more' if more else 'less'} than in {asked.baseline}"
+def limit(evaluation: CriterionEvaluation) -> str:
+    """Return the limit with its direction."""
+    criterion = evaluation.criterion
+    if criterion.kind == "grade":
+        return f"{criterion.accepted[0]} or better"
+    if criterion.kind == "word":
+        return " or ".join(criterion.accepted)
+    factor, unit = _SCALES.get(criterion.kind, (1.0, ""))
+    size = f"{factor * abs(criterion.limit or 0.0):.6g}{unit}"
+    if criterion.baseline is None:
+        return f"at least {size}" if criterion.at_least else f"at most {size}"
+    if not criterion.limit:
+        return f"no {'less' if criterion.at_least else 'more'} than in {criterion.baseline}"
+    # A limit on a difference has a sign and a direction.
+    is_increase = criterion.limit > 0.0
+    extent = "at most" if is_increase != criterion.at_least else "at least"
+    return f"{extent} {size} {'more' if is_increase else 'less'} than in {criterion.baseline}"
 
 
-def value(one: Judged) -> str:
-    """The value found; of a comparison, the result's own and the baseline's."""
-    if one.found is not None:
-        return one.found
-    if one.value is None:
-        return "not there"
-    if one.baseline_value is None:
-        return amount(one.value, one.dimension)
-    difference = amount(abs(one.value), one.dimension)
-    words = "as" if one.value == 0.0 else f"{difference} {'more' if one.value > 0.0 else 'less'} than"
-    there = amount(one.baseline_value, one.dimension)
-    return f"{amount(one.value + one.baseline_value, one.dimension)}, {words} the {there} in {one.criterion.baseline}"
+def value(evaluation: CriterionEvaluation) -> str:
+    """Return the measured value; for a comparison, also the baseline's value."""
+    if evaluation.word is not None:
+        return evaluation.word
+    if evaluation.value is None:
+        return "missing"
+    if evaluation.baseline_value is None:
+        return amount(evaluation.value, evaluation.dimension)
+    difference = amount(abs(evaluation.value), evaluation.dimension)
+    relation = (
+        "same as" if evaluation.value == 0.0 else f"{difference} {'more' if evaluation.value > 0.0 else 'less'} than"
+    )
+    baseline = amount(evaluation.baseline_value, evaluation.dimension)
+    measured = amount(evaluation.value + evaluation.baseline_value, evaluation.dimension)
+    return f"{measured}, {relation} the {baseline} in {evaluation.criterion.baseline}"
 
 
-def bounds(one: Judged) -> str | None:
-    """The bounds that the rule looked at; None where it looked at none."""
-    lower, upper = one.decision.lower_bound, one.decision.upper_bound
-    if one.criterion.rule == "simple" or one.is_by_share or (lower is None and upper is None):
+def bounds(evaluation: CriterionEvaluation) -> str | None:
+    """Return the bounds that the rule used, None if it used none."""
+    lower, upper = evaluation.decision.lower_bound, evaluation.decision.upper_bound
+    if evaluation.criterion.rule == "simple" or evaluation.is_by_share or (lower is None and upper is None):
         return None
-    of = "" if one.baseline_value is None else " for the difference"
-    both = f"{amount(lower, one.dimension)} to {amount(upper, one.dimension)}"
-    return f"({both}{of}, each bound at {100 * one.criterion.confidence:g} %)"
+    suffix = "" if evaluation.baseline_value is None else " for the difference"
+    interval = f"{amount(lower, evaluation.dimension)} to {amount(upper, evaluation.dimension)}"
+    return f"({interval}{suffix}, each bound at {100 * evaluation.criterion.confidence:g} % confidence)"
 
 
-def probability(one: Judged) -> str | None:
-    """The conformity probability; never as a certainty."""
-    found = one.decision.probability
-    if found is None:
+def probability(evaluation: CriterionEvaluation) -> str | None:
+    """Return the conformity probability in percent, between ``< 0.1 %`` and ``> 99.9 %``."""
+    conformity = evaluation.decision.probability
+    if conformity is None:
         return None
-    percent = 100.0 * found
+    percent = 100.0 * conformity
     return "> 99.9 %" if percent > 99.9 else "< 0.1 %" if percent < 0.1 else f"{percent:.1f} %"
 
 
-def poses_needed(one: Judged) -> str | None:
-    """How many poses, or visits of them, would decide what is inconclusive, where that can be told."""
-    if one.outcome != "inconclusive":
+def poses_needed(evaluation: CriterionEvaluation) -> str | None:
+    """Return the number of poses or visits that would decide an inconclusive criterion, None where unknown."""
+    if evaluation.outcome != "inconclusive":
         return None
-    sure, plain = one.decision.poses_to_decide, one.decision.poses_if_true
-    if sure is None:
-        # Without bounds, or with no number of poses to reckon from, nothing is known of how close the value lies.
-        close = plain is None and one.decision.why is None and one.n is not None
-        return "the value lies so close to the limit that no number of poses will decide" if close else None
-    # A result by ISO 9283 counts every visit of its few commanded poses.
-    counted = "visits" if one.criterion.key.startswith("iso9283.") else "poses"
-    text = f"{sure} {counted} in all would decide it with a probability of {100 * ASSURANCE:.0f} %"
-    return text if plain is None or plain == sure else f"{text}, {plain} if the value found is the true one"
+    needed, needed_if_true = evaluation.decision.poses_to_decide, evaluation.decision.poses_if_true
+    if needed is None:
+        # The distance to the limit is unknown without bounds or without a number of poses.
+        too_close = needed_if_true is None and evaluation.decision.why is None and evaluation.n is not None
+        return "the value is too close to the limit for any number of poses to decide" if too_close else None
+    # ISO 9283 results count visits of a few commanded poses.
+    counted = "visits" if evaluation.criterion.key.startswith("iso9283.") else "poses"
+    text = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
+    if needed_if_true is None or needed_if_true == needed:
+        return text
+    return f"{text}, {needed_if_true} if the measured value is the true one"
 
 
-def sentence(one: Judged) -> str:
-    """Everything about a criterion in one line, its outcome left out."""
-    found = " ".join(text for text in (one.criterion.key, value(one), bounds(one)) if text)
-    parts = [f"{found}, expected {limit(one)}"]
-    if one.decision.margin is not None:
-        parts.append(f"margin {amount(one.decision.margin, one.dimension)}")
-    if (chance := probability(one)) is not None:
+def sentence(evaluation: CriterionEvaluation) -> str:
+    """Return one line with the value, bounds, limit, margin and reasons of a criterion, without its outcome."""
+    statement = " ".join(text for text in (evaluation.criterion.key, value(evaluation), bounds(evaluation)) if text)
+    parts = [f"{statement}, expected {limit(evaluation)}"]
+    if evaluation.decision.margin is not None:
+        parts.append(f"margin {amount(evaluation.decision.margin, evaluation.dimension)}")
+    if (chance := probability(evaluation)) is not None:
         parts.append(f"conforms with probability {chance}")
-    parts += [text for text in (one.decision.why, poses_needed(one)) if text]
+    parts += [text for text in (evaluation.decision.why, poses_needed(evaluation)) if text]
     return "; ".join(parts)

@@ -1,7 +1,7 @@
-"""An evaluation after ISO 9283 as tables to read: mm and degrees, accuracy and repeatability each under its heading.
+"""An evaluation by ISO 9283 as tables in mm and degrees: accuracy and repeatability each under its heading.
 
-Repeatability is never called accuracy here, nor do the two share a table: taking RP for AP is the commonest misreading
-of the standard.
+The report keeps accuracy and repeatability in separate tables: reading RP as AP is the commonest mistake with the
+standard.
 """
 
 from __future__ import annotations
@@ -27,41 +27,41 @@ _NAMES: dict[Symbol, str] = {
     "shift": "shift of the barycentre",
 }
 _GROUPS: tuple[tuple[str, tuple[Symbol, ...]], ...] = (
-    ("Accuracy: how near the robot comes to the command", ("AP", "vAP", "AD", "E")),
-    ("Repeatability: how alike its visits are, however far from the command", ("RP", "RD")),
-    ("Drift: how both change during the run", ("dAP", "dRP", "shift")),
+    ("Accuracy: distance between commanded and attained poses", ("AP", "vAP", "AD", "E")),
+    ("Repeatability: scatter of the visits, whatever their distance from the command", ("RP", "RD")),
+    ("Drift: change of accuracy and repeatability during the run", ("dAP", "dRP", "shift")),
 )
 _STATUS = {"met": "met", "not met": "NOT MET", "unknown": "unknown"}
 
 
 def draw_iso9283(result: Iso9283Result, robot: str | None, stream: TextIO) -> None:
-    """Write everything ``robacc iso9283`` says to ``stream``; ``robot`` is its file's name."""
+    """Write the report of ``robacc iso9283`` to ``stream``; ``robot`` is the file's name."""
     write_lines(iso9283_lines(result, robot, width_of(stream)), stream)
 
 
 def iso9283_lines(result: Iso9283Result, robot: str | None, width: int) -> Iterator[TextLine]:
-    """The report's lines; running text is wrapped to ``width`` columns."""
+    """Return the report's lines; running text is wrapped to ``width`` columns."""
     yield heading(f"Pose criteria of ISO 9283:1998, {_aligned(result)}")
     yield TextLine(f"{', '.join(result.sources)}: {_counted(result)}")
     yield TextLine(_commanded(result, robot))
     if result.unaligned is not None:
         unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in result.unaligned)
-        yield TextLine(f"AP before the alignment, largest: {unaligned} mm")
+        yield TextLine(f"largest AP before registration: {unaligned} mm")
     for title, symbols in _GROUPS:
-        found = [result.characteristic(symbol) for symbol in symbols]
-        yield from (BLANK, heading(title), *_summary(found, result.confidence, width))
+        characteristics = [result.characteristic(symbol) for symbol in symbols]
+        yield from (BLANK, heading(title), *_summary(characteristics, result.confidence, width))
     yield from pose_tables(result)
     yield from pair_tables(result)
     yield from (BLANK, heading("Conditions of the standard's protocol"), *_protocol(result, width))
-    for title, texts in (("Intervals", _methods(result)), ("To bear in mind", result.notes)):
+    for title, texts in (("Confidence intervals", _methods(result)), ("Limitations", result.notes)):
         yield from (BLANK, heading(title), *items(texts, width))
 
 
 def _aligned(result: Iso9283Result) -> str:
     if not result.alignments:
-        return "nothing aligned"
+        return "not registered"
     first = result.alignments[0]
-    return f"{' and '.join(first.effects)} aligned with {first.n_parameters} parameters"
+    return f"registered: {' and '.join(first.effects)} fitted, {first.n_parameters} parameters"
 
 
 def _counted(result: Iso9283Result) -> str:
@@ -76,32 +76,45 @@ def _counted(result: Iso9283Result) -> str:
 
 def _commanded(result: Iso9283Result, robot: str | None) -> str:
     if result.commanded is None:
-        return "nothing says where the robot was sent"
+        return "no commanded poses"
     return f"commanded by {robot if result.commanded == 'robot' else 'cmd_ columns'}"
 
 
-def _summary(found: Sequence[Characteristic], confidence: float, width: int) -> Iterator[TextLine]:
-    """The largest of each criterion, position and orientation, then what could not be had and why."""
+def _summary(characteristics: Sequence[Characteristic], confidence: float, width: int) -> Iterator[TextLine]:
+    """Return the largest value of each criterion, then the missing criteria with the reasons."""
     rows = []
-    for one in found:
-        for unit, factor, figure, at in (
-            ("mm", IN_MM, one.position, one.position_at),
-            ("°", IN_DEGREES, one.angle, one.angle_at),
+    for characteristic in characteristics:
+        for unit, factor, figure, place in (
+            ("mm", IN_MM, characteristic.position, characteristic.position_at),
+            ("°", IN_DEGREES, characteristic.angle, characteristic.angle_at),
         ):
             if figure.value is not None:
-                symbol = "" if one.symbol == "shift" else one.symbol
-                name = _NAMES[one.symbol] if unit == "mm" else "  of orientation"
+                symbol = "" if characteristic.symbol == "shift" else characteristic.symbol
+                name = _NAMES[characteristic.symbol] if unit == "mm" else "  of orientation"
                 value, interval = measured(figure, factor)
-                rows.append((f"{symbol if unit == 'mm' else '':<4}{name}", one.clause, value, unit, interval, at or ""))
+                rows.append(
+                    (
+                        f"{symbol if unit == 'mm' else '':<4}{name}",
+                        characteristic.clause,
+                        value,
+                        unit,
+                        interval,
+                        place or "",
+                    )
+                )
     if rows:
         yield from columns(("largest", "clause", "", "", f"{100 * confidence:g} % interval", "at"), rows)
-    missing = [(one.symbol, one.position.interval.why or "") for one in found if one.position.value is None]
-    yield from items(_together(missing), width)
-    yield from items(dict.fromkeys(note for one in found for note in one.notes), width)
+    missing = [
+        (characteristic.symbol, characteristic.position.interval.why or "")
+        for characteristic in characteristics
+        if characteristic.position.value is None
+    ]
+    yield from items(_grouped(missing), width)
+    yield from items(dict.fromkeys(note for characteristic in characteristics for note in characteristic.notes), width)
 
 
-def _together(missing: Sequence[tuple[Symbol, str]]) -> list[str]:
-    """Why each criterion is missing, those of one reason in one."""
+def _grouped(missing: Sequence[tuple[Symbol, str]]) -> list[str]:
+    """Return why criteria are missing, one line per reason."""
     reasons: dict[str, list[str]] = {}
     for symbol, why in missing:
         name = _NAMES[symbol].removesuffix(", ±")
@@ -115,24 +128,30 @@ def _protocol(result: Iso9283Result, width: int) -> list[TextLine]:
     for condition in result.protocol:
         status = _STATUS[condition.status]
         label = f"{condition.name:<{names}}  {condition.clause}  {status:<7}  "
-        # The reason is wrapped beside its condition.
-        first, *rest = items([condition.why], max(width - len(label) + 2, 30))
+        # The reason is wrapped next to its condition.
+        first, *continuation = items([condition.why], max(width - len(label) + 2, 30))
         lines.append(TextLine(label + first.text[2:]))
-        lines += [TextLine(" " * len(label) + line.text.strip()) for line in rest]
+        lines += [TextLine(" " * len(label) + line.text.strip()) for line in continuation]
     return lines
 
 
 def _methods(result: Iso9283Result) -> list[str]:
-    """Which criterion's interval was made how."""
+    """Return the method of each criterion's interval."""
     methods: dict[str, list[str]] = {}
-    for one in result.characteristics:
-        if one.position.value is not None:
-            how = one.position.interval.why or one.position.interval.method.partition("; largest")[0]
-            methods.setdefault(how, []).append(one.symbol)
+    for characteristic in result.characteristics:
+        if characteristic.position.value is not None:
+            explanation = (
+                characteristic.position.interval.why
+                or characteristic.position.interval.method.partition("; largest")[0]
+            )
+            methods.setdefault(explanation, []).append(characteristic.symbol)
     texts = [f"{', '.join(symbols)}: {method}" for method, symbols in methods.items()]
-    if any("; largest" in one.position.interval.method for one in result.characteristics):
+    if any("; largest" in characteristic.position.interval.method for characteristic in result.characteristics):
         texts.append(
-            "the largest over poses: upper limit the greatest of theirs, lower limit corrected for their number"
+            "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the "
+            "number of poses"
         )
-    texts.append("visits count as independent draws of a Gaussian; the instrument's own systematic error is in none")
+    texts.append(
+        "visits are taken as independent Gaussian draws; no interval includes the instrument's systematic error"
+    )
     return texts

@@ -1,4 +1,4 @@
-"""The tables of an ISO 9283 evaluation, place by place."""
+"""The tables of an ISO 9283 evaluation by pose and by pair of poses."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from robacc.render.text.numbers import decimals, fixed
 
 IN_MM = 1e3
 IN_DEGREES = 180.0 / math.pi
-_MOST_ROWS = 12
-"""Places listed; the rest is in the JSON."""
+_MAX_ROWS = 12
+"""Places in a table; the JSON result has all of them."""
 
 
 def measured(figure: CriterionFigure, factor: float) -> tuple[str, str]:
-    """The value and its interval, with the decimals that the interval leaves meaning to."""
+    """Return the value and its interval with the decimals that the interval supports."""
     if figure.value is None:
         return "–", "–"
     lower, upper = (None if end is None else end * factor for end in _ends(figure))
@@ -27,53 +27,57 @@ def measured(figure: CriterionFigure, factor: float) -> tuple[str, str]:
 
 
 def pose_tables(result: Iso9283Result) -> Iterator[TextLine]:
-    """What is of single poses, each criterion in a table of its own."""
+    """Return the tables by pose, one for each criterion."""
     percent = f"{100 * result.confidence:g} % interval"
-    several = len(result.sources) > 1
+    multiple_files = len(result.sources) > 1
     accuracy = result.characteristic("AP")
     yield from _table(
         "Pose accuracy AP by pose, mm",
         accuracy,
-        several,
+        multiple_files,
         ("visits", "AP_p", percent, "x", "y", "z"),
-        lambda one: (str(one.n), *measured(one.position, IN_MM), *_parts(one.axes, IN_MM)),
+        lambda place: (str(place.n), *measured(place.position, IN_MM), *_parts(place.axes, IN_MM)),
     )
-    yield from _angles("Pose accuracy AP of orientation by pose, °", accuracy, several)
+    yield from _angles("Pose accuracy AP of orientation by pose, °", accuracy, multiple_files)
     repeatability = result.characteristic("RP")
     yield from _table(
         "Pose repeatability RP by pose, mm (not accuracy)",
         repeatability,
-        several,
+        multiple_files,
         ("visits", "RP_l", percent, "mean l", "S_l"),
-        lambda one: (str(one.n), *measured(one.position, IN_MM), *_distances(one)),
+        lambda place: (str(place.n), *measured(place.position, IN_MM), *_distances(place)),
     )
-    yield from _angles("Pose repeatability RP of orientation by pose, ± ° (not accuracy)", repeatability, several)
+    yield from _angles(
+        "Pose repeatability RP of orientation by pose, ± ° (not accuracy)", repeatability, multiple_files
+    )
     for symbol, title in (
         ("vAP", "Multi-directional variation vAP by pose, mm"),
         ("E", "Exchangeability E by pose, mm"),
     ):
         yield from _table(
             title,
-            next(one for one in result.characteristics if one.symbol == symbol),
-            several and symbol == "vAP",
+            next(item for item in result.characteristics if item.symbol == symbol),
+            multiple_files and symbol == "vAP",
             ("visits", symbol, percent, "between"),
-            lambda one: (str(one.n), *measured(one.position, IN_MM), one.between or ""),
+            lambda place: (str(place.n), *measured(place.position, IN_MM), place.between or ""),
         )
 
 
 def pair_tables(result: Iso9283Result) -> Iterator[TextLine]:
-    """Distances between poses: accuracy and repeatability each in a table of its own."""
+    """Return the tables of the distances between poses, accuracy and repeatability separately."""
     percent = f"{100 * result.confidence:g} % interval"
-    several = len(result.sources) > 1
+    multiple_files = len(result.sources) > 1
     for symbol, title in (
         ("AD", "Distance accuracy AD by pair of poses, mm"),
         ("RD", "Distance repeatability RD by pair of poses, ± mm (not accuracy)"),
     ):
-        one = next(one for one in result.characteristics if one.symbol == symbol)
+        characteristic = next(
+            characteristic for characteristic in result.characteristics if characteristic.symbol == symbol
+        )
         yield from _table(
             title,
-            one,
-            several,
+            characteristic,
+            multiple_files,
             ("visits", f"{symbol}_p", percent, "x", "y", "z"),
             lambda place: (str(place.n), *measured(place.position, IN_MM), *_parts(place.axes, IN_MM)),
         )
@@ -81,48 +85,54 @@ def pair_tables(result: Iso9283Result) -> Iterator[TextLine]:
 
 def _table(
     title: str,
-    found: Characteristic,
-    several: bool,
+    characteristic: Characteristic,
+    multiple_files: bool,
     header: Sequence[str],
     cells: Callable[[IsoCriterion], Sequence[str]],
 ) -> Iterator[TextLine]:
-    """One row a place; the largest first where there are too many to list."""
-    if not found.places:
+    """Return one row per place, the largest first if there are too many."""
+    if not characteristic.places:
         return
-    places = list(found.places)
-    if len(places) > _MOST_ROWS:
-        places = sorted(places, key=lambda one: -abs(one.position.value or 0.0))[:_MOST_ROWS]
-        title += f" (the {_MOST_ROWS} largest of {len(found.places)})"
-    files = ["file"] if several else []
-    rows = [("–".join(one.poses), *([one.source or ""] if several else []), *cells(one)) for one in places]
+    places = list(characteristic.places)
+    if len(places) > _MAX_ROWS:
+        places = sorted(places, key=lambda place: -abs(place.position.value or 0.0))[:_MAX_ROWS]
+        title += f" (the {_MAX_ROWS} largest of {len(characteristic.places)})"
+    files = ["file"] if multiple_files else []
+    rows = [
+        ("–".join(place.poses), *([place.source or ""] if multiple_files else []), *cells(place)) for place in places
+    ]
     yield from (BLANK, heading(title), *columns(("", *files, *header), rows))
 
 
-def _angles(title: str, found: Characteristic, several: bool) -> Iterator[TextLine]:
-    """The three angles, where there are any."""
-    if all(one.angles is None for one in found.places):
+def _angles(title: str, characteristic: Characteristic, multiple_files: bool) -> Iterator[TextLine]:
+    """Return the table of the three angles, empty without orientations."""
+    if all(place.angles is None for place in characteristic.places):
         return
 
-    yield from _table(title, found, several, ("a", "b", "c"), lambda one: _parts(one.angles, IN_DEGREES))
+    yield from _table(
+        title, characteristic, multiple_files, ("a", "b", "c"), lambda place: _parts(place.angles, IN_DEGREES)
+    )
 
 
 def _parts(figures: Sequence[CriterionFigure] | None, factor: float) -> list[str]:
-    """Values with the decimals that the widest of their intervals leaves, as many for all."""
+    """Return values with the decimals that the widest of their intervals supports."""
     if figures is None:
         return []
     places = min(
-        decimals((one.value or 0.0) * factor, *(end if end is None else end * factor for end in _ends(one)))
-        for one in figures
+        decimals((figure.value or 0.0) * factor, *(end if end is None else end * factor for end in _ends(figure)))
+        for figure in figures
     )
-    return [fixed(None if one.value is None else one.value * factor, places) for one in figures]
+    return [fixed(None if figure.value is None else figure.value * factor, places) for figure in figures]
 
 
 def _ends(figure: CriterionFigure) -> tuple[float | None, float | None]:
     return figure.interval.lower, figure.interval.upper
 
 
-def _distances(one: IsoCriterion) -> list[str]:
-    """Mean and standard deviation of the distances from the barycentre, as fine as RP."""
-    ends = (None if end is None else end * IN_MM for end in _ends(one.position))
-    places = decimals((one.position.value or 0.0) * IN_MM, *ends)
-    return [fixed(None if value is None else value * IN_MM, places) for value in (one.mean_distance, one.sd_distance)]
+def _distances(place: IsoCriterion) -> list[str]:
+    """Return mean and standard deviation of the distances from the barycentre with the decimals of RP."""
+    ends = (None if end is None else end * IN_MM for end in _ends(place.position))
+    places = decimals((place.position.value or 0.0) * IN_MM, *ends)
+    return [
+        fixed(None if value is None else value * IN_MM, places) for value in (place.mean_distance, place.sd_distance)
+    ]

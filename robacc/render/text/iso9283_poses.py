@@ -1,4 +1,4 @@
-"""The cube of ISO 9283 and its five poses, told: as comments of their CSV and as a table."""
+"""The cube of ISO 9283 and its five poses, as comments of their CSV and as a table."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ _IN_MM = 1e3
 _IN_DEGREES = 180.0 / math.pi
 
 
-def proposal_comments(found: Proposal, robot: str) -> list[str]:
-    """Lines that stand above the columns: which cube, which plane, how the tool is held."""
+def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
+    """Return the comment lines above the columns: cube, plane and tool orientation."""
     return [
-        f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned, nothing was measured.",
-        *_facts(found),
-        *found.notes,
+        f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned poses, not measured.",
+        *_facts(proposal),
+        *proposal.notes,
     ]
 
 
-def draw_proposal(found: Proposal, robot: Robot, stream: TextIO) -> None:
-    """Write the table of the five poses to ``stream``."""
-    write_lines(proposal_lines(found, robot, width_of(stream)), stream)
+def draw_proposal(proposal: Proposal, robot: Robot, stream: TextIO) -> None:
+    """Write the tables of the five poses to ``stream``."""
+    write_lines(proposal_lines(proposal, robot, width_of(stream)), stream)
 
 
-def proposal_lines(found: Proposal, robot: Robot, width: int) -> Iterator[TextLine]:
-    """The cube, the commanded poses in the measuring frame and the joints, mm and degrees."""
+def proposal_lines(proposal: Proposal, robot: Robot, width: int) -> Iterator[TextLine]:
+    """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
     yield heading(f"Test poses of ISO 9283:1998 for {robot.name}")
-    yield from items(_facts(found), width)
+    yield from items(_facts(proposal), width)
     units = ["°" if joint.type == "revolute" else "mm" for joint in robot.variables]
     factors = [_IN_DEGREES if unit == "°" else _IN_MM for unit in units]
-    places = found.poses.translation * _IN_MM
+    places = proposal.poses.translation * _IN_MM
     rows = [(f"P{i + 1}", *(fixed(float(value), 2) for value in places[:, i])) for i in range(5)]
     yield from (BLANK, *columns(("commanded, mm", "x", "y", "z"), rows), BLANK)
     names = [f"{name}, {unit}" for name, unit in zip(robot.variable_names, units, strict=True)]
     joints = [
-        (f"P{i + 1}", *(fixed(float(q) * factor, 3) for q, factor in zip(found.q[:, i], factors, strict=True)))
+        (f"P{i + 1}", *(fixed(float(q) * factor, 3) for q, factor in zip(proposal.q[:, i], factors, strict=True)))
         for i in range(5)
     ]
     yield from columns(("joints", *names), joints)
-    if found.notes:
-        yield from (BLANK, heading("To bear in mind"), *items(found.notes, width))
+    if proposal.notes:
+        yield from (BLANK, heading("Limitations"), *items(proposal.notes, width))
 
 
-def _facts(found: Proposal) -> list[str]:
-    x, y, z = (float(value) * _IN_MM for value in found.centre)
-    edge = found.edge * _IN_MM
+def _facts(proposal: Proposal) -> list[str]:
+    x, y, z = (float(value) * _IN_MM for value in proposal.centre)
+    edge = proposal.edge * _IN_MM
     return [
-        f"cube of {edge:g} mm, its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in the base's axes",
-        f"P2 to P5 at 10 % of the diagonal from the corners, in the plane that rises at 45° towards {found.plane}",
-        f"{found.words}; every joint keeps {100.0 * found.margin:.0f} % of its range or more from its limits",
+        f"cube with an edge of {edge:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in the base frame",
+        f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",
+        f"{proposal.orientation_text}; every joint keeps {100.0 * proposal.margin:.0f} % of its range to each limit",
     ]

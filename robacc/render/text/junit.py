@@ -1,7 +1,7 @@
-"""What a gate says of a result as JUnit XML: a suite a gate, a case a criterion.
+"""Gate outcomes as JUnit XML: one suite per gate, one case per criterion.
 
-Valid by the two schemas that are in use, Jenkins' xUnit plug-in's and the one derived from Ant's own report, which asks
-for a time and a host: both stand there as constants, so that equal results give equal bytes.
+The output is valid under both common schemas, that of Jenkins' xUnit plug-in and that derived from Ant's report. Ant's
+schema requires a time and a host; both are constants, so that equal results give equal bytes.
 """
 
 from __future__ import annotations
@@ -10,46 +10,50 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
-from robacc.gates.evaluate import GateOutcome, Judged
+from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.outcomes import FileOutcome
-from robacc.render.text.gate_text import WORDS, sentence, title
+from robacc.render.text.gate_text import OUTCOME_LABELS, sentence, title
 
 _NO_TIME = "1970-01-01T00:00:00"
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def junit(command: str, found: GateOutcome) -> str:
-    """The document. A failed criterion is a failure; one that could not be decided is an error, so it never passes."""
-    return _document(_suite(command, 0, found.gate.name, found))
+def junit(command: str, outcome: GateOutcome) -> str:
+    """Return the document; a failed criterion is a failure, an undecided criterion is an error and never passes."""
+    return _document(_suite(command, 0, outcome.gate.name, outcome))
 
 
 def junit_of_files(command: str, outcomes: Sequence[FileOutcome]) -> str:
-    """A suite a file; one that came to no result has an error in the place of its criteria."""
+    """Return one suite per file; a file without a result has an error instead of its criteria."""
     lines: list[str] = []
-    for number, one in enumerate(outcomes):
-        lines += _failed(command, number, one) if one.gate is None else _suite(command, number, one.name, one.gate)
+    for number, outcome in enumerate(outcomes):
+        lines += (
+            _failed(command, number, outcome)
+            if outcome.gate is None
+            else _suite(command, number, outcome.name, outcome.gate)
+        )
     return _document(lines)
 
 
 def _document(lines: Iterable[str]) -> str:
-    whole = ('<?xml version="1.0" encoding="UTF-8"?>', "<testsuites>", *lines, "</testsuites>")
-    return "".join(f"{line}\n" for line in whole)
+    document = ('<?xml version="1.0" encoding="UTF-8"?>', "<testsuites>", *lines, "</testsuites>")
+    return "".join(f"{line}\n" for line in document)
 
 
-def _suite(command: str, number: int, name: str, found: GateOutcome) -> Iterator[str]:
-    errors = found.count("inconclusive") + found.count("not_evaluated")
-    yield _opening(command, number, name, len(found.judged), found.count("fail"), errors)
-    for one in found.judged:
-        yield from _case(command, name, one)
-    yield from _closing(title(found), "\n".join(found.warnings))
+def _suite(command: str, number: int, name: str, outcome: GateOutcome) -> Iterator[str]:
+    errors = outcome.count("inconclusive") + outcome.count("not_evaluated")
+    yield _opening(command, number, name, len(outcome.evaluations), outcome.count("fail"), errors)
+    for evaluation in outcome.evaluations:
+        yield from _case(command, name, evaluation)
+    yield from _closing(title(outcome), "\n".join(outcome.warnings))
 
 
-def _failed(command: str, number: int, one: FileOutcome) -> Iterator[str]:
-    yield _opening(command, number, one.name, 1, 0, 1)
-    yield f"    <testcase{_attributes(name=command, classname=f'robacc.{command}.{one.name}', time='0')}>"
-    yield f"      <error{_attributes(message=one.problems[0].message, type='no result')}/>"
+def _failed(command: str, number: int, outcome: FileOutcome) -> Iterator[str]:
+    yield _opening(command, number, outcome.name, 1, 0, 1)
+    yield f"    <testcase{_attributes(name=command, classname=f'robacc.{command}.{outcome.name}', time='0')}>"
+    yield f"      <error{_attributes(message=outcome.problems[0].message, type='no result')}/>"
     yield "    </testcase>"
-    yield from _closing("", "\n".join(str(problem) for problem in one.problems))
+    yield from _closing("", "\n".join(str(problem) for problem in outcome.problems))
 
 
 def _opening(command: str, number: int, name: str, tests: int, failures: int, errors: int) -> str:
@@ -73,15 +77,17 @@ def _closing(out: str, error: str) -> Iterator[str]:
     yield "  </testsuite>"
 
 
-def _case(command: str, suite: str, one: Judged) -> Iterator[str]:
-    case = _attributes(name=one.criterion.name, classname=f"robacc.{command}.{suite}", time="0")
-    if one.outcome == "pass":
+def _case(command: str, suite: str, evaluation: CriterionEvaluation) -> Iterator[str]:
+    case = _attributes(name=evaluation.criterion.name, classname=f"robacc.{command}.{suite}", time="0")
+    if evaluation.outcome == "pass":
         yield f"    <testcase{case}/>"
         return
-    tag = "failure" if one.outcome == "fail" else "error"
-    message = _attributes(message=f"{WORDS[one.outcome]}: {sentence(one)}", type=one.outcome)
+    tag = "failure" if evaluation.outcome == "fail" else "error"
+    message = _attributes(
+        message=f"{OUTCOME_LABELS[evaluation.outcome]}: {sentence(evaluation)}", type=evaluation.outcome
+    )
     yield f"    <testcase{case}>"
-    yield f"      <{tag}{message}>{_text(f'Reason for the limit: {one.criterion.reason}')}</{tag}>"
+    yield f"      <{tag}{message}>{_text(f'Reason for the limit: {evaluation.criterion.reason}')}</{tag}>"
     yield "    </testcase>"
 
 
@@ -94,5 +100,5 @@ def _text(value: str) -> str:
 
 
 def _clean(value: str) -> str:
-    """Without the characters that XML does not have."""
+    """Replace the characters that XML does not allow."""
     return _NOT_XML.sub("\ufffd", value)

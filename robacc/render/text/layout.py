@@ -1,7 +1,6 @@
-"""Lines of text in columns: what a report is made of before it meets a terminal or a file.
+"""Lines of text in columns, the common layout of reports for terminals and files.
 
-Laid out here and not by rich, whose tables take longer to draw than an estimate of 100 poses takes to compute; rich
-gives the lines their looks where there is a terminal to show them.
+rich only styles the lines on a terminal: laying out its tables takes longer than estimating 100 poses.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ Style = Literal["", "bold", "dim"]
 
 
 class TextLine(NamedTuple):
-    """One line and its looks."""
+    """One line and its style."""
 
     text: str
     style: Style = ""
@@ -25,34 +24,34 @@ BLANK = TextLine("")
 
 
 def heading(text: str) -> TextLine:
-    """What stands above a part."""
+    """Return the heading of a section."""
     return TextLine(text, "bold")
 
 
 def columns(header: Sequence[str], rows: Iterable[Sequence[str]], gap: int = 2) -> list[TextLine]:
-    """A table without rules: the first column reads from the left, the others stand at the right of theirs.
+    """Return a table without rules, its first column aligned left and the others right.
 
-    Rows may be shorter than the header; the header is left out where all of it is empty.
+    Rows may be shorter than the header. A header of empty cells is omitted.
     """
     table = [header, *rows]
     widths = [max(map(len, cells)) for cells in zip_longest(*table, fillvalue="")]
     lines = []
     for number, row in enumerate(table):
-        first, rest = f"{row[0]:<{widths[0]}}", zip(row[1:], widths[1:], strict=False)
-        cells = (first, *(f"{cell:>{width}}" for cell, width in rest))
+        first, others = f"{row[0]:<{widths[0]}}", zip(row[1:], widths[1:], strict=False)
+        cells = (first, *(f"{cell:>{width}}" for cell, width in others))
         lines.append(TextLine((" " * gap).join(cells).rstrip(), "dim" if number == 0 else ""))
     return lines if any(header) else lines[1:]
 
 
 def beside(left: Sequence[TextLine], right: Sequence[TextLine], gap: int = 6) -> list[TextLine]:
-    """Two tables side by side; a line looks as the left one does."""
+    """Return two tables side by side, styled as the left table."""
     width = max(len(line.text) for line in left) + gap
     pairs = zip_longest(left, right, fillvalue=BLANK)
-    return [TextLine(f"{one.text:<{width}}{other.text}".rstrip(), one.style) for one, other in pairs]
+    return [TextLine(f"{first.text:<{width}}{second.text}".rstrip(), first.style) for first, second in pairs]
 
 
 def items(texts: Iterable[str], width: int) -> list[TextLine]:
-    """Each text with a dash, wrapped to ``width`` columns, its further lines set in."""
+    """Return each text with a dash, wrapped to ``width`` columns with a hanging indent."""
     lines = []
     for text in texts:
         lines += textwrap.wrap(text, width, initial_indent="- ", subsequent_indent="  ", break_long_words=False)
@@ -60,5 +59,5 @@ def items(texts: Iterable[str], width: int) -> list[TextLine]:
 
 
 def wrapped(text: str, width: int) -> list[TextLine]:
-    """A paragraph, wrapped to ``width`` columns."""
-    return [TextLine(one) for one in textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)]
+    """Return a paragraph wrapped to ``width`` columns."""
+    return [TextLine(line) for line in textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)]

@@ -1,4 +1,4 @@
-"""A prediction as tables to read: mm and degrees, at most 80 columns."""
+"""A prediction as tables in mm and degrees, at most 80 columns."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from robacc.render.text.predict_parts import FACTORS, amount, bar, percent, with
 from robacc.robots.description import Robot
 
 _LISTED = 12
-"""Parameters of the budget that are listed; all are in the JSON."""
+"""Parameters of the budget in the table; the JSON result has all of them."""
 _BAR = 14
-_STAYS = 0.9995
-"""A factor that three decimals show as one."""
+_UNCHANGED = 0.9995
+"""Smallest factor that rounds to one with three decimals."""
 _STATISTICS = {
     "rms": "RMS error",
     "mean_error": "mean error",
@@ -34,7 +34,7 @@ def draw_prediction(
     comparison: MeasuredComparison | None,
     stream: TextIO,
 ) -> None:
-    """Write everything ``robacc predict`` says to ``stream``."""
+    """Write the report of ``robacc predict`` to ``stream``."""
     write_lines(prediction_lines(robot, prediction, allocation, comparison, width_of(stream)), stream)
 
 
@@ -45,8 +45,8 @@ def prediction_lines(
     comparison: MeasuredComparison | None,
     width: int,
 ) -> Iterator[TextLine]:
-    """The report's lines; running text is wrapped to ``width`` columns, tables take at most 80."""
-    yield heading(f"Accuracy to be expected of {robot.name}, from {len(prediction.parameters)} tolerances")
+    """Return the report's lines; text is wrapped to ``width`` columns, tables take at most 80."""
+    yield heading(f"Expected accuracy of {robot.name}, from {len(prediction.parameters)} tolerances")
     yield TextLine(f"at {prediction.configurations.source}")
     yield TextLine(prediction.meaning)
     yield from (BLANK, *_grade(prediction, width))
@@ -56,13 +56,13 @@ def prediction_lines(
     yield from (BLANK, heading("Worst pose"))
     for name, errors in (("position", prediction.position), ("orientation", prediction.orientation)):
         yield from _worst(robot, errors, name, width)
-    yield from (BLANK, heading("Error budget: share of the variance (parameters by the sum of both)"))
+    yield from (BLANK, heading("Error budget: share of the variance (parameters sorted by both shares)"))
     budget = sorted(prediction.budget, key=lambda share: -round(share.position + share.orientation, 9))
     yield from _budget("parameter", budget[:_LISTED])
     if len(budget) > _LISTED:
-        rest = budget[_LISTED:]
-        shares = (percent(sum(getattr(share, name) for share in rest)) for name in ("position", "orientation"))
-        yield TextLine("{} more parameters: {} of position, {} of orientation".format(len(rest), *shares))
+        unlisted = budget[_LISTED:]
+        shares = (percent(sum(getattr(share, name) for share in unlisted)) for name in ("position", "orientation"))
+        yield TextLine("{} more parameters: {} of position, {} of orientation".format(len(unlisted), *shares))
     yield from (BLANK, *_budget("joint", prediction.by_joint))
     yield from (BLANK, *_budget("kind", prediction.by_kind))
     if allocation is not None:
@@ -70,37 +70,44 @@ def prediction_lines(
     if comparison is not None:
         yield from comparison_lines(comparison, width)
     if prediction.notes:
-        yield from (BLANK, heading("To bear in mind"))
+        yield from (BLANK, heading("Limitations"))
         yield from items(prediction.notes, width)
 
 
 def _grade(prediction: Prediction, width: int) -> Iterator[TextLine]:
     grade = prediction.grade
     yield heading(f"Grade {grade.grade} predicted (scale: {grade.scale.name})")
-    words = f"by {_STATISTICS[grade.scale.statistic]}, over robots and poses"
+    text = f"by {_STATISTICS[grade.scale.statistic]}, over robots and poses"
     if grade.limited_by:
-        words += f"; limited by {' and '.join(grade.limited_by)}"
+        text += f"; limited by {' and '.join(grade.limited_by)}"
     shares = ", ".join(f"{name} {percent(share)}" for name, share in grade.meeting)
-    yield from items((words, f"share of poses that meet each grade by themselves: {shares}"), width)
+    yield from items((text, f"share of poses that meet each grade individually: {shares}"), width)
 
 
 def _figures(prediction: Prediction) -> list[TextLine]:
-    both = (prediction.position, prediction.orientation)
+    quantities = (prediction.position, prediction.orientation)
     rows = [
-        (label, *(amount(getattr(errors, name), errors.unit) for errors in both))
+        (label, *(amount(getattr(errors, name), errors.unit) for errors in quantities))
         for label, name in (("RMS", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
     ]
     return columns(("over robots and poses", "mm", "°"), rows)
 
 
 def _over_poses(prediction: Prediction) -> list[TextLine]:
-    both = (prediction.position, prediction.orientation)
-    found = [errors.percentiles() for errors in both]
+    quantities = (prediction.position, prediction.orientation)
+    percentiles = [errors.percentiles() for errors in quantities]
     rows = [
-        (str(p), *(amount(value, errors.unit) for errors, of in zip(both, found, strict=True) for value in of[p]))
-        for p in found[0]
+        (
+            str(p),
+            *(
+                amount(value, errors.unit)
+                for errors, by_percentile in zip(quantities, percentiles, strict=True)
+                for value in by_percentile[p]
+            ),
+        )
+        for p in percentiles[0]
     ]
-    largest = [amount(value, errors.unit) for errors in both for value in (errors.worst.rms, errors.max)]
+    largest = [amount(value, errors.unit) for errors in quantities for value in (errors.worst.rms, errors.max)]
     header = ("percentile over poses", "RMS, mm", "95 % radius, mm", "RMS, °", "95 % radius, °")
     return columns(header, [*rows, ("largest", *largest)])
 
@@ -120,12 +127,12 @@ def _worst(robot: Robot, errors: PredictedErrors, name: str, width: int) -> list
     return items((text,), width)
 
 
-def _budget(what: str, shares: Sequence[Share]) -> list[TextLine]:
+def _budget(label: str, shares: Sequence[Share]) -> list[TextLine]:
     names = ("position", "orientation")
     largest = {name: max((getattr(share, name) for share in shares), default=0.0) for name in names}
-    # What a table of 80 columns leaves for two bars after names, tolerance and percentages.
+    # The bars share the columns that names, tolerances and percentages leave of 80.
     longest = max((len(share.name) for share in shares), default=0)
-    width = max(2, min(_BAR, (44 - longest) // 2)) if what == "parameter" else _BAR
+    width = max(2, min(_BAR, (44 - longest) // 2)) if label == "parameter" else _BAR
     rows = []
     for share in shares:
         tolerance = [] if share.tolerance is None or share.unit is None else [with_unit(share.tolerance, share.unit)]
@@ -134,13 +141,13 @@ def _budget(what: str, shares: Sequence[Share]) -> list[TextLine]:
             value = getattr(share, name)
             cells += [percent(value), bar(value, largest[name], width)]
         rows.append((share.name, *tolerance, *cells))
-    return columns((what, *(["1 sd"] if what == "parameter" else []), "position", "", "orientation", ""), rows)
+    return columns((label, *(["1 sd"] if label == "parameter" else []), "position", "", "orientation", ""), rows)
 
 
 def _allocation(prediction: Prediction, allocation: Allocation, width: int) -> Iterator[TextLine]:
     yield from (BLANK, heading(f"Tolerances for grade {allocation.grade}"))
     if all(item.factor == 1.0 for item in allocation.needed):
-        yield TextLine("the given tolerances reach it already")
+        yield TextLine("the given tolerances already reach this grade")
         return
     rows = [
         (
@@ -150,18 +157,18 @@ def _allocation(prediction: Prediction, allocation: Allocation, width: int) -> I
             f"{item.factor:.3f}",
         )
         for item in sorted(allocation.needed, key=lambda item: round(item.factor, 9))
-        if item.factor < _STAYS
+        if item.factor < _UNCHANGED
     ]
     yield from columns(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows)
-    yield TextLine(f"the other {len(allocation.needed) - len(rows)} may stay as they are")
+    yield TextLine(f"the other {len(allocation.needed) - len(rows)} tolerances need no change")
     statistic, verified = prediction.grade.scale.statistic, allocation.verified
-    found = ", ".join(
+    achieved = ", ".join(
         with_unit(errors.value(statistic), errors.unit) for errors in (verified.position, verified.orientation)
     )
-    outcome = "meets it" if allocation.met else "does not meet it"
+    outcome = "meets the grade" if allocation.met else "does not meet the grade"
     yield from wrapped(
-        f"Predicted again with these, the arm {outcome}: {_STATISTICS[statistic]} {found}. Tightened where it costs "
-        f"least (cost taken as 1/tolerance); all alike, every tolerance would have to be "
-        f"{allocation.uniform_factor:.3f} of the given one.",
+        f"A new prediction with these tolerances {outcome}: {_STATISTICS[statistic]} {achieved}. The allocation "
+        f"minimises the cost, taken as 1/tolerance. With one factor for all tolerances, this factor is "
+        f"{allocation.uniform_factor:.3f}.",
         width,
     )

@@ -1,4 +1,4 @@
-"""Predicted against measured, as text."""
+"""The comparison of predicted and measured errors as text."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, 
 from robacc.render.text.numbers import p_value, three_digits
 from robacc.render.text.predict_parts import FACTORS, with_unit
 
-_SOURCES = {"file": "from the file", "given": "given", "estimated": "estimated from the poses"}
+_SOURCES = {"file": "from the file", "given": "given by the user", "estimated": "estimated from the poses"}
 
 
 def comparison_lines(comparison: MeasuredComparison, width: int) -> Iterator[TextLine]:
-    """Everything about the measured poses; running text is wrapped to ``width`` columns."""
-    yield from (BLANK, heading(f"Against {comparison.n_poses} measured poses of {comparison.source}"))
+    """Return the lines about the measured poses; running text is wrapped to ``width`` columns."""
+    yield from (BLANK, heading(f"Compared with {comparison.n_poses} measured poses of {comparison.source}"))
     yield from wrapped(comparison.consistency.verdict, width)
     yield from (BLANK, *_errors(comparison))
     yield from (BLANK, *_tests(comparison))
@@ -24,36 +24,36 @@ def comparison_lines(comparison: MeasuredComparison, width: int) -> Iterator[Tex
         yield from (BLANK, *wrapped(_scale(comparison.consistency.scale), width))
     if comparison.components is not None:
         yield from _components(comparison.components, width)
-    yield from (BLANK, heading("One robot is one draw"))
+    yield from (BLANK, heading("Limits of data from one robot"))
     yield from wrapped(comparison.one_draw, width)
 
 
 def _errors(comparison: MeasuredComparison) -> list[TextLine]:
     noise, alignment = comparison.evidence.noise, comparison.alignment
-    aligned = "nothing aligned" if alignment is None else f"{' and '.join(alignment.effects)} aligned"
-    found = [("position", comparison.position_rms, noise.position, noise.source_position, "m")]
+    registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment.effects)} fitted"
+    quantities = [("position", comparison.position_rms, noise.position, noise.source_position, "m")]
     if comparison.orientation_rms is not None and noise.orientation is not None:
         source = noise.source_orientation or "file"
-        found.append(("orientation", comparison.orientation_rms, noise.orientation, source, "rad"))
+        quantities.append(("orientation", comparison.orientation_rms, noise.orientation, source, "rad"))
     rows = [
         (name, with_unit(rms, unit), with_unit(sigma, unit), _SOURCES[source])
-        for name, rms, sigma, source, unit in found
+        for name, rms, sigma, source, unit in quantities
     ]
-    return [TextLine(f"measured, {aligned}"), *columns(("", "RMS error", "noise along an axis", ""), rows)]
+    return [TextLine(f"measured, {registered}"), *columns(("", "RMS error", "noise per axis (sd)", ""), rows)]
 
 
 def _tests(comparison: MeasuredComparison) -> list[TextLine]:
-    found = comparison.consistency
+    consistency = comparison.consistency
     rows = [
         (label, three_digits(test.statistic), _interval(test), p_value(test.p_value))
         for label, test in (
-            ("directions that parameters move", found.parameters),
-            ("all others: measuring noise", found.noise),
-            ("all together", found.total),
+            ("directions affected by parameters", consistency.parameters),
+            ("other directions: measurement noise", consistency.noise),
+            ("total", consistency.total),
         )
         if test is not None
     ]
-    return columns(("normalised squared error", "found", "expected, 95 %", ""), rows)
+    return columns(("normalised squared error", "measured", "expected, 95 %", ""), rows)
 
 
 def _interval(test: ChiSquare) -> str:
@@ -62,16 +62,16 @@ def _interval(test: ChiSquare) -> str:
 
 def _scale(test: ScaleTest) -> str:
     return (
-        f"Likelihood ratio of the predicted covariance against the same one scaled to fit (all tolerances "
-        f"{three_digits(test.factor)} times): {three_digits(test.statistic)}, {p_value(test.p_value)}, from "
-        f"{test.draws} sets drawn from the prediction."
+        f"Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
+        f"{three_digits(test.factor)}): {three_digits(test.statistic)}, {p_value(test.p_value)}, from "
+        f"{test.draws} simulated data sets."
     )
 
 
-def _components(found: Components, width: int) -> Iterator[TextLine]:
+def _components(components: Components, width: int) -> Iterator[TextLine]:
     yield from (BLANK, heading("Variance components (one standard deviation)"))
     rows = []
-    for component in found.components:
+    for component in components.components:
         factor, unit = FACTORS[component.unit]
         size = component.predicted * factor
         estimate, interval, ratio = "–", "–", "–"
@@ -80,7 +80,7 @@ def _components(found: Components, width: int) -> Iterator[TextLine]:
             estimate, ratio = three_digits(component.estimate * factor), three_digits(component.factor)
             interval = f"{three_digits(component.lower * size)} … {upper}"
         rows.append((component.name, unit, three_digits(size), estimate, interval, ratio, f"{component.dof:.1f}"))
-    header = ("kind", "", "predicted", "estimated", f"{100 * found.confidence:g} % interval", "ratio", "worth")
+    header = ("kind", "", "predicted", "estimated", f"{100 * components.confidence:g} % interval", "ratio", "dof")
     yield from columns(header, rows)
-    worth = "worth: how many independent parameters' errors the estimate rests on"
-    yield from items((worth, *found.notes), width)
+    dof = "dof: effective number of independent parameter errors in the estimate"
+    yield from items((dof, *components.notes), width)

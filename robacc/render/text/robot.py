@@ -1,4 +1,4 @@
-"""A robot as a table to read: mm and degrees, one row a joint."""
+"""A robot as tables in mm and degrees, one row per joint."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CHAINS = {
 
 
 def render_robot(summary: Summary) -> RenderableType:
-    """Everything ``robacc show`` prints, as something a rich console draws."""
+    """Return the report of ``robacc show`` for a rich console."""
     from rich.console import Group
     from rich.text import Text
 
@@ -48,14 +48,14 @@ def _table(title: str, columns: Iterable[str]) -> Table:
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
         is_text = column in ("joint", "type", "follows", "axis")
-        # A name is what a reader looks for and what options take, so it is never cut.
+        # Names are never cut: readers look for them and options take them.
         table.add_column(column, justify="left" if is_text else "right", no_wrap=column == "joint", overflow="fold")
     return table
 
 
 def _geometry_table(robot: Robot) -> Table:
     names = DH_PARAMETERS if robot.convention != "urdf" else ORIGIN_PARAMETERS
-    # A column that says nothing is left out: beta of a plain table, offsets of a plain URDF.
+    # Empty columns are omitted: beta of most DH tables, offsets of most URDFs.
     shown = [name for name in names if name not in ("beta", "offset") or any(_value(j, name) for j in robot.joints)]
     is_urdf = robot.convention == "urdf"
     units = ["" if name == "offset" else " mm" if name in LENGTH_PARAMETERS else "°" for name in shown]
@@ -69,7 +69,7 @@ def _geometry_table(robot: Robot) -> Table:
 
 
 def _axis(axis: Sequence[float]) -> str:
-    """``z`` or ``-y`` where it is one of the frame's own, which it nearly always is."""
+    """Return ``z`` or ``-y`` for an axis of the frame, else its components."""
     for name, place in zip("xyz", range(3), strict=True):
         if abs(axis[place]) == 1.0:
             return name if axis[place] > 0 else f"-{name}"
@@ -113,7 +113,7 @@ def _facts(summary: Summary) -> list[str]:
         lines.append(f"payload  at ({_numbers(robot.payload_com, 1e3)}) mm in the last link's frame")
     lines.append(f"gravity  ({_numbers(robot.gravity, 1.0)}) m/s^2")
     lines += [f"reach    {_reach(name, reach, len(summary.reach) > 1)}" for name, reach in summary.reach.items()]
-    mass = "not known" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in all"
+    mass = "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"
     lines.append(f"masses   {mass}")
     effects = ", ".join(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
     lines.append(f"effects  {effects or 'none'}")
@@ -122,12 +122,13 @@ def _facts(summary: Summary) -> list[str]:
     return lines
 
 
-def _reach(name: str, reach: Reach, several: bool) -> str:
-    of = f"{name}: " if several else ""
+def _reach(name: str, reach: Reach, with_name: bool) -> str:
+    prefix = f"{name}: " if with_name else ""
     if reach.sampled is None or reach.bound is None:
-        return f"{of}not known: a slide has no limits"
+        return f"{prefix}unknown: a prismatic joint has no limits"
     return (
-        f"{of}{reach.sampled * 1e3:.0f} mm from the base's origin within the limits; lengths {reach.bound * 1e3:.0f} mm"
+        f"{prefix}{reach.sampled * 1e3:.0f} mm from the base origin within the joint limits (sum of the link lengths "
+        f"{reach.bound * 1e3:.0f} mm)"
     )
 
 
@@ -136,7 +137,7 @@ def _value(joint: Joint, name: str) -> float:
 
 
 def _parameter(joint: Joint, name: str) -> str:
-    """A parameter's value; that of the joint's variable carries a q, to which it is added."""
+    """Return a parameter's value, for the joint variable's offset as ``q + offset``."""
     is_length = name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")
     value = _number(_value(joint, name) * (1e3 if is_length else 180 / math.pi))
     if joint.type == "fixed" or name != joint.offset_parameter or name == "offset":
@@ -154,6 +155,6 @@ def _numbers(values: Sequence[float], factor: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Up to four decimals (0.1 µm, 0.0001°), without the zeros behind."""
+    """Return up to four decimals (0.1 µm, 0.0001°) without trailing zeros."""
     text = f"{value:.4f}".rstrip("0").rstrip(".")
     return "0" if text in ("-0", "") else text

@@ -1,4 +1,4 @@
-"""A trace told in order: residual against noise, what was found and how sure, before and after, what is left."""
+"""A trace as text: residual and noise, candidates, findings with their tests, before and after, remaining error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.detection import draw_detection
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, odds, p_value, three_digits
-from robacc.render.text.stages import deflection, gain_line, stages
+from robacc.render.text.stages import deflection, gain_line, stage_tables
 from robacc.tracing.findings import Finding
 from robacc.tracing.harmonics import Harmonic
 from robacc.tracing.rivals import Alternative
@@ -20,18 +20,20 @@ from robacc.tracing.trace import Trace
 _IN_MM = 1e3
 _IN_MICRORADIANS = 1e6
 _VERDICTS = {
-    "clean": "clean: nothing beyond what is declared",
+    "clean": "clean: no effect beyond the declared ones",
     "explained": "explained",
     "partly_explained": "partly explained",
-    "unexplained": "unexplained: something is there that nothing tried explains",
+    "unexplained": "unexplained: the residual is structured and no candidate explains it",
 }
-_SHOWN_CANDIDATES = 5
-_SHOWN_LINES = 6
-_SHOWN_PARAMETERS = 8
+_MAX_CANDIDATES = 5
+_MAX_HARMONICS = 6
+_MAX_PARAMETERS = 8
+_INDISTINGUISHABLE = 0.9999
+"""Similarity from which two effects predict the same on the poses."""
 
 
 def draw_trace(result: Trace, poses: str, robot: str, declared: str, stream: TextIO) -> None:
-    """Draw the whole story on ``stream``."""
+    """Write the report of ``robacc trace`` to ``stream``."""
     write_lines(_parts(result, poses, robot, declared, width_of(stream)), stream)
 
 
@@ -39,39 +41,40 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
     rows = result.final.residual.shape[1]
     yield heading(f"Trace of {rows} measured poses: {_VERDICTS[result.verdict]}")
     yield TextLine(f"{poses}, commanded by {robot}")
-    yield TextLine(f"declared, and fitted on both sides: {declared or 'nothing'}")
+    yield TextLine(f"declared effects: {declared.replace(',', ', ') or 'none'}")
     yield BLANK
-    yield heading("1. The residual")
+    yield heading("1. Residual")
     yield from wrapped(_residual(result), width)
     yield BLANK
-    yield heading("2. What competed")
-    yield from _competed(result, width)
+    yield heading("2. Candidates")
+    yield from _candidates(result, width)
     yield BLANK
-    yield heading("3. What was found")
+    yield heading("3. Findings")
     if not result.findings:
-        yield TextLine("nothing, at a false-alarm rate below 1 % over everything that competed")
+        yield TextLine("none, at a false-alarm rate below 1 % over all candidates")
     for number, finding in enumerate(result.findings, 1):
         yield from _finding(number, finding, width)
-    yield from items(deflection(result.deflection), width)
     if result.findings:
         yield TextLine("± is one standard error", "dim")
+    for text in deflection(result.deflection):
+        yield from wrapped(text, width)
     yield BLANK
     yield heading("4. Before and after")
-    named = [("as delivered", result.nominal), ("declared fitted", result.before)]
+    rows_of_stages = [("nominal model", result.nominal), ("baseline (declared effects)", result.before)]
     if result.findings:
-        named.append(("with findings", result.after))
-    yield from stages(named)
+        rows_of_stages.append(("extended model (findings)", result.after))
+    yield from stage_tables(rows_of_stages)
     yield from gain_line(result.gain)
     yield BLANK
-    yield heading("5. What is left")
-    yield from items(_left(result), width)
+    yield heading("5. Remaining error")
+    yield from items(_remaining_error(result), width)
     if not result.findings:
         yield BLANK
-        yield heading("6. What these poses could have shown")
+        yield heading("6. Detection limits of these poses")
         yield from draw_detection(result.detection, width)
     if result.next_poses:
         yield BLANK
-        yield heading("6. What to measure next")
+        yield heading(f"{6 if result.findings else 7}. Poses to measure next")
         yield from _next_poses(result, width)
 
 
@@ -79,96 +82,96 @@ def _residual(result: Trace) -> str:
     noise = result.noise.noise
     size = math.sqrt(3) * noise.position * _IN_MM
     rms = result.before.fitted.position.rms * _IN_MM
+    text = f"baseline: {three_digits(rms)} mm rms; measurement noise: {three_digits(size)} mm rms, "
     if noise.source in ("file", "repeats"):
-        known = "the file's sigma columns" if noise.source == "file" else "repeats"
-        return (
-            f"rms {three_digits(rms)} mm with what is declared; measuring noise {three_digits(size)} mm, from {known}"
-        )
-    return (
-        f"rms {three_digits(rms)} mm with what is declared; noise is not known from the file or repeats, "
-        f"and estimated from the final residual at {three_digits(size)} mm"
-    )
+        return text + ("from the file's sigma columns" if noise.source == "file" else "from repeated poses")
+    return text + "estimated from the remaining error because the file has neither sigma columns nor repeated poses"
 
 
-def _competed(result: Trace, width: int) -> Iterator[TextLine]:
+def _candidates(result: Trace, width: int) -> Iterator[TextLine]:
     first = next((step for step in result.steps if step.ranking), None)
     if first is None:
-        yield TextLine("nothing could be offered for these data")
+        yield TextLine("none: no effect can be tested on these data")
         return
     rows: list[list[str]] = []
-    seen: set[tuple[str, tuple[str, ...]]] = set()
-    for one in first.ranking:
-        effect = one.candidate.effect
-        if (effect.name, effect.joints) in seen or len(rows) == _SHOWN_CANDIDATES:
+    listed: set[tuple[str, tuple[str, ...]]] = set()
+    for ranked in first.ranking:
+        effect = ranked.candidate.effect
+        if (effect.name, effect.joints) in listed or len(rows) == _MAX_CANDIDATES:
             continue
-        seen.add((effect.name, effect.joints))
-        rows.append([str(effect), f"{one.evidence:.1f}", p_value(one.p_value)])
-    yield from columns(["best of the first step", "evidence, nats", "significance"], rows)
+        listed.add((effect.name, effect.joints))
+        rows.append([str(effect), f"{ranked.evidence:.1f}", p_value(ranked.p_value)])
+    yield from columns(["best candidates, first step", "evidence", "significance"], rows)
+    yield TextLine("evidence: log Bayes factor against the baseline", "dim")
     if result.missing:
         why = "; ".join(f"{name} ({why})" for name, why in result.missing.items())
-        yield from (TextLine(one.text, "dim") for one in wrapped(f"not offered: {why}", width))
+        yield from (TextLine(line.text, "dim") for line in wrapped(f"not tested: {why}", width))
 
 
 def _finding(number: int, finding: Finding, width: int) -> Iterator[TextLine]:
     joints = f" on {', '.join(finding.joints)}" if finding.joints else ""
-    again, of = finding.stability
-    sure = f", chosen again in {again} of {of} folds" if of else ""
-    yield TextLine(f"{number}) {finding.effect}{joints}: {p_value(finding.p_value)}{sure}")
+    found_in, folds = finding.stability
+    stability = f", found in {found_in} of {folds} folds" if folds else ""
+    yield TextLine(f"{number}) {finding.effect}{joints}: {p_value(finding.p_value)}{stability}")
     details = []
     if finding.held_out_before is not None and finding.held_out_after is not None:
         details.append(
-            f"held out, rms {three_digits(finding.held_out_before * _IN_MM)} mm without it, "
-            f"{three_digits(finding.held_out_after * _IN_MM)} mm with it"
+            f"held-out poses: {three_digits(finding.held_out_before * _IN_MM)} mm rms without it, "
+            f"{three_digits(finding.held_out_after * _IN_MM)} mm rms with it"
         )
     if finding.harmonics:
-        shown = finding.harmonics[:_SHOWN_LINES]
-        more = f", and {len(finding.harmonics) - len(shown)} weaker" if len(finding.harmonics) > len(shown) else ""
-        details.append("orders per turn: " + ", ".join(map(_order, shown)) + more)
+        listed = finding.harmonics[:_MAX_HARMONICS]
+        n_unlisted = len(finding.harmonics) - len(listed)
+        unlisted = f", and {n_unlisted} weaker harmonics" if n_unlisted else ""
+        details.append("harmonics, order per turn (amplitude): " + ", ".join(map(_order, listed)) + unlisted)
     else:
-        details.extend(_parameter(one) for one in finding.parameters[:_SHOWN_PARAMETERS])
-        if len(finding.parameters) > _SHOWN_PARAMETERS:
-            details.append(f"and {len(finding.parameters) - _SHOWN_PARAMETERS} coefficients more")
-    details.extend(_alternative(other) for other in finding.alternatives)
+        details.extend(_parameter(parameter) for parameter in finding.parameters[:_MAX_PARAMETERS])
+        if len(finding.parameters) > _MAX_PARAMETERS:
+            details.append(f"and {len(finding.parameters) - _MAX_PARAMETERS} more coefficients")
+    details.extend(_alternative(alternative) for alternative in finding.alternatives)
     details.extend(finding.warnings)
     yield from items(details, width)
 
 
-def _parameter(one: FittedParameter) -> str:
-    unit = "" if one.unit == "1" else f" {one.unit}"
-    if one.std is None:
-        return f"{one.name}: no number, {one.why}"
-    return f"{one.name} = {' ± '.join(measured(one.value, one.std))}{unit}"
+def _parameter(parameter: FittedParameter) -> str:
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    if parameter.std is None:
+        return f"{parameter.name}: not identifiable, {parameter.why}"
+    return f"{parameter.name} = {' ± '.join(measured(parameter.value, parameter.std))}{unit}"
 
 
-def _order(line: Harmonic) -> str:
-    amplitude = f"{line.amplitude * _IN_MICRORADIANS:.0f}"
-    if line.amplitude_std is not None:
-        amplitude = " ± ".join(measured(line.amplitude * _IN_MICRORADIANS, line.amplitude_std * _IN_MICRORADIANS))
-    return f"{line.order:g} ({amplitude} µrad)"
+def _order(harmonic: Harmonic) -> str:
+    amplitude = f"{harmonic.amplitude * _IN_MICRORADIANS:.0f}"
+    if harmonic.amplitude_std is not None:
+        amplitude = " ± ".join(
+            measured(harmonic.amplitude * _IN_MICRORADIANS, harmonic.amplitude_std * _IN_MICRORADIANS)
+        )
+    return f"{harmonic.order:g} ({amplitude} µrad)"
 
 
-def _alternative(other: Alternative) -> str:
-    joints = f"[{','.join(other.joints)}]" if other.joints else ""
-    if other.similarity > 0.9999:
-        return f"cannot be told from {other.effect}{joints} on these poses"
+def _alternative(alternative: Alternative) -> str:
+    joints = f"[{','.join(alternative.joints)}]" if alternative.joints else ""
+    text = f"not distinguishable from {alternative.effect}{joints} on these poses"
+    if alternative.similarity > _INDISTINGUISHABLE:
+        return f"{text}: same predictions"
     return (
-        f"might as well be {other.effect}{joints}: what it explains is {100 * other.similarity:.0f} % alike, "
-        f"its odds {odds(other.evidence_difference)}"
+        f"{text}: predictions {100 * alternative.similarity:.0f} % similar, odds of the alternative "
+        f"{odds(alternative.evidence_difference)}"
     )
 
 
-def _left(result: Trace) -> Iterable[str]:
-    left = result.unexplained
-    text = f"rms {three_digits(left.rms * _IN_MM)} mm"
-    if left.noise_rms is not None:
-        text += f", of which measuring noise {three_digits(left.noise_rms * _IN_MM)} mm"
+def _remaining_error(result: Trace) -> Iterable[str]:
+    unexplained = result.unexplained
+    text = f"{three_digits(unexplained.rms * _IN_MM)} mm rms on the calibration poses"
+    if unexplained.noise_rms is not None:
+        text += f", of which {three_digits(unexplained.noise_rms * _IN_MM)} mm is measurement noise"
     yield text
     yield (
-        f"there is structure in it ({p_value(left.p_value)})"
-        if left.structured
-        else f"no structure in it that anything tried would explain ({p_value(left.p_value)})"
+        f"structured: not noise alone ({p_value(unexplained.p_value)})"
+        if unexplained.structured
+        else f"no structure that any candidate explains ({p_value(unexplained.p_value)})"
     )
-    yield from left.hints
+    yield from unexplained.hints
 
 
 def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:
@@ -180,4 +183,4 @@ def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:
                 [str(number), *(f"{value:.3f}" for value in values), three_digits(difference * _IN_MM)]
                 for number, (values, difference) in enumerate(zip(advice.q, advice.difference, strict=True), 1)
             ]
-            yield from columns(["pose", *names, "differ by, mm"], rows)
+            yield from columns(["pose", *names, "difference, mm"], rows)

@@ -1,4 +1,4 @@
-"""The call behind ``robacc check``."""
+"""Call of the command ``robacc check``."""
 
 from __future__ import annotations
 
@@ -6,24 +6,28 @@ import os
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.inputs import StrPath
-from robacc.api.result import Made, Result, parts
-from robacc.api.stored import stored
+from robacc.api.inputs import StrPath, load_result
+from robacc.api.result import Provenance, Result, fields_of
 from robacc.documents.gate_files import read_gate
 from robacc.documents.read_result import StoredResult, understood
-from robacc.gates.evaluate import GateOutcome, judge
+from robacc.gates.evaluate import GateOutcome, evaluate_gate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Checked(Result, GateOutcome):
-    """What a gate says of a result, with what it was computed from."""
+    """Outcome of a gate, with the result that was checked."""
 
     command: ClassVar[str] = "check"
     result: StoredResult
-    made: Made
+    made: Provenance
+
+    @classmethod
+    def of(cls, outcome: GateOutcome, result: StoredResult, made: Provenance) -> Checked:
+        """Return ``outcome`` with its inputs."""
+        return cls(**fields_of(outcome), result=result, made=made)
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys."""
+        """Return the result's own keys."""
         from robacc.documents.gate import gate_document
 
         keys = ("schema", "robacc", "command", "inputs")
@@ -31,30 +35,30 @@ class Checked(Result, GateOutcome):
 
 
 def check(result: StrPath | Result | StoredResult, gate: StrPath) -> Checked:
-    """Hold a result against a gate.
+    """Check a result against a gate.
 
     Args:
-        result: Result of any command as JSON (``-`` is standard input), or what a call returned.
-        gate: Gate file (YAML): what the result must meet.
+        result: Result of any command as JSON (``-`` is standard input), or the result of a call.
+        gate: Gate file (YAML) with the criteria.
 
     Returns:
-        ``outcome`` and what became of each criterion; ``exit_status`` is what the command exits with: 0 where it
-        passes, 4 where it fails, 5 where it is undecided.
+        ``outcome`` of the gate and of each criterion; ``exit_status`` of the command: 0 for pass, 4 for fail, 5 for
+        inconclusive.
 
     Raises:
         InputError: A file cannot be read, or the result is not what its command writes.
 
     Example:
         >>> import robacc
-        >>> found = robacc.estimate(
+        >>> result = robacc.estimate(
         ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", align=("base_frame", "tool_frame")
         ... )
-        >>> checked = robacc.check(found, "configs/gates/assembly.yaml")
+        >>> checked = robacc.check(result, "configs/gates/assembly.yaml")
         >>> print(checked.outcome, checked.exit_status)
         fail 4
     """
     loaded = read_gate(os.fspath(gate))
-    read = stored(result)
-    with understood(read.name, read.command):
-        found = judge(loaded.gate, read.document, loaded.baselines)
-    return Checked(**parts(found), result=read, made=Made({}, (read.record, *loaded.records), None))
+    stored = load_result(result)
+    with understood(stored.name, stored.command):
+        outcome = evaluate_gate(loaded.gate, stored.document, loaded.baselines)
+    return Checked.of(outcome, stored, Provenance({}, (stored.record, *loaded.records), None))

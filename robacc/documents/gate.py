@@ -1,58 +1,67 @@
-"""What a gate says of a result, as the ``gate`` part of its JSON document: m and rad, null where there is nothing."""
+"""The ``gate`` part of a JSON result: the evaluation of every criterion in m and rad, null where there is no value."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from robacc.documents.digits import significant_document
-from robacc.gates.criteria import RULES
+from robacc.gates.criteria import RULES, GateCriterion
 from robacc.gates.decision_rules import ASSURANCE
-from robacc.gates.evaluate import GateOutcome, Judged
+from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 
 _UNITS = {"length": "m", "angle": "rad"}
 
 
-def gate_document(found: GateOutcome) -> dict[str, Any]:
-    """The gate's outcome, then each criterion's."""
+def gate_document(outcome: GateOutcome) -> dict[str, Any]:
+    """Return the outcome of the gate and of each criterion."""
     document = {
-        "name": found.gate.name,
-        "outcome": found.outcome,
-        "exit_status": found.exit_status,
+        "name": outcome.gate.name,
+        "outcome": outcome.outcome,
+        "exit_status": outcome.exit_status,
         "assurance": ASSURANCE,
-        "criteria": [_criterion(one) for one in found.judged],
-        "warnings": list(found.warnings),
+        "criteria": [_criterion(evaluation) for evaluation in outcome.evaluations],
+        "warnings": list(outcome.warnings),
     }
     rounded: dict[str, Any] = significant_document(document)
     return rounded
 
 
-def _criterion(one: Judged) -> dict[str, Any]:
-    asked, decision = one.criterion, one.decision
+def _criterion(evaluation: CriterionEvaluation) -> dict[str, Any]:
+    criterion, decision = evaluation.criterion, evaluation.decision
+    baseline = None
+    if criterion.baseline is not None:
+        baseline = {"file": criterion.baseline, "value": evaluation.baseline_value}
     return {
-        "name": asked.name,
-        "key": asked.key,
-        "outcome": one.outcome,
+        "name": criterion.name,
+        "key": criterion.key,
+        "outcome": evaluation.outcome,
         "why": decision.why,
-        "unit": _UNITS.get(one.dimension, "1"),
-        "value": one.value if one.found is None else one.found,
-        "limit": (list(asked.words) if asked.kind == "word" else asked.words[0]) if asked.words else asked.limit,
-        "at_least": asked.at_least,
-        "rule": asked.rule,
-        "rule_text": RULES[asked.rule],
-        "confidence": None if asked.rule == "simple" else asked.confidence,
-        "share": asked.share if one.is_by_share else None,
+        "unit": _UNITS.get(evaluation.dimension, "1"),
+        "value": evaluation.value if evaluation.word is None else evaluation.word,
+        "limit": _limit(criterion),
+        "at_least": criterion.at_least,
+        "rule": criterion.rule,
+        "rule_text": RULES[criterion.rule],
+        "confidence": None if criterion.rule == "simple" else criterion.confidence,
+        "share": criterion.share if evaluation.is_by_share else None,
         "lower_bound": decision.lower_bound,
         "upper_bound": decision.upper_bound,
         "margin": decision.margin,
         "conformity_probability": decision.probability,
         "method": decision.method,
-        "n_poses": one.n,
+        "n_poses": evaluation.n,
         "poses_to_decide": decision.poses_to_decide,
         "poses_to_decide_if_value_is_true": decision.poses_if_true,
-        "baseline": None if asked.baseline is None else {"file": asked.baseline, "value": one.baseline_value},
-        "instrument_uncertainty_over_limit": one.instrument_ratio,
-        "reason": asked.reason,
-        "warnings": list(one.warnings),
-        "operating_curve_over": "share_within_limit" if one.is_by_share else "value",
+        "baseline": baseline,
+        "instrument_uncertainty_over_limit": evaluation.instrument_ratio,
+        "reason": criterion.reason,
+        "warnings": list(evaluation.warnings),
+        "operating_curve_over": "share_within_limit" if evaluation.is_by_share else "value",
         "operating_curve": [list(point) for point in decision.operating_curve],
     }
+
+
+def _limit(criterion: GateCriterion) -> list[str] | str | float | None:
+    if not criterion.accepted:
+        return criterion.limit
+    return list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]

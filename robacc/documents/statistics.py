@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from robacc.accuracy.metrics import ErrorMetrics
 from robacc.accuracy.grade import Grade, QuantityGrade
+from robacc.accuracy.metrics import ErrorMetrics
 from robacc.statistics.intervals import Interval
 from robacc.statistics.multivariate import AssumptionTest
 from robacc.statistics.records import ErrorStatistics, MatrixInterval, Radius

@@ -1,1 +1,1 @@
-"""Gates: named criteria that a result's figures must meet, decided with the uncertainty that the figures have."""
+"""Gates: named criteria for the figures of a result, decided with the uncertainty of the figures."""

@@ -1,4 +1,4 @@
-"""What a gate asks for: criteria with a limit, a decision rule and the reason for the limit."""
+"""Gates and their criteria: a limit, a decision rule and the reason for the limit."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from robacc.gates.keys import Kind
 Rule = Literal["bound", "simple", "guard_band", "guarded_rejection"]
 RULES: dict[Rule, str] = {
     "bound": (
-        "ISO 14253-1: passes where the confidence bound meets the limit, fails where the opposite bound is beyond it, "
-        "else inconclusive"
+        "ISO 14253-1: pass if the confidence bound meets the limit, fail if the opposite bound is beyond the limit, "
+        "otherwise inconclusive"
     ),
-    "simple": "JCGM 106, 8.2: passes where the value itself meets the limit; as often wrong as right at the limit",
+    "simple": (
+        "JCGM 106, 8.2: pass if the value itself meets the limit; at the limit, the decision is wrong half of the time"
+    ),
     "guard_band": (
-        "JCGM 106, 8.3.2, guarded acceptance: passes where the risk of a false accept is within that stated, else fails"
+        "JCGM 106, 8.3.2, guarded acceptance: pass if the risk of a false accept is at most the stated risk, "
+        "otherwise fail"
     ),
     "guarded_rejection": (
-        "JCGM 106, 8.3.3: fails only where the risk of a false reject is within that stated, else passes"
+        "JCGM 106, 8.3.3: fail only if the risk of a false reject is at most the stated risk, otherwise pass"
     ),
 }
 
@@ -32,32 +35,32 @@ class GateCriterion:
     """Short form, as in :data:`robacc.gates.keys.KEYS`."""
     kind: Kind
     limit: float | None
-    """In m, rad or as a bare number; of the difference, where there is a baseline. None where words are allowed."""
-    words: tuple[str, ...]
-    """The words that pass, or the one grade that must be met."""
+    """In m, rad or as a bare number; limit of the difference if there is a baseline. None if ``accepted`` applies."""
+    accepted: tuple[str, ...]
+    """The words that pass, or the one grade to meet."""
     at_least: bool
-    """The limit is the lowest value allowed, not the largest."""
+    """The limit is a minimum, not a maximum."""
     rule: Rule
     confidence: float
-    """Of each one-sided bound; one minus the stated risk for the guarded rules."""
+    """Confidence of each one-sided bound; one minus the stated risk for the guarded rules."""
     share: float
-    """Of all poses, that must lie within the limit of a largest error."""
+    """Share of all poses that must lie within the limit of a largest error."""
     baseline: str | None
-    """A stored result, by its path from the gate file, that the figure is compared with."""
+    """A stored result to compare with, by its path from the gate file."""
     paired: bool | None
-    """Whether its rows are of the same poses in the same order; None: only where the results show it."""
+    """Whether both results list the same poses in the same order; None: only if the results show it."""
     reason: str
-    """For the limit, in the words of whoever set it."""
+    """Reason for the limit, in the words of the gate's author."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Named criteria, all of which must be met."""
+    """Named criteria, all of which a result must meet."""
 
     name: str
     criteria: tuple[GateCriterion, ...]
 
     @property
     def baselines(self) -> tuple[str, ...]:
-        """The stored results that it compares with, each once, by their paths from the gate file."""
-        return tuple(dict.fromkeys(one.baseline for one in self.criteria if one.baseline is not None))
+        """Return the paths of the stored results to compare with, without repetitions, from the gate file."""
+        return tuple(dict.fromkeys(criterion.baseline for criterion in self.criteria if criterion.baseline is not None))

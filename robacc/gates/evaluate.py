@@ -1,4 +1,4 @@
-"""A result held against a gate: an outcome for each criterion, and one for all of them together."""
+"""Evaluation of a gate on a result: an outcome for each criterion, and for all criteria together."""
 
 from __future__ import annotations
 
@@ -7,236 +7,242 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robacc.gates.comparing import compared
+from robacc.gates.baseline import difference_to_baseline
 from robacc.gates.criteria import Gate, GateCriterion
 from robacc.gates.decision_rules import Decision, Outcome, decide
 from robacc.gates.keys import KEYS
 from robacc.gates.largest import decide_largest
-from robacc.gates.lookup import GateFigure, Missing, figure, found_at, word
+from robacc.gates.lookup import GateFigure, Missing, figure_at, value_at, word_at
 
 COVERAGE_FACTOR = 2.0
-"""Of the instrument's expanded uncertainty (JCGM 100, 6.2)."""
+"""Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2)."""
 MOST_OF_TOLERANCE = 0.25
-"""Share of the limit that the instrument's expanded uncertainty may take before a warning says so: four to one, as
-ANSI/NCSL Z540.3 and the practice of ISO 14253-2 ask."""
+"""Share of the limit above which the instrument's expanded uncertainty gives a warning: four to one, as ANSI/NCSL
+Z540.3 and the practice of ISO 14253-2 ask."""
 _EXIT_STATUS: dict[Outcome, int] = {"pass": 0, "fail": 4, "inconclusive": 5, "not_evaluated": 5}
-_WORST: tuple[Outcome, ...] = ("fail", "not_evaluated", "inconclusive", "pass")
+_WORST_FIRST: tuple[Outcome, ...] = ("fail", "not_evaluated", "inconclusive", "pass")
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
-    """One criterion and what became of it."""
+class CriterionEvaluation:
+    """One criterion and its decision."""
 
     criterion: GateCriterion
     decision: Decision
     dimension: str
-    """length (m), angle (rad), number, grade or word: of the value and all that is of its kind."""
+    """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
     value: float | None
-    found: str | None
-    """The word or grade found, where the criterion is of one."""
+    word: str | None
+    """Word or grade of the result, for a criterion on one."""
     baseline_value: float | None
     n: int | None
-    """Poses that the value is of, repetitions of one counted as one."""
+    """Number of commanded poses behind the value."""
     instrument_ratio: float | None
     """The instrument's expanded uncertainty over the limit."""
     warnings: tuple[str, ...]
     is_by_share: bool = False
-    """Whether a largest error was judged by the share of all poses within the limit."""
+    """A largest error, decided by the share of all poses within the limit."""
 
     @property
     def outcome(self) -> Outcome:
-        """Of the criterion."""
+        """Return the outcome of the criterion."""
         return self.decision.outcome
 
 
 @dataclass(frozen=True, slots=True)
 class GateOutcome:
-    """What a gate says of a result."""
+    """Evaluation of every criterion of a gate on one result."""
 
     gate: Gate
-    judged: tuple[Judged, ...]
+    evaluations: tuple[CriterionEvaluation, ...]
 
     @property
     def outcome(self) -> Outcome:
-        """Fail where one criterion fails; pass where all of them do."""
-        return min((one.outcome for one in self.judged), key=_WORST.index)
+        """Return fail if one criterion fails, pass if all criteria pass."""
+        return min((evaluation.outcome for evaluation in self.evaluations), key=_WORST_FIRST.index)
 
     @property
     def exit_status(self) -> int:
-        """Of the command: 0 pass, 4 fail, 5 undecided."""
+        """Return the exit status of the command: 0 pass, 4 fail, 5 undecided."""
         return _EXIT_STATUS[self.outcome]
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Of every criterion, each once."""
-        return tuple(dict.fromkeys(text for one in self.judged for text in one.warnings))
+        """Return the warnings of all criteria, without repetitions."""
+        return tuple(dict.fromkeys(text for evaluation in self.evaluations for text in evaluation.warnings))
 
     def count(self, outcome: Outcome) -> int:
-        """Criteria with that outcome."""
-        return sum(one.outcome == outcome for one in self.judged)
+        """Return the number of criteria with that outcome."""
+        return sum(evaluation.outcome == outcome for evaluation in self.evaluations)
 
 
-def judge(gate: Gate, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]) -> GateOutcome:
-    """Hold a result against a gate.
+def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]) -> GateOutcome:
+    """Evaluate a gate on a result.
 
     Args:
         gate: The criteria.
-        document: The result, as its JSON document.
+        document: The JSON document of the result.
         baselines: The documents of ``gate.baselines``, by their paths in the gate.
     """
-    return GateOutcome(gate, tuple(_judged(one, document, baselines) for one in gate.criteria))
+    return GateOutcome(gate, tuple(_evaluate(criterion, document, baselines) for criterion in gate.criteria))
 
 
-def _judged(
+def _evaluate(
     criterion: GateCriterion, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]
-) -> Judged:
+) -> CriterionEvaluation:
     if criterion.kind == "word":
-        return _word(criterion, document)
+        return _evaluate_word(criterion, document)
     if criterion.kind == "grade":
-        return _grade(criterion, document)
-    baseline = None
+        return _evaluate_grade(criterion, document)
+    baseline_value = None
+    figure: GateFigure | Missing
     if criterion.baseline is None:
-        found = figure(document, criterion.key, criterion.confidence)
+        figure = figure_at(document, criterion.key, criterion.confidence)
     else:
-        both = compared(document, baselines[criterion.baseline], criterion)
-        found = both if isinstance(both, Missing) else both[0]
-        baseline = None if isinstance(both, Missing) else both[1].value
-    if isinstance(found, Missing):
-        return _missing(criterion, found.why)
-    if criterion.limit != 0.0 and found.dimension != criterion.kind:
-        why = f"the limit is of the kind {criterion.kind}, the result's {criterion.key} of the kind {found.dimension}"
-        return _missing(criterion, why)
-    by_share = _is_by_share(criterion, found)
-    decision = _decided(criterion, found)
+        comparison = difference_to_baseline(document, baselines[criterion.baseline], criterion)
+        figure = comparison if isinstance(comparison, Missing) else comparison[0]
+        baseline_value = None if isinstance(comparison, Missing) else comparison[1].value
+    if isinstance(figure, Missing):
+        return _not_evaluated(criterion, figure.why)
+    if criterion.limit != 0.0 and figure.dimension != criterion.kind:
+        why = (
+            f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
+            f"{figure.dimension}"
+        )
+        return _not_evaluated(criterion, why)
     ratio = None if criterion.baseline is not None else _instrument_ratio(criterion, document)
-    return Judged(
+    return CriterionEvaluation(
         criterion,
-        decision,
-        found.dimension,
-        found.value,
+        _decide_figure(criterion, figure),
+        figure.dimension,
+        figure.value,
         None,
-        baseline,
-        found.n,
+        baseline_value,
+        figure.n,
         ratio,
         _warnings(criterion, ratio),
-        by_share,
+        _is_by_share(criterion, figure),
     )
 
 
-def _missing(criterion: GateCriterion, why: str) -> Judged:
-    return Judged(criterion, Decision("not_evaluated", why), criterion.kind, None, None, None, None, None, ())
+def _not_evaluated(criterion: GateCriterion, why: str) -> CriterionEvaluation:
+    return CriterionEvaluation(
+        criterion, Decision("not_evaluated", why), criterion.kind, None, None, None, None, None, ()
+    )
 
 
-def _is_by_share(criterion: GateCriterion, found: GateFigure) -> bool:
-    if found.curve is not None and found.curve.bounds:
+def _is_by_share(criterion: GateCriterion, figure: GateFigure) -> bool:
+    if figure.curve is not None and figure.curve.bounds:
         return False
-    # The largest of an ISO 9283 criterion is over its few commanded poses, which are all that it is of.
-    largest = found.statistic == "max" and found.n is not None and criterion.baseline is None
-    largest = largest and criterion.key in KEYS
-    return largest and criterion.rule != "simple" and not criterion.at_least
+    # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
+    is_sample_maximum = figure.statistic == "max" and figure.n is not None and criterion.key in KEYS
+    is_upper_limit = criterion.baseline is None and not criterion.at_least
+    return is_sample_maximum and is_upper_limit and criterion.rule != "simple"
 
 
-def _decided(criterion: GateCriterion, found: GateFigure) -> Decision:
-    if found.n is not None and _is_by_share(criterion, found):
-        return decide_largest(criterion, found.value, found.n)
-    return decide(criterion, found.value, found.curve, found.n)
+def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Decision:
+    if figure.n is not None and _is_by_share(criterion, figure):
+        return decide_largest(criterion, figure.value, figure.n)
+    return decide(criterion, figure.value, figure.curve, figure.n)
 
 
-def _word(criterion: GateCriterion, document: Mapping[str, Any]) -> Judged:
-    found = word(document, criterion.key)
-    if isinstance(found, Missing):
-        return _missing(criterion, found.why)
+def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
+    word = word_at(document, criterion.key)
+    if isinstance(word, Missing):
+        return _not_evaluated(criterion, word.why)
     warnings: tuple[str, ...] = ()
-    decision = Decision("pass" if found in criterion.words else "fail")
+    decision = Decision("pass" if word in criterion.accepted else "fail")
     if criterion.key == "verdict" and decision.outcome == "pass":
-        decision, warnings = _verdict(decision, document)
-    return Judged(criterion, decision, "word", None, found, None, None, None, warnings)
+        decision, warnings = _qualify_verdict(decision, document)
+    return CriterionEvaluation(criterion, decision, "word", None, word, None, None, None, warnings)
 
 
-def _verdict(decision: Decision, document: Mapping[str, Any]) -> tuple[Decision, tuple[str, ...]]:
-    """What a welcome verdict of a trace is worth: nothing where no pose was held out to judge on."""
+def _qualify_verdict(decision: Decision, document: Mapping[str, Any]) -> tuple[Decision, tuple[str, ...]]:
+    """Return the decision on an accepted verdict of a trace: inconclusive without held-out poses to confirm it."""
     after, noise = document.get("after"), document.get("noise")
     if isinstance(after, Mapping) and after.get("held_out") is None:
-        return Decision("inconclusive", "no poses were held out, so nothing shows what the verdict is worth"), ()
+        return Decision("inconclusive", "the result has no held-out poses to confirm the verdict"), ()
     if isinstance(noise, Mapping) and noise.get("source") == "residual":
         return decision, (
-            "verdict: the measuring noise is not known (no sigma columns, no repeats), so it says that no structure is "
-            "left, not how large the rest is; add a limit on after.held_out.position.p95",
+            "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says that "
+            "no structure remains, not how large the remaining error is; add a limit on after.held_out.position.p95",
         )
     return decision, ()
 
 
-def _grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Judged:
-    """A grade is met where position and orientation both meet its limits; each at the scale's own confidence.
+def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
+    """Evaluate a grade: position and orientation must both meet its limits, each at the scale's own confidence.
 
     Each bound is within its limit at the full confidence, so both are together (an intersection-union test, R. L.
     Berger, Technometrics 24, 1982); the probability is the smaller of the two.
     """
-    found = found_at(document, "grade")
-    if isinstance(found, Missing):
-        return _missing(criterion, found.why)
-    grade, wanted = found[0], criterion.words[0]
+    match = value_at(document, "grade")
+    if isinstance(match, Missing):
+        return _not_evaluated(criterion, match.why)
+    grade, required = match[0], criterion.accepted[0]
     steps: Sequence[Mapping[str, Any]] = grade.get("steps") or ()
     names = [str(step.get("grade")) for step in steps]
     if not names:
-        return _missing(criterion, "the result's grade comes without its scale's steps")
-    if wanted not in names:
-        return _missing(criterion, f"the scale {grade.get('scale')} has no grade {wanted}; it has {', '.join(names)}")
-    step, statistic = steps[names.index(wanted)], grade.get("statistic")
-    parts: list[tuple[Decision, int | None]] = []
+        return _not_evaluated(criterion, "the result's grade does not list the steps of its scale")
+    if required not in names:
+        why = f"the scale {grade.get('scale')} has no grade {required}; its grades are {', '.join(names)}"
+        return _not_evaluated(criterion, why)
+    step, statistic = steps[names.index(required)], grade.get("statistic")
+    decisions: list[tuple[Decision, int | None]] = []
     confidence = grade.get("confidence")
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
         limit = step.get(f"{quantity}_{unit}")
         if limit is None or not document.get(quantity):
             continue
-        own = replace(
+        condition = replace(
             criterion,
             key=f"{quantity}.{statistic}",
             limit=limit,
             confidence=criterion.confidence if confidence is None else confidence,
         )
-        value = figure(document, own.key, own.confidence)
-        if isinstance(value, Missing):
-            return _missing(criterion, value.why)
-        parts.append((_decided(own, value), value.n))
-    decision = _joined([one for one, _ in parts])
+        figure = figure_at(document, condition.key, condition.confidence)
+        if isinstance(figure, Missing):
+            return _not_evaluated(criterion, figure.why)
+        decisions.append((_decide_figure(condition, figure), figure.n))
+    decision = _joint_decision([decision for decision, _ in decisions])
     if decision.outcome == "fail" and isinstance(grade.get("reason"), str):
         decision = replace(decision, why=grade["reason"].partition(". ")[0])
-    n = next((number for _, number in parts), None)
-    return Judged(criterion, decision, "grade", None, str(grade.get("grade")), None, n, None, ())
+    n = next((n_poses for _, n_poses in decisions), None)
+    return CriterionEvaluation(criterion, decision, "grade", None, str(grade.get("grade")), None, n, None, ())
 
 
-def _joined(parts: Sequence[Decision]) -> Decision:
-    """All of several decisions together."""
-    outcome: Outcome = min((one.outcome for one in parts), key=_WORST.index, default="pass")
-    whys = dict.fromkeys(one.why for one in parts if one.outcome == outcome and one.why)
-    known = [one.probability for one in parts]
-    probabilities = [one for one in known if one is not None]
-    undecided = [one for one in parts if one.outcome == "inconclusive"] if outcome == "inconclusive" else []
+def _joint_decision(decisions: Sequence[Decision]) -> Decision:
+    """Return the decision on several conditions that must all hold."""
+    outcome: Outcome = min((decision.outcome for decision in decisions), key=_WORST_FIRST.index, default="pass")
+    reasons = dict.fromkeys(decision.why for decision in decisions if decision.outcome == outcome and decision.why)
+    probabilities = [decision.probability for decision in decisions if decision.probability is not None]
+    undecided = [decision for decision in decisions if decision.outcome == "inconclusive"]
+    if outcome != "inconclusive":
+        undecided = []
 
-    def most(numbers: Sequence[int | None]) -> int | None:
-        found = [number for number in numbers if number is not None]
-        return max(found) if found and len(found) == len(numbers) else None
+    def largest(numbers: Sequence[int | None]) -> int | None:
+        known = [number for number in numbers if number is not None]
+        return max(known) if known and len(known) == len(numbers) else None
 
     return Decision(
         outcome,
-        "; ".join(whys) or None,
-        probability=min(probabilities) if probabilities and len(probabilities) == len(known) else None,
-        method=next((one.method for one in parts if one.method), None),
-        poses_to_decide=most([one.poses_to_decide for one in undecided]),
-        poses_if_true=most([one.poses_if_true for one in undecided]),
+        "; ".join(reasons) or None,
+        probability=min(probabilities) if probabilities and len(probabilities) == len(decisions) else None,
+        method=next((decision.method for decision in decisions if decision.method), None),
+        poses_to_decide=largest([decision.poses_to_decide for decision in undecided]),
+        poses_if_true=largest([decision.poses_if_true for decision in undecided]),
     )
 
 
 def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:
-    """Expanded measuring uncertainty along an axis over the limit, where the result knows of one."""
+    """Return the expanded measurement uncertainty along an axis over the limit; None if the result has none."""
     noise = document.get("noise")
     if not isinstance(noise, Mapping) or noise.get("source") == "residual" or criterion.kind not in ("length", "angle"):
         return None
-    one = noise.get("position_m" if criterion.kind == "length" else "orientation_rad")
-    if not isinstance(one, float) or not criterion.limit or not math.isfinite(one):
+    noise_std = noise.get("position_m" if criterion.kind == "length" else "orientation_rad")
+    if not isinstance(noise_std, float) or not criterion.limit or not math.isfinite(noise_std):
         return None
-    return COVERAGE_FACTOR * one / abs(criterion.limit)
+    return COVERAGE_FACTOR * noise_std / abs(criterion.limit)
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:
@@ -244,11 +250,12 @@ def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:
     if ratio is not None and ratio > MOST_OF_TOLERANCE:
         warnings.append(
             f"{criterion.name}: the instrument's expanded uncertainty (k = 2) is {100 * ratio:.0f} % of the limit, "
-            f"more than the {100 * MOST_OF_TOLERANCE:.0f} % of good practice"
+            f"more than the recommended {100 * MOST_OF_TOLERANCE:.0f} %"
         )
     if ".fitted." in criterion.key and not criterion.key.startswith("nominal."):
-        held = criterion.key.replace(".fitted.", ".held_out.")
+        held_out = criterion.key.replace(".fitted.", ".held_out.")
         warnings.append(
-            f"{criterion.name}: {criterion.key} is of the poses that were fitted, which flatters; judge by {held}"
+            f"{criterion.name}: {criterion.key} is computed on the calibration poses and is too optimistic; "
+            f"use {held_out}"
         )
     return tuple(warnings)

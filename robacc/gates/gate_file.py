@@ -1,4 +1,4 @@
-"""A gate file (YAML) as a gate, every problem found at its line."""
+"""Read a gate file (YAML), with every problem reported at its line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 VERSION = "1"
 DEFAULT_CONFIDENCE = 0.95
 DEFAULT_SHARE = 0.95
-"""Of all poses that must lie within the limit of a largest error, which no sample shows whole."""
+"""Share of all poses that must lie within the limit of a largest error."""
 _TOP = ("robacc_gate", "name", "confidence", "criteria")
 _KEYS = (
     *("name", "key", "limit", "at_least", "rule", "confidence", "false_accept_risk", "false_reject_risk"),
@@ -29,7 +29,7 @@ _SETTING: dict[Rule, str] = {
     "guard_band": "false_accept_risk",
     "guarded_rejection": "false_reject_risk",
 }
-"""The key that says how sure each rule must be."""
+"""Key that sets the confidence or the risk of each rule."""
 
 
 def load_gate(text: str, file: str) -> Gate:
@@ -40,7 +40,7 @@ def load_gate(text: str, file: str) -> Gate:
         file: Its name, for messages.
 
     Raises:
-        InputError: With every problem found, each with its line and key.
+        InputError: Every problem, each with its line and key.
     """
     from robacc.io.yaml_nodes import Source, compose
 
@@ -58,26 +58,26 @@ def load_gate(text: str, file: str) -> Gate:
     nodes = top.require("criteria")
     items = () if nodes is None else source.items(nodes, "criteria", "criteria")
     if nodes is not None and not items and not source.problems:
-        source.report(nodes, "criteria", "a gate without a criterion would let everything pass")
+        source.report(nodes, "criteria", "the list is empty; a gate needs at least one criterion")
     for index, node in enumerate(items):
         section = source.section(node, f"criteria[{index}]", _KEYS)
-        one = None if section is None else _GateFileReader(section, confidence).criterion()
-        if one is None:
+        criterion = None if section is None else _CriterionReader(section, confidence).criterion()
+        if criterion is None:
             continue
-        if one.name in [other.name for other in criteria]:
-            source.report(node, f"criteria[{index}].name", f"the name {one.name!r} stands here twice")
-        criteria.append(one)
+        if criterion.name in [earlier.name for earlier in criteria]:
+            source.report(node, f"criteria[{index}].name", f"two criteria have the name {criterion.name!r}")
+        criteria.append(criterion)
     source.finish()
     return Gate(gate_name or "", tuple(criteria))
 
 
 @dataclass(frozen=True, slots=True)
-class _GateFileReader:
-    """Reads one criterion."""
+class _CriterionReader:
+    """Reader of one criterion."""
 
     section: YamlSection
     confidence: float
-    """Where the criterion states none."""
+    """Default confidence."""
 
     @property
     def source(self) -> Source:
@@ -92,113 +92,116 @@ class _GateFileReader:
         return None if node is None else self.source.text(node, self.section.at(key))
 
     def criterion(self) -> GateCriterion | None:
-        """The criterion; None, with complaints, where it cannot be read."""
-        before = len(self.source.problems)
+        """Return the criterion; report the problems and return None if it cannot be read."""
+        n_problems = len(self.source.problems)
         node = self.section.require("key")
         key = None if node is None else self.source.text(node, self.section.at("key"))
-        why = self._reason()
+        reason = self._reason()
         if key is None:
             return None
         if not is_known(key):
-            self.report("key", f"no result has a key {key!r}", nearest_key(key))
+            self.report("key", f"no result has the key {key!r}", nearest_key(key))
             return None
         baseline = self.text("baseline")
-        kind, limit, words, at_least = self._limit(key, baseline)
+        kind, limit, accepted, at_least = self._limit(key, baseline)
         rule, confidence = self._rule(kind, baseline)
         share = self._share(key, baseline)
         paired = self._paired(baseline)
-        if len(self.source.problems) > before:
+        if len(self.source.problems) > n_problems:
             return None
         name = self.text("name") or key
-        return GateCriterion(name, key, kind, limit, words, at_least, rule, confidence, share, baseline, paired, why)
+        return GateCriterion(
+            name, key, kind, limit, accepted, at_least, rule, confidence, share, baseline, paired, reason
+        )
 
     def _reason(self) -> str:
-        """Why the limit is what it is; a text of several lines becomes one."""
+        """Return the reason for the limit, with several lines joined into one."""
         from yaml import ScalarNode
 
         node = self.section.require("reason")
         if node is None:
             return ""
         if not isinstance(node, ScalarNode):
-            self.report("reason", "expected text: why the limit is what it is")
+            self.report("reason", "expected text: the reason for the limit")
             return ""
         return " ".join(node.value.split())
 
     def _limit(self, key: str, baseline: str | None) -> tuple[Kind, float | None, tuple[str, ...], bool]:
-        """Kind of the key, the limit or the words that pass, and whether the limit is the lowest value allowed."""
+        """Return the kind of the key, the limit, the accepted words, and whether the limit is a minimum."""
         kind = kind_of(key)
-        given = [name for name in ("limit", "at_least") if self.section.get(name) is not None]
-        if len(given) == 2:
-            self.report("at_least", "limit (the most allowed) and at_least both stand here", "give one of them")
+        limit_keys = [name for name in ("limit", "at_least") if self.section.get(name) is not None]
+        if len(limit_keys) == 2:
+            self.report("at_least", "limit (a maximum) and at_least (a minimum) exclude each other", "give only one")
         if kind in ("word", "grade"):
-            return kind, None, self._words(kind, given, baseline), False
-        if not given:
+            return kind, None, self._accepted(kind, limit_keys, baseline), False
+        if not limit_keys:
             if baseline is None:
-                self.report("limit", "is missing: the most allowed; or at_least, the least")
-            # Beside a baseline the plain question is whether the figure got worse at all.
+                self.report("limit", "is missing; give a maximum (limit) or a minimum (at_least)")
+            # With a baseline, the default question is whether the figure got worse at all.
             return kind or "number", 0.0, (), key in LARGER_IS_BETTER
-        name = given[0]
+        name = limit_keys[0]
         text = self.text(name)
-        found = None if text is None else parse_quantity(text)
+        quantity = None if text is None else parse_quantity(text)
         if text is None:
             return kind or "number", None, (), False
-        wanted = _dimension(kind)
-        if found is None or (kind is not None and found[1] != wanted and not (found[0] == 0 and found[1] is None)):
-            units = "a bare number" if kind == "number" else f"a number with its unit ({_units(kind)})"
+        expected = _dimension(kind)
+        if quantity is None or (kind is not None and quantity[1] != expected and quantity != (0, None)):
+            units = "a number without a unit" if kind == "number" else f"a number with its unit ({_units(kind)})"
             self.report(name, f"expected {units}, found {text!r}", _example(kind))
             return kind or "number", None, (), False
-        if found[0] < 0 and baseline is None and wanted is not None and key != "gain":
-            self.report(name, f"{key} is never negative, so nothing could meet {text!r}")
-        return kind or found[1] or "number", found[0], (), name == "at_least"
+        if quantity[0] < 0 and baseline is None and expected is not None and key != "gain":
+            self.report(name, f"{key} is never negative, so no result can meet {text!r}")
+        return kind or quantity[1] or "number", quantity[0], (), name == "at_least"
 
-    def _words(self, kind: Kind, given: list[str], baseline: str | None) -> tuple[str, ...]:
+    def _accepted(self, kind: Kind, limit_keys: list[str], baseline: str | None) -> tuple[str, ...]:
+        """Return the words that pass, or the one grade to meet."""
         if baseline is not None:
-            self.report("baseline", "a comparison is of numbers, and this key's value is a word")
-        if given != ["limit"]:
-            wanted = "the grade to be met" if kind == "grade" else "the words that pass, as a list"
-            self.report("limit", f"expected here: {wanted}")
+            self.report("baseline", "only numbers can be compared with a baseline; the value of this key is a word")
+        if limit_keys != ["limit"]:
+            expected = "the grade to meet" if kind == "grade" else "a list of the words that pass"
+            self.report("limit", f"expected {expected}")
             return ()
         node = self.section.values["limit"]
         path = self.section.at("limit")
         from yaml import SequenceNode
 
         if kind == "grade" and isinstance(node, SequenceNode):
-            self.report("limit", "expected one grade, which better ones meet too, found a list")
+            self.report("limit", "expected one grade (better grades meet it too), found a list")
             return ()
         nodes = list(node.value) if isinstance(node, SequenceNode) else [node]
-        words = [self.source.text(item, path) for item in nodes]
-        if not words:
+        texts = [self.source.text(item, path) for item in nodes]
+        if not texts:
             self.report("limit", "the list of words that pass is empty")
-        return tuple(word for word in words if word is not None)
+        return tuple(text for text in texts if text is not None)
 
     def _rule(self, kind: Kind, baseline: str | None) -> tuple[Rule, float]:
-        """The rule and the confidence of its bounds."""
+        """Return the rule and the confidence of its bounds."""
         default: Rule = "simple" if kind in ("word", "number") else "bound"
         rule = default if baseline is None else "guarded_rejection"
         if (node := self.section.get("rule")) is not None:
             rule = cast("Rule", self.source.choice(node, self.section.at("rule"), tuple(RULES)) or rule)
         if kind == "word" and rule != "simple":
-            self.report("rule", "a word has no uncertainty, so only rule: simple fits it")
+            self.report("rule", "a word has no uncertainty; use rule: simple")
         if kind == "grade" and rule in ("guard_band", "guarded_rejection"):
-            self.report("rule", "a grade is judged by rule: bound, at its scale's confidence, or rule: simple")
-        own = _SETTING.get(rule)
+            self.report("rule", "a grade takes rule: bound, at the confidence of its scale, or rule: simple")
+        setting = _SETTING.get(rule)
         for key in _SETTING.values():
-            if key != own and self.section.get(key) is not None:
-                fits = f"it goes with rule: {next(name for name, value in _SETTING.items() if value == key)}"
-                self.report(key, f"does not go with rule: {rule}", fits)
+            if key != setting and self.section.get(key) is not None:
+                matching_rule = next(name for name, value in _SETTING.items() if value == key)
+                self.report(key, f"does not apply to rule: {rule}", f"it belongs to rule: {matching_rule}")
         if kind == "grade" and self.section.get("confidence") is not None:
-            self.report("confidence", "the grade's scale states the confidence that demonstrates it")
-        if own is None:
+            self.report("confidence", "the scale of the grade sets the confidence; remove this key")
+        if setting is None:
             return rule, self.confidence
-        if own == "confidence":
-            return rule, _probability(self.section, own, self.confidence)
-        if rule == "guard_band" and self.section.get(own) is None:
-            self.report(own, "is missing: the risk of a false accept that this guard band holds, as 0.05")
-        return rule, 1.0 - _risk(self.section, own, 1.0 - self.confidence)
+        if setting == "confidence":
+            return rule, _probability(self.section, setting, self.confidence)
+        if rule == "guard_band" and self.section.get(setting) is None:
+            self.report(setting, "is missing; give the accepted risk of a false accept, as in 0.05")
+        return rule, 1.0 - _risk(self.section, setting, 1.0 - self.confidence)
 
     def _share(self, key: str, baseline: str | None) -> float:
         if self.section.get("share") is not None and (not key.endswith(".max") or baseline is not None):
-            self.report("share", "is the share of all poses within the limit of a largest error: of keys ending .max")
+            self.report("share", "applies only to a largest error (a key ending in .max) without a baseline")
         return _probability(self.section, "share", DEFAULT_SHARE)
 
     def _paired(self, baseline: str | None) -> bool | None:
@@ -206,9 +209,9 @@ class _GateFileReader:
         if node is None:
             return None
         if baseline is None:
-            self.report("paired", "is about the poses of a baseline, and there is none")
-        found = self.source.choice(node, self.section.at("paired"), ("true", "false"))
-        return None if found is None else found == "true"
+            self.report("paired", "applies only with a baseline")
+        choice = self.source.choice(node, self.section.at("paired"), ("true", "false"))
+        return None if choice is None else choice == "true"
 
 
 def _dimension(kind: Kind | None) -> Dimension | None:
@@ -234,7 +237,7 @@ def _risk(section: YamlSection, key: str, default: float) -> float:
 
 
 def _between(section: YamlSection, key: str, default: float, low: float, high: float) -> float:
-    """A number between two others, neither of them taken; ``default`` where there is none."""
+    """Return a number in the open interval from ``low`` to ``high``; ``default`` if the key is missing."""
     node: yaml.Node | None = section.get(key)
     if node is None:
         return default

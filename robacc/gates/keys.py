@@ -1,4 +1,4 @@
-"""The keys of results that a criterion may be about, in their short form: ``position.p95`` for ``position.p95_m``."""
+"""Keys of results that a criterion may test, in their short form: ``position.p95`` for ``position.p95_m``."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from itertools import product
 from typing import Literal
 
 Kind = Literal["length", "angle", "number", "grade", "word"]
-"""What a key's value is: a quantity in m or rad, a bare number, a grade of a scale, or a word."""
+"""Kind of a key's value: a quantity in m or rad, a bare number, a grade of a scale, or a word."""
 
 _STATISTICS = ("rms", "mean_error", "p95", "max")
 _QUANTITIES: tuple[tuple[str, Kind], ...] = (("position", "length"), ("orientation", "angle"))
 _ISO = re.compile(r"iso9283(\.[A-Za-z]\w*)+")
-"""An ISO 9283 result's keys are its criteria's: which of them there are depends on the data."""
+"""Keys of an ISO 9283 result, which depend on the criteria that its data support."""
 
 
-def _known() -> dict[str, Kind]:
+def _known_keys() -> dict[str, Kind]:
     keys: dict[str, Kind] = {"grade": "grade", "gain": "length", "n_poses": "number"}
     for quantity, kind in _QUANTITIES:
         for statistic in _STATISTICS:
@@ -31,34 +31,34 @@ def _known() -> dict[str, Kind]:
         keys[f"{quantity}.worst.rms"] = keys[f"{quantity}.worst.radius95"] = kind
         keys[f"against.measured.{quantity}_rms"] = kind
         keys[f"noise.{quantity}"] = kind
-    for word in ("verdict", "against.verdict", "grade.demonstrated", "unexplained.structured"):
-        keys[word] = "word"
-    for length in ("unexplained.rms", "unexplained.noise_rms"):
-        keys[length] = "length"
-    for number in ("unexplained.p_value", "noise.residual_over_noise", "identifiability.condition_number"):
-        keys[number] = "number"
+    for name in ("verdict", "against.verdict", "grade.demonstrated", "unexplained.structured"):
+        keys[name] = "word"
+    for name in ("unexplained.rms", "unexplained.noise_rms"):
+        keys[name] = "length"
+    for name in ("unexplained.p_value", "noise.residual_over_noise", "identifiability.condition_number"):
+        keys[name] = "number"
     return keys
 
 
-KEYS = _known()
-"""Kind of every key but those of ISO 9283 results."""
+KEYS = _known_keys()
+"""Kind of every key except those of ISO 9283 results."""
 LARGER_IS_BETTER = frozenset({"gain", "n_poses", "position.n_commanded_poses", "orientation.n_commanded_poses"})
 
 
 def is_known(key: str) -> bool:
-    """Whether some kind of result may hold the key."""
+    """Return whether the result of a command can have the key."""
     return key in KEYS or _ISO.fullmatch(key) is not None
 
 
 def kind_of(key: str) -> Kind | None:
-    """What a known key's value is; None for a key of ISO 9283, whose unit the result itself says."""
+    """Return the kind of a known key; None for a key of ISO 9283, whose unit the result states."""
     return KEYS.get(key)
 
 
 def nearest_key(key: str) -> str:
-    """The known key that a wrong one most resembles; all of its leaves' names where none does."""
+    """Return a hint with the known key most similar to an unknown key, or with examples of keys."""
     known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
-    near = [one for one in known if one.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
-    if near:
-        return f"did you mean {near[0]}"
+    similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
+    if similar:
+        return f"did you mean {similar[0]}"
     return "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"

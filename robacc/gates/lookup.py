@@ -1,4 +1,4 @@
-"""What a result says of a key: the value, its unit, and the bounds that it carries or its poses allow."""
+"""Values of a result by their short key: the value, its unit, and the bounds that the result or its poses give."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.gates.confidence import LEVELS, BoundCurve
+from robacc.gates.bound_curve import LEVELS, BoundCurve
 from robacc.geometry import Array
-from robacc.statistics.intervals import Interval
+from robacc.statistics.intervals import Interval, percentile_levels
 from robacc.statistics.records import Statistic
 
 MOST_POSES = 20_000
-"""With more poses their stored interval is as good as one computed again, and costs nothing."""
+"""With more poses, the stored interval is as good as a recomputed one and costs nothing."""
 _UNITS = ("m", "rad")
-_SUFFIX = {"m": "length", "rad": "angle"}
+_DIMENSIONS = {"m": "length", "rad": "angle"}
 
 
 @dataclass(frozen=True, slots=True)
 class GateSample:
-    """The errors of every pose that a figure is of."""
+    """Errors of every pose behind a figure."""
 
     errors: Array
     """``(3, N)`` m or rad"""
     groups: NDArray[np.int64]
     """``(N,)`` number of each row's commanded pose."""
     rows: NDArray[np.int64]
-    """``(N,)`` which rows of the file they are, counted from 0."""
+    """``(N,)`` index of each row in the file, from 0."""
     commanded: Array | None
-    """``(3, N)`` where the target was to be, m."""
+    """``(3, N)`` commanded position of the target, m."""
     file: str | None
     """SHA-256 of the file of poses."""
 
@@ -46,135 +46,151 @@ class GateFigure:
     dimension: str
     """length (m), angle (rad) or number."""
     curve: BoundCurve | None
-    """None where the result has no interval of such a figure."""
+    """None if the result has no interval for the figure."""
     n: int | None
-    """Poses it is of, repetitions of one counted as one."""
+    """Number of commanded poses."""
     statistic: str
     """Last part of the key."""
 
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """What a result lacks to answer."""
+    """Reason why a result has no value for a key."""
 
     why: str
 
 
-def found_at(document: Mapping[str, Any], key: str) -> tuple[Any, Mapping[str, Any], str] | Missing:
-    """The value that a short key means, the object that holds it, and its full name there."""
+def value_at(document: Mapping[str, Any], key: str) -> tuple[Any, Mapping[str, Any], str] | Missing:
+    """Return the value of a short key, the object that holds it, and its full name in that object."""
     node: Any = document
-    walked: list[str] = []
+    path: list[str] = []
     holder, name = document, ""
     for part in key.split("."):
         if not isinstance(node, Mapping):
-            return Missing(f"the result has nothing within {'.'.join(walked)}")
-        full = next((other for other in (part, *(f"{part}_{unit}" for unit in _UNITS)) if other in node), None)
-        walked.append(part)
-        if full is None:
-            schema = document.get("command", "?")
-            return Missing(f"a result of robacc {schema} has no {'.'.join(walked)}")
-        holder, name, node = node, full, node[full]
+            return Missing(f"the result has no keys within {'.'.join(path)}")
+        names = (part, *(f"{part}_{unit}" for unit in _UNITS))
+        full_name = next((candidate for candidate in names if candidate in node), None)
+        path.append(part)
+        if full_name is None:
+            return Missing(f"a result of robacc {document.get('command', '?')} has no {'.'.join(path)}")
+        holder, name, node = node, full_name, node[full_name]
         if node is None:
             why = holder.get("why")
-            return Missing(f"the result has no {'.'.join(walked)}" + (f": {why}" if isinstance(why, str) else ""))
+            return Missing(f"the result has no {'.'.join(path)}" + (f": {why}" if isinstance(why, str) else ""))
     return node, holder, name
 
 
-def word(document: Mapping[str, Any], key: str) -> str | Missing:
-    """The word at a key; true and false are words too."""
-    found = found_at(document, key)
-    if isinstance(found, Missing):
-        return found
-    value = found[0]
+def word_at(document: Mapping[str, Any], key: str) -> str | Missing:
+    """Return the word of a key; a boolean gives ``true`` or ``false``."""
+    match = value_at(document, key)
+    if isinstance(match, Missing):
+        return match
+    value = match[0]
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
-    return value if isinstance(value, str) else Missing(f"the result's {key} is no word")
+    return value if isinstance(value, str) else Missing(f"the result's {key} is not a word")
 
 
-def figure(document: Mapping[str, Any], key: str, confidence: float) -> GateFigure | Missing:
-    """The number at a key, with its curve drawn through bounds at ``confidence`` where the poses allow it."""
-    found = found_at(document, key)
-    if isinstance(found, Missing):
-        return found
-    value, holder, name = found
-    stored: Any = _stored(holder, name)
+def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateFigure | Missing:
+    """Return the number of a key, with its curve; ``confidence`` is the level that a recomputed curve includes."""
+    match = value_at(document, key)
+    if isinstance(match, Missing):
+        return match
+    value, holder, name = match
+    stored: Any = _stored_interval(holder, name)
     if isinstance(value, Mapping):
         if "value" not in value:
-            return Missing(f"the result's {key} is no number")
+            return Missing(f"the result's {key} is not a number")
         stored, value = value, value["value"]
     number = _number(value)
     if number is None:
-        return Missing(f"the result's {key} is no number")
-    dimension = _SUFFIX.get(name.rpartition("_")[2], "number")
+        return Missing(f"the result's {key} is not a number")
+    dimension = _DIMENSIONS.get(name.rpartition("_")[2], "number")
     statistic = key.rpartition(".")[2]
-    curve = None if stored is None else _stored_curve(_interval(stored), number, statistic)
-    n = _poses(document, holder)
-    drawn = sample(document, key)
-    if isinstance(drawn, GateSample) and statistic in ("rms", "mean_error", "p95") and drawn.rows.size <= MOST_POSES:
+    n = _n_poses(document, holder)
+    curve = None if stored is None else _stored_curve(_interval(stored), number, statistic, n)
+    sample = sample_at(document, key)
+    if sample is not None and statistic in ("rms", "mean_error", "p95") and sample.rows.size <= MOST_POSES:
         levels = sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
-        intervals = length_intervals(drawn.errors, levels, groups=drawn.groups, seed=document.get("seed") or 0)
-        curve = BoundCurve.through([one[cast("Statistic", statistic)] for one in intervals])
-        n = int(np.unique(drawn.groups).size)
+        statistics = length_intervals(sample.errors, levels, groups=sample.groups, seed=document.get("seed") or 0)
+        intervals = [by_name[cast("Statistic", statistic)] for by_name in statistics]
+        n = int(np.unique(sample.groups).size)
+        gaussian = _is_gaussian_percentile(intervals[-1], statistic, n)
+        curve = BoundCurve.through(intervals, is_gaussian_percentile=gaussian)
     return GateFigure(number, dimension, curve, n, statistic)
 
 
-def sample(document: Mapping[str, Any], key: str) -> GateSample | None:
-    """The errors of the poses that a statistic at ``key`` is of; None where the result does not list them."""
+def sample_at(document: Mapping[str, Any], key: str) -> GateSample | None:
+    """Return the errors of the poses behind the statistic of a key; None if the result does not list them."""
     parts = key.split(".")
     unit = {"position": "m", "orientation": "rad"}.get(parts[-2] if len(parts) > 1 else "")
     if unit is None:
         return None
     if len(parts) == 2:
-        part = document.get(parts[0])
-        errors = part.get(f"errors_{unit}") if isinstance(part, Mapping) else None
+        quantity = document.get(parts[0])
+        errors = quantity.get(f"errors_{unit}") if isinstance(quantity, Mapping) else None
         return _sample(errors, document.get("poses"), document)
     if len(parts) != 4 or parts[1] not in ("fitted", "held_out"):
         return None
-    apart = document.get("poses_apart") if parts[1] == "held_out" else None
-    poses = document.get("poses") if apart is None else apart
-    held = parts[1] == "held_out" and apart is None and parts[0] != "nominal"
+    holdout = document.get("poses_apart") if parts[1] == "held_out" else None
+    poses = document.get("poses") if holdout is None else holdout
+    cross_validated = parts[1] == "held_out" and holdout is None and parts[0] != "nominal"
     stages = poses.get(f"errors_{unit}") if isinstance(poses, Mapping) else None
-    errors = stages.get(f"held_out_{parts[0]}" if held else parts[0]) if isinstance(stages, Mapping) else None
-    return _sample(errors, poses, document, "poses" if apart is None else "holdout")
+    errors = (
+        stages.get(f"held_out_{parts[0]}" if cross_validated else parts[0]) if isinstance(stages, Mapping) else None
+    )
+    return _sample(errors, poses, document, "poses" if holdout is None else "holdout")
 
 
 def _sample(errors: Any, poses: Any, document: Mapping[str, Any], kind: str = "poses") -> GateSample | None:
-    """The rows in use of ``errors``; None where the document does not say which poses they are of."""
+    """Return the rows of ``errors`` in use; None if the document does not say to which poses they belong."""
     if errors is None or not isinstance(poses, Mapping) or poses.get("group") is None:
         return None
     rows = np.asarray(errors, dtype=float)
-    used = poses.get("used")
-    kept = np.ones(len(rows), dtype=bool) if used is None else np.asarray(used, dtype=bool)
+    flags = poses.get("used")
+    used = np.ones(len(rows), dtype=bool) if flags is None else np.asarray(flags, dtype=bool)
     groups = np.asarray(poses["group"], dtype=np.int64)
-    if rows.ndim != 2 or rows.shape[1] != 3 or kept.shape != groups.shape or len(rows) != len(groups) or not kept.any():
+    if rows.ndim != 2 or rows.shape[1] != 3 or used.shape != groups.shape or len(rows) != len(groups) or not used.any():
         return None
     commanded = poses.get("commanded_m")
-    files = [one["sha256"] for one in document.get("inputs", ()) if one.get("kind") == kind]
+    digests = [entry["sha256"] for entry in document.get("inputs", ()) if entry.get("kind") == kind]
     return GateSample(
-        rows[kept].T,
-        groups[kept],
-        np.flatnonzero(kept),
-        None if commanded is None else np.asarray(commanded, dtype=float)[kept].T,
-        files[0] if files and files[0] else None,
+        rows[used].T,
+        groups[used],
+        np.flatnonzero(used),
+        None if commanded is None else np.asarray(commanded, dtype=float)[used].T,
+        digests[0] if digests and digests[0] else None,
     )
 
 
-def _stored(holder: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
-    """The interval that stands beside a value."""
+def _stored_interval(holder: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
+    """Return the interval stored beside a value."""
     intervals = holder.get("intervals")
-    for beside in (intervals.get(name) if isinstance(intervals, Mapping) else None, holder.get("interval")):
-        if isinstance(beside, Mapping):
-            return beside
+    for interval in (intervals.get(name) if isinstance(intervals, Mapping) else None, holder.get("interval")):
+        if isinstance(interval, Mapping):
+            return interval
     return None
 
 
-def _stored_curve(interval: Interval, value: float, statistic: str) -> BoundCurve:
-    """The curve through a stored interval, and through the value at one half where that is what it is about.
+def _stored_curve(interval: Interval, value: float, statistic: str, n: int | None) -> BoundCurve:
+    """Return the curve through a stored interval, and through the value at level 1/2 if the interval is about it.
 
-    A sample's 95th percentile is not: of few poses it is low, so the bounds on either side say more of the middle.
+    The 95th percentile of a small sample is biased low, so two bounds locate the median better than the value does.
     """
-    both = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
-    return BoundCurve.through([interval], None if both and statistic == "p95" else value)
+    two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
+    centre = None if two_sided and statistic == "p95" else value
+    gaussian = _is_gaussian_percentile(interval, statistic, n)
+    return BoundCurve.through([interval], centre, is_gaussian_percentile=gaussian)
+
+
+def _is_gaussian_percentile(interval: Interval, statistic: str, n: int | None) -> bool:
+    """Return whether the interval of a 95th percentile comes from a fitted Gaussian.
+
+    It does if it has an upper limit although order statistics of ``n`` poses have none.
+    """
+    if statistic != "p95" or interval.upper is None or not n:
+        return False
+    return percentile_levels(n, 0.95, interval.confidence)[1] is None
 
 
 def _interval(stored: Mapping[str, Any]) -> Interval:
@@ -188,21 +204,21 @@ def _interval(stored: Mapping[str, Any]) -> Interval:
         number("upper", "high"),
         number("upper_bound"),
         number("confidence") or 0.95,
-        method if isinstance(method, str) else "the result's own interval",
+        method if isinstance(method, str) else "interval stored in the result",
         why if isinstance(why, str) else None,
     )
 
 
-def _poses(document: Mapping[str, Any], holder: Mapping[str, Any]) -> int | None:
-    for place, name in ((holder, "n_commanded_poses"), (holder, "n_poses"), (document, "n_poses")):
-        value = _number(place.get(name))
+def _n_poses(document: Mapping[str, Any], holder: Mapping[str, Any]) -> int | None:
+    for node, name in ((holder, "n_commanded_poses"), (holder, "n_poses"), (document, "n_poses")):
+        value = _number(node.get(name))
         if value is not None:
             return int(value)
     return None
 
 
 def _number(value: Any) -> float | None:
-    """A finite number; None for anything else, booleans included."""
+    """Return a finite number; None for anything else, booleans included."""
     if isinstance(value, bool | np.bool_ | str | Sequence | Mapping) or value is None or np.ndim(value):
         return None
     return float(value) if math.isfinite(value) else None

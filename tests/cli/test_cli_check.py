@@ -81,14 +81,14 @@ def test_held_out_figures_and_gains_of_a_calibration(stored: Path, tmp_path: Pat
 
 
 def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
-    from robacc.gates.lookup import Missing, figure, sample
+    from robacc.gates.lookup import Missing, figure_at, sample_at
 
     document = json.loads((stored / "calibrate.json").read_text())
     for stage in ("nominal", "before", "after"):
         for kind in ("fitted", "held_out"):
             for quantity in ("position", "orientation"):
                 key = f"{stage}.{kind}.{quantity}.rms"
-                errors, found = sample(document, key), figure(document, key, 0.95)
+                errors, found = sample_at(document, key), figure_at(document, key, 0.95)
                 assert errors is not None
                 assert not isinstance(found, Missing)
                 assert found.value == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5), rel=1e-6)
@@ -97,7 +97,7 @@ def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path
 def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
     import numpy as np
 
-    from robacc.gates.lookup import figure, sample
+    from robacc.gates.lookup import figure_at, sample_at
 
     lines = Path(POSES).read_text().splitlines()
     x = lines[1].split(",").index("x")
@@ -111,7 +111,7 @@ def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> No
     document = json.loads(done.stdout)
     assert np.sum(np.logical_not(document["poses"]["used"])) == 1
     for key in ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted"):
-        errors, found = sample(document, f"{key}.position.rms"), figure(document, f"{key}.position.rms", 0.95)
+        errors, found = sample_at(document, f"{key}.position.rms"), figure_at(document, f"{key}.position.rms", 0.95)
         assert errors is not None
         assert getattr(found, "value", None) == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5))
 

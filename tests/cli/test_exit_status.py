@@ -67,7 +67,7 @@ def test_a_defect_is_status_1(folder: Path) -> None:
     code = (
         "import robacc.gates.evaluate as m\n"
         "def f(*a, **k):\n    raise ZeroDivisionError('here')\n"
-        "m.judge = f\nfrom robacc.cli.main import main\nmain()"
+        "m.evaluate_gate = f\nfrom robacc.cli.main import main\nmain()"
     )
     line = [sys.executable, "-c", code, "check", f"{folder}/result.json", "--gate", f"{folder}/pass.yaml"]
     done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)

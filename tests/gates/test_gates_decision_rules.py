@@ -10,15 +10,15 @@ import pytest
 from scipy import stats
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.gates.confidence import LEVELS, BoundCurve, difference
+from robacc.gates.bound_curve import LEVELS, BoundCurve, difference_curve
 from robacc.gates.criteria import GateCriterion, Rule
 from robacc.gates.decision_rules import ASSURANCE, Decision, decide, poses_to_decide
 from robacc.gates.largest import decide_largest
 from robacc.geometry import Array
 from robacc.statistics.intervals import Interval, chi2_interval
 from robacc.statistics.multivariate import second_moment
-from robacc.statistics.paired import paired_difference
-from robacc.statistics.radius import satterthwaite_rms
+from robacc.statistics.paired_difference import paired_difference
+from robacc.statistics.radius95 import satterthwaite_rms
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]
 RMS = float(np.sqrt(np.sum(SD**2)))
@@ -30,7 +30,7 @@ def criterion(limit: float, rule: Rule = "bound", confidence: float = 0.95, **mo
         name="c",
         kind="length",
         limit=limit,
-        words=(),
+        accepted=(),
         rule=rule,
         confidence=confidence,
         baseline=None,
@@ -41,7 +41,7 @@ def criterion(limit: float, rule: Rule = "bound", confidence: float = 0.95, **mo
 
 
 def normal(value: float, error: float, confidence: float = 0.95) -> BoundCurve:
-    """Of a figure with a Gaussian error, as a result's own interval gives it."""
+    """Return the curve of a figure with a Gaussian error, as the interval of a result gives it."""
     z, bound = stats.norm.ppf(0.5 + confidence / 2), stats.norm.ppf(confidence)
     interval = Interval(value - z * error, value + z * error, value + bound * error, confidence, "normal")
     return BoundCurve.through([interval], value)
@@ -114,13 +114,13 @@ RULED: list[tuple[Rule, float, bool, str]] = [
 
 @pytest.mark.parametrize(("rule", "limit", "at_least", "outcome"), RULED)
 def test_each_rule_on_either_side_of_each_bound(rule: Rule, limit: float, at_least: bool, outcome: str) -> None:
-    found = decide(criterion(limit, rule, at_least=at_least), 1.0, normal(1.0, 0.1), 50)
-    assert found.outcome == outcome
+    decision = decide(criterion(limit, rule, at_least=at_least), 1.0, normal(1.0, 0.1), 50)
+    assert decision.outcome == outcome
     below = stats.norm.cdf(math.log(limit), 0.0, 0.1)  # roughly: the curve is on the logarithm
-    assert found.probability == pytest.approx(1 - below if at_least else below, abs=0.02)
-    assert found.margin is not None
-    assert (found.margin >= 0.0) == (outcome == "pass")
-    assert (found.poses_to_decide is not None) == (outcome == "inconclusive")
+    assert decision.probability == pytest.approx(1 - below if at_least else below, abs=0.02)
+    assert decision.margin is not None
+    assert (decision.margin >= 0.0) == (outcome == "pass")
+    assert (decision.poses_to_decide is not None) == (outcome == "inconclusive")
 
 
 def test_a_bound_decides_as_the_interval_does_at_the_limit_itself() -> None:
@@ -131,38 +131,38 @@ def test_a_bound_decides_as_the_interval_does_at_the_limit_itself() -> None:
 
 
 def test_without_an_interval_only_the_simple_rule_decides() -> None:
-    found = decide(criterion(1.0), 0.1, None, 50)
-    assert found.outcome == "not_evaluated"
-    assert found.why == "the result has no interval of it, and rule: bound takes one"
+    decision = decide(criterion(1.0), 0.1, None, 50)
+    assert decision.outcome == "not_evaluated"
+    assert decision.why == "the result has no interval for position.rms, which rule: bound needs"
     assert decide(criterion(1.0, "simple"), 0.1, None, 50).outcome == "pass"
 
 
 def test_a_confidence_beyond_the_stored_interval_is_not_guessed() -> None:
-    found = decide(criterion(2.0, confidence=0.99), 1.0, normal(1.0, 0.1), 50)
-    assert found.outcome == "inconclusive"
-    assert found.why == "the result's interval does not reach 99 %; make it with --confidence 0.99"
+    decision = decide(criterion(2.0, confidence=0.99), 1.0, normal(1.0, 0.1), 50)
+    assert decision.outcome == "inconclusive"
+    assert decision.why == ("the result's interval does not reach 99 %; compute the result again at 99 % confidence")
 
 
 def test_a_guard_band_says_that_the_value_itself_is_within() -> None:
-    found = decide(criterion(1.05, "guard_band"), 1.0, normal(1.0, 0.1), 50)
-    assert (found.outcome, found.why) == ("fail", "the value meets the limit, but not the limit less its guard band")
+    decision = decide(criterion(1.05, "guard_band"), 1.0, normal(1.0, 0.1), 50)
+    assert (decision.outcome, decision.why) == ("fail", "the value meets the limit but lies within the guard band")
     assert decide(criterion(0.9, "guard_band"), 1.0, normal(1.0, 0.1), 50).why is None
 
 
 def test_operating_curves_are_those_of_a_gaussian_figure() -> None:
     """A figure far from zero, where its logarithm is as good as linear: P(pass) by hand."""
     for rule, shift in (("bound", 1.645), ("simple", 0.0), ("guard_band", 1.645), ("guarded_rejection", -1.645)):
-        found = decide(criterion(100.0, rule), 100.0, normal(100.0, 0.1), 50)  # type: ignore[arg-type]
-        for truth, passes in found.operating_curve:
+        decision = decide(criterion(100.0, rule), 100.0, normal(100.0, 0.1), 50)  # type: ignore[arg-type]
+        for truth, passes in decision.operating_curve:
             assert passes == pytest.approx(stats.norm.cdf((100.0 - truth) / 0.1 - shift), abs=2e-3)
-        assert len(found.operating_curve) == 21
+        assert len(decision.operating_curve) == 21
 
 
 def test_difference_of_two_samples_is_the_gaussian_one() -> None:
-    found = difference(3.0, normal(3.0, 0.03), 1.0, normal(1.0, 0.04))
+    curve = difference_curve(3.0, normal(3.0, 0.03), 1.0, normal(1.0, 0.04))
     for level in (0.05, 0.5, 0.9, 0.95):
-        assert found.bound(level) == pytest.approx(2.0 + 0.05 * stats.norm.ppf(level), abs=0.003)
-    assert difference(1.0, normal(1.0, 0.1), 1.0, BoundCurve((), (), "none", "one pose")).why == "one pose"
+        assert curve.bound(level) == pytest.approx(2.0 + 0.05 * stats.norm.ppf(level), abs=0.003)
+    assert difference_curve(1.0, normal(1.0, 0.1), 1.0, BoundCurve((), (), "none", "one pose")).why == "one pose"
 
 
 def largest(value: float, n: int, rule: Rule = "bound", share: float = 0.95) -> Decision:
@@ -175,7 +175,7 @@ def test_the_largest_error_by_wilks() -> None:
     assert (short.outcome, short.poses_to_decide) == ("inconclusive", 59)
     assert short.probability == pytest.approx(1 - 0.95**58)
     assert short.why == (
-        "58 poses within the limit show that 95 % of all poses are within the limit with a confidence of 94.9 %"
+        "58 poses within the limit show that 95 % of all poses are within the limit with a confidence of only 94.9 %"
     )
     assert largest(0.9, 299, share=0.99).outcome == "pass"
     assert largest(0.9, 298, share=0.99).outcome == "inconclusive"
@@ -188,17 +188,17 @@ def test_the_largest_error_by_wilks() -> None:
 def test_poses_to_decide_by_simulation_of_the_figure_alone() -> None:
     """Known standard error: draw a truth from what the interval says, measure on, and see whether it decides."""
     rng, z, draws = np.random.default_rng(3), 1.645, 200_000
-    for away in (0.0, 0.7, 1.5):
+    for distance in (0.0, 0.7, 1.5):
         n = 50
-        more = poses_to_decide(away, z, n)
-        assert more is not None
+        n_needed = poses_to_decide(distance, z, n)
+        assert n_needed is not None
         truth = rng.normal(size=draws)
-        added = rng.normal(truth, math.sqrt(n / (more - n)))
-        pooled = (added * (more - n)) / more
-        decided = np.mean(np.abs(pooled - away) > z / math.sqrt(more / n))
+        added = rng.normal(truth, math.sqrt(n / (n_needed - n)))
+        pooled = (added * (n_needed - n)) / n_needed
+        decided = np.mean(np.abs(pooled - distance) > z / math.sqrt(n_needed / n))
         assert decided == pytest.approx(ASSURANCE, abs=0.005)
-        fewer = added * 0 + rng.normal(size=draws) * math.sqrt(1 - n / (0.5 * more))
-        assert np.mean(np.abs(fewer - away) > z / math.sqrt(0.5 * more / n)) < ASSURANCE - 0.02
+        fewer = added * 0 + rng.normal(size=draws) * math.sqrt(1 - n / (0.5 * n_needed))
+        assert np.mean(np.abs(fewer - distance) > z / math.sqrt(0.5 * n_needed / n)) < ASSURANCE - 0.02
     assert poses_to_decide(0.0, z, 10_000_000) is None
 
 
@@ -207,9 +207,9 @@ def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Decision]
     while True:
         limit = RMS * math.exp(rng.uniform(-0.4, 0.4) * math.sqrt(30 / n))
         errors = SD * rng.normal(size=(3, n))
-        found = decide(criterion(limit), *rms_curve(errors), n)
-        if found.outcome == "inconclusive":
-            return errors, limit, found
+        decision = decide(criterion(limit), *rms_curve(errors), n)
+        if decision.outcome == "inconclusive":
+            return errors, limit, decision
 
 
 @pytest.mark.parametrize("n", [30, 120])
@@ -217,19 +217,19 @@ def test_the_promised_poses_decide_in_nine_of_ten_cases(n: int) -> None:
     rng = np.random.default_rng(n)
     decided = []
     for _ in range(300):
-        errors, limit, found = undecided(rng, n)
-        assert found.poses_to_decide is not None
-        whole = np.hstack((errors, SD * rng.normal(size=(3, found.poses_to_decide - n))))
-        decided.append(decide(criterion(limit), *rms_curve(whole), whole.shape[1]).outcome != "inconclusive")
+        errors, limit, decision = undecided(rng, n)
+        assert decision.poses_to_decide is not None
+        all_errors = np.hstack((errors, SD * rng.normal(size=(3, decision.poses_to_decide - n))))
+        decided.append(decide(criterion(limit), *rms_curve(all_errors), all_errors.shape[1]).outcome != "inconclusive")
     # Three standard deviations of a share of 0.9 in 300 are 0.052.
     assert np.mean(decided) > ASSURANCE - 0.052
 
 
 def test_poses_for_a_p95_are_never_fewer_than_order_statistics_need() -> None:
-    found = decide(criterion(1.3, key="position.p95"), 1.0, normal(1.0, 0.19), 12)
-    assert found.outcome == "inconclusive"
-    assert found.poses_if_true is not None
-    assert found.poses_if_true >= 59
+    decision = decide(criterion(1.3, key="position.p95"), 1.0, normal(1.0, 0.19), 12)
+    assert decision.outcome == "inconclusive"
+    assert decision.poses_if_true is not None
+    assert decision.poses_if_true >= 59
 
 
 @pytest.mark.slow
@@ -240,15 +240,15 @@ def test_conformity_probabilities_are_calibrated(statistic: Any) -> None:
     lengths = np.sqrt(np.sum((SD * rng.normal(size=(3, 1_000_000))) ** 2, axis=0))
     truth = {"rms": RMS, "mean_error": np.mean(lengths), "p95": np.quantile(lengths, 0.95)}[statistic]
     for n in (30, 100):
-        found, outcomes = [], []
+        probabilities, outcomes = [], []
         for seed in range(300):
             errors = SD * rng.normal(size=(3, n))
             intervals = length_intervals(errors, (0.9, 0.95), bootstrap=500, seed=seed)
-            curve = BoundCurve.through([one[statistic] for one in intervals])
-            found.append(curve.below(float(truth)))
+            curve = BoundCurve.through([by_name[statistic] for by_name in intervals])
+            probabilities.append(curve.below(float(truth)))
             outcomes.append(decide(criterion(float(truth)), 1.0, curve, n).outcome)
         for level in (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95):
-            share = np.mean(np.array(found, dtype=float) <= level)
+            share = np.mean(np.array(probabilities, dtype=float) <= level)
             assert share == pytest.approx(level, abs=3.5 * math.sqrt(level * (1 - level) / 300) + 0.01)
         # False accepts and false rejects of rule bound at the limit itself: 5 % each.
         assert np.mean(np.array(outcomes) == "pass") < 0.05 + 0.045
@@ -262,7 +262,7 @@ def test_the_promised_poses_decide_a_p95_too() -> None:
 
     def decided(errors: Array, limit: float, seed: int) -> Decision:
         curve = BoundCurve.through(
-            [one["p95"] for one in length_intervals(errors, (0.3, 0.9, 0.95), bootstrap=200, seed=seed)]
+            [by_name["p95"] for by_name in length_intervals(errors, (0.3, 0.9, 0.95), bootstrap=200, seed=seed)]
         )
         value = float(np.quantile(np.sqrt(np.sum(errors**2, axis=0)), 0.95))
         return decide(criterion(limit, key="position.p95"), value, curve, errors.shape[1])
@@ -275,8 +275,8 @@ def test_the_promised_poses_decide_a_p95_too() -> None:
             first = decided(errors, limit, len(outcomes))
             if first.outcome == "inconclusive":
                 assert first.poses_to_decide is not None
-                whole = np.hstack((errors, SD * rng.normal(size=(3, first.poses_to_decide - n))))
-                outcomes.append(decided(whole, limit, 0).outcome != "inconclusive")
+                all_errors = np.hstack((errors, SD * rng.normal(size=(3, first.poses_to_decide - n))))
+                outcomes.append(decided(all_errors, limit, 0).outcome != "inconclusive")
         assert np.mean(outcomes) > ASSURANCE - 3 * math.sqrt(0.09 / 120)
 
 
@@ -312,13 +312,13 @@ def test_paired_differences_of_the_same_errors_are_nothing_and_those_of_repeats_
         value, (interval,) = paired_difference(errors, errors, statistic, (0.95,))  # type: ignore[arg-type]
         assert (value, interval.lower, interval.upper) == (0.0, 0.0, 0.0)
         _, (once,) = paired_difference(errors, other, statistic, (0.9,))  # type: ignore[arg-type]
-        twice = [np.tile(one, 4) for one in (errors, other)]
+        twice = [np.tile(sample, 4) for sample in (errors, other)]
         _, (grouped,) = paired_difference(*twice, statistic, (0.9,), groups=np.tile(np.arange(40), 4))  # type: ignore[arg-type]
-        widths = [np.subtract(one.upper, one.lower) for one in (once, grouped)]
+        widths = [np.subtract(interval.upper, interval.lower) for interval in (once, grouped)]
         # The same 40 poses measured four times alike say no more than once.
         assert widths[1] == pytest.approx(widths[0], rel=0.1)
     _, (none,) = paired_difference(errors, other, "max", (0.95,))
-    assert (none.upper, none.why) == (None, "no interval holds for the difference of two largest errors")
+    assert (none.upper, none.why) == (None, "the difference of two largest errors has no interval")
     _, (few,) = paired_difference(errors[:, :9], other[:, :9], "p95", (0.95,))
     assert few.why == "9 poses: too few to resample a 95th percentile"
 

@@ -1,4 +1,4 @@
-"""A result held against a gate: keys found, baselines compared, grades, warnings, and the outcome of all."""
+"""Evaluate a gate on a result: keys, baselines, grades, warnings, and the outcome of all criteria."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from robacc.accuracy.grade_scale import default_scale
 from robacc.accuracy.grading import grade
 from robacc.documents.gate import gate_document
 from robacc.documents.statistics import grade_document, statistics_document
-from robacc.gates.evaluate import GateOutcome, Judged, judge
+from robacc.gates.bound_curve import BoundCurve
+from robacc.gates.decision_rules import decide
+from robacc.gates.evaluate import CriterionEvaluation, GateOutcome, evaluate_gate
 from robacc.gates.gate_file import load_gate
-from robacc.gates.lookup import Missing, figure, found_at, sample, word
+from robacc.gates.lookup import Missing, figure_at, sample_at, value_at, word_at
 from robacc.io.json_text import json_text
+from robacc.statistics.intervals import Interval
 
 N = 80
 
@@ -45,60 +48,90 @@ def estimate(position: Any = None, orientation: Any = None, **more: Any) -> dict
     }
 
 
-def judged(entry: str, document: Mapping[str, Any], **baselines: Mapping[str, Any]) -> Judged:
-    (one,) = outcome(f"  - {{reason: r, {entry}}}\n", document, **baselines).judged
-    return one
+def evaluate(entry: str, document: Mapping[str, Any], **baselines: Mapping[str, Any]) -> CriterionEvaluation:
+    (evaluation,) = outcome(f"  - {{reason: r, {entry}}}\n", document, **baselines).evaluations
+    return evaluation
 
 
 def outcome(entries: str, document: Mapping[str, Any], **baselines: Mapping[str, Any]) -> GateOutcome:
-    return judge(load_gate(f"robacc_gate: 1\nname: g\ncriteria:\n{entries}", "g.yaml"), document, baselines)
+    return evaluate_gate(load_gate(f"robacc_gate: 1\nname: g\ncriteria:\n{entries}", "g.yaml"), document, baselines)
 
 
 def test_a_short_key_finds_the_value_with_its_unit() -> None:
     document = estimate()
     for key in ("position.rms", "position.p95", "orientation.max", "position.radius95.zero_mean.radius"):
         name = {"position": "m", "orientation": "rad"}[key.partition(".")[0]]
-        found = figure(document, key, 0.95)
-        assert not isinstance(found, Missing)
+        match = figure_at(document, key, 0.95)
+        assert not isinstance(match, Missing)
         node: Any = document
         for part in f"{key}_{name}".split("."):
             node = node[part]
-        assert found.value == node
-        assert found.dimension == {"m": "length", "rad": "angle"}[name]
+        assert match.value == node
+        assert match.dimension == {"m": "length", "rad": "angle"}[name]
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
 def test_bounds_are_those_of_the_result_itself(statistic: str) -> None:
     document = estimate()
-    found = figure(document, f"position.{statistic}", 0.95)
-    assert not isinstance(found, Missing)
-    assert found.curve is not None
+    recomputed = figure_at(document, f"position.{statistic}", 0.95)
+    assert not isinstance(recomputed, Missing)
+    assert recomputed.curve is not None
     stored = document["position"]["intervals"][f"{statistic}_m"]
-    assert found.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
+    assert recomputed.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
     without = copy.deepcopy(document)
     del without["position"]["errors_m"]
-    alone = figure(without, f"position.{statistic}", 0.95)
-    assert not isinstance(alone, Missing)
-    assert alone.curve is not None
-    assert alone.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
+    from_stored = figure_at(without, f"position.{statistic}", 0.95)
+    assert not isinstance(from_stored, Missing)
+    assert from_stored.curve is not None
+    assert from_stored.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
     # Order statistics make steps, of which three bounds show little.
     near = 0.15 if statistic == "p95" else 0.08
-    for limit in (0.95 * found.value, found.value, 1.08 * found.value):
-        assert alone.curve.below(limit) == pytest.approx(found.curve.below(limit), abs=near)
+    for limit in (0.95 * recomputed.value, recomputed.value, 1.08 * recomputed.value):
+        assert from_stored.curve.below(limit) == pytest.approx(recomputed.curve.below(limit), abs=near)
+
+
+@pytest.mark.parametrize(("n", "statistic", "gaussian"), [(30, "p95", True), (200, "p95", False), (30, "rms", False)])
+def test_the_text_of_a_method_decides_nothing(n: int, statistic: str, gaussian: bool) -> None:
+    document = estimate(errors(n=n))
+    del document["position"]["errors_m"]
+    reworded = copy.deepcopy(document)
+    reworded["position"]["intervals"][f"{statistic}_m"]["method"] = "another text"
+    listed = estimate(errors(n=n))
+    for result in (document, reworded, listed):
+        figure = figure_at(result, f"position.{statistic}", 0.95)
+        assert not isinstance(figure, Missing)
+        assert figure.curve is not None
+        assert figure.curve.is_gaussian_percentile == gaussian
+    entry = f"key: position.{statistic}, limit: {1.02e3 * document['position'][f'{statistic}_m']:.6g} mm"
+    decision, again = evaluate(entry, document).decision, evaluate(entry, reworded).decision
+    assert decision.outcome == "inconclusive"
+    assert (decision.poses_to_decide, decision.operating_curve) == (again.poses_to_decide, again.operating_curve)
+
+
+def test_more_poses_are_needed_where_order_statistics_replace_a_gaussian() -> None:
+    interval = Interval(0.8, 1.25, 1.2, 0.95, "any text")
+    plain, gaussian = (BoundCurve.through([interval], 1.0, is_gaussian_percentile=flag) for flag in (False, True))
+    limited = load_gate(
+        "robacc_gate: 1\nname: g\ncriteria:\n  - {key: position.p95, limit: 1.1 m, reason: r}\n", "g.yaml"
+    ).criteria[0]
+    few, many = (decide(limited, 1.0, curve, 90).poses_to_decide for curve in (plain, gaussian))
+    assert few is not None
+    assert many is not None
+    assert many > few
 
 
 def test_repetitions_of_a_pose_count_once() -> None:
     once = errors(n=20)
     document = estimate(np.tile(once, 5))
     document["poses"]["group"] = np.tile(np.arange(20), 5)
-    found = figure(document, "position.rms", 0.95)
-    assert not isinstance(found, Missing)
-    assert found.n == 20
-    plain = figure(estimate(np.tile(once, 5)), "position.rms", 0.95)
-    assert not isinstance(plain, Missing)
-    assert found.curve is not None
-    assert plain.curve is not None
-    assert (found.curve.bound(0.95) or 0) > 1.02 * (plain.curve.bound(0.95) or 1)
+    grouped = figure_at(document, "position.rms", 0.95)
+    assert not isinstance(grouped, Missing)
+    assert grouped.n == 20
+    ungrouped = figure_at(estimate(np.tile(once, 5)), "position.rms", 0.95)
+    assert not isinstance(ungrouped, Missing)
+    assert grouped.curve is not None
+    assert ungrouped.curve is not None
+    assert (grouped.curve.bound(0.95) or 0) > 1.02 * (ungrouped.curve.bound(0.95) or 1)
 
 
 def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
@@ -107,8 +140,11 @@ def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
     n = after.shape[1]
 
     def figures(factor: float) -> dict[str, Any]:
-        kept = slice(None) if used is None else np.asarray(used)
-        return {"position": statistics_document(error_statistics(factor * after[:, kept], "m")), "orientation": None}
+        rows_used = slice(None) if used is None else np.asarray(used)
+        return {
+            "position": statistics_document(error_statistics(factor * after[:, rows_used], "m")),
+            "orientation": None,
+        }
 
     return {
         "command": "trace",
@@ -136,29 +172,29 @@ def test_samples_are_the_rows_that_a_stages_figures_are_of() -> None:
         ("after.fitted.position.rms", 1.0),
         ("nominal.held_out.position.rms", 3.0),
     ):
-        found = sample(document, key)
-        assert found is not None
-        np.testing.assert_allclose(found.errors, factor * after[:, used])
-        assert 7 not in found.rows
-        value = figure(document, key, 0.95)
-        assert not isinstance(value, Missing)
-        assert value.value == pytest.approx(np.sqrt(np.mean(np.sum(found.errors**2, axis=0))))
+        rows = sample_at(document, key)
+        assert rows is not None
+        np.testing.assert_allclose(rows.errors, factor * after[:, used])
+        assert 7 not in rows.rows
+        stage_figure = figure_at(document, key, 0.95)
+        assert not isinstance(stage_figure, Missing)
+        assert stage_figure.value == pytest.approx(np.sqrt(np.mean(np.sum(rows.errors**2, axis=0))))
     apart = {"group": np.arange(5), "errors_m": {"after": np.ones((5, 3))}, "commanded_m": None}
-    held = sample({**document, "poses_apart": apart}, "after.held_out.position.rms")
-    assert held is not None
-    assert held.errors.shape == (3, 5)
-    assert sample(document, "after.fitted.orientation.rms") is None
+    holdout = sample_at({**document, "poses_apart": apart}, "after.held_out.position.rms")
+    assert holdout is not None
+    assert holdout.errors.shape == (3, 5)
+    assert sample_at(document, "after.fitted.orientation.rms") is None
 
 
 def test_a_welcome_verdict_needs_poses_held_out_and_says_where_noise_is_not_known() -> None:
     document = stage(errors(size=1e-4))
     document["after"]["held_out"] = None
-    undecided = judged("key: verdict, limit: explained", document)
+    undecided = evaluate("key: verdict, limit: explained", document)
     assert undecided.outcome == "inconclusive"
-    assert undecided.decision.why == "no poses were held out, so nothing shows what the verdict is worth"
-    assert judged("key: verdict, limit: clean", document).outcome == "fail"
+    assert undecided.decision.why == "the result has no held-out poses to confirm the verdict"
+    assert evaluate("key: verdict, limit: clean", document).outcome == "fail"
     guessed = stage(errors(size=1e-4), noise={"position_m": 2e-5, "orientation_rad": None, "source": "residual"})
-    passed = judged("key: verdict, limit: explained", guessed)
+    passed = evaluate("key: verdict, limit: explained", guessed)
     assert passed.outcome == "pass"
     (warning,) = passed.warnings
     assert "add a limit on after.held_out.position.p95" in warning
@@ -166,20 +202,20 @@ def test_a_welcome_verdict_needs_poses_held_out_and_says_where_noise_is_not_know
 
 def test_outcomes_of_quantities_words_and_gains() -> None:
     document = stage(errors(size=1e-4))
-    assert judged("key: after.held_out.position.rms, limit: 1 mm", document).outcome == "pass"
-    assert judged("key: after.held_out.position.rms, limit: 0.01 mm", document).outcome == "fail"
-    assert judged("key: verdict, limit: [clean, explained]", document).outcome == "pass"
-    assert judged("key: verdict, limit: clean", document).outcome == "fail"
-    assert judged("key: unexplained.structured, limit: false", document).outcome == "pass"
-    assert judged("key: verdict, limit: explained", document).warnings == ()
-    assert word(document, "unexplained.structured") == "false"
-    assert judged("key: gain, at_least: 0.5 mm", document).outcome == "pass"
-    assert judged("key: gain, at_least: 0.9 mm", document).outcome == "inconclusive"
-    assert judged("key: gain, at_least: 1.3 mm", document).outcome == "fail"
-    gain = judged("key: gain, at_least: 1 mm", document)
+    assert evaluate("key: after.held_out.position.rms, limit: 1 mm", document).outcome == "pass"
+    assert evaluate("key: after.held_out.position.rms, limit: 0.01 mm", document).outcome == "fail"
+    assert evaluate("key: verdict, limit: [clean, explained]", document).outcome == "pass"
+    assert evaluate("key: verdict, limit: clean", document).outcome == "fail"
+    assert evaluate("key: unexplained.structured, limit: false", document).outcome == "pass"
+    assert evaluate("key: verdict, limit: explained", document).warnings == ()
+    assert word_at(document, "unexplained.structured") == "false"
+    assert evaluate("key: gain, at_least: 0.5 mm", document).outcome == "pass"
+    assert evaluate("key: gain, at_least: 0.9 mm", document).outcome == "inconclusive"
+    assert evaluate("key: gain, at_least: 1.3 mm", document).outcome == "fail"
+    gain = evaluate("key: gain, at_least: 1 mm", document)
     assert gain.decision.probability == pytest.approx(0.5)
-    assert judged("key: n_poses, at_least: 80", document).outcome == "pass"
-    assert judged("key: n_poses, at_least: 81", document).outcome == "fail"
+    assert evaluate("key: n_poses, at_least: 80", document).outcome == "pass"
+    assert evaluate("key: n_poses, at_least: 81", document).outcome == "fail"
 
 
 @pytest.mark.parametrize(
@@ -195,22 +231,22 @@ def test_outcomes_of_quantities_words_and_gains() -> None:
 )
 def test_what_the_result_lacks_is_never_a_pass(key: str, limit: str, why: str) -> None:
     document = estimate(unaligned=None)
-    found = outcome(f"  - {{key: {key}, limit: {limit}, rule: simple, reason: r}}\n", document)
-    assert (found.judged[0].outcome, found.judged[0].decision.why) == ("not_evaluated", why)
-    assert (found.outcome, found.exit_status) == ("not_evaluated", 5)
+    result = outcome(f"  - {{key: {key}, limit: {limit}, rule: simple, reason: r}}\n", document)
+    assert (result.evaluations[0].outcome, result.evaluations[0].decision.why) == ("not_evaluated", why)
+    assert (result.outcome, result.exit_status) == ("not_evaluated", 5)
 
 
 def test_a_missing_number_says_the_results_own_reason() -> None:
     document = {"command": "iso9283", "iso9283": {"RP": {"max_m": None, "why": "one cycle"}}}
-    assert found_at(document, "iso9283.RP.max") == Missing("the result has no iso9283.RP.max: one cycle")
-    assert found_at({"command": "x", "verdict": "a"}, "verdict.a") == Missing("the result has nothing within verdict")
-    assert figure({"position": {"rms_m": "x"}}, "position.rms", 0.95) == Missing(
-        "the result's position.rms is no number"
+    assert value_at(document, "iso9283.RP.max") == Missing("the result has no iso9283.RP.max: one cycle")
+    assert value_at({"command": "x", "verdict": "a"}, "verdict.a") == Missing("the result has no keys within verdict")
+    assert figure_at({"position": {"rms_m": "x"}}, "position.rms", 0.95) == Missing(
+        "the result's position.rms is not a number"
     )
-    assert figure({"position": {"rms_m": {}}}, "position.rms", 0.95) == Missing(
-        "the result's position.rms is no number"
+    assert figure_at({"position": {"rms_m": {}}}, "position.rms", 0.95) == Missing(
+        "the result's position.rms is not a number"
     )
-    assert word({"verdict": 3}, "verdict") == Missing("the result's verdict is no word")
+    assert word_at({"verdict": 3}, "verdict") == Missing("the result's verdict is not a word")
 
 
 def test_an_iso_criterion_has_its_interval_beside_it() -> None:
@@ -223,24 +259,26 @@ def test_an_iso_criterion_has_its_interval_beside_it() -> None:
             "AP": {"max_m": 2e-5, "intervals": {"max_m": {"confidence": 0.95, "why": "no such interval"}}},
         },
     }
-    assert judged("key: iso9283.RP.max, limit: 0.036 mm", document).outcome == "pass"
-    assert judged("key: iso9283.RP.max, limit: 0.034 mm", document).outcome == "inconclusive"
-    wrong = judged("key: iso9283.RP.max, limit: 1 deg", document)
-    assert wrong.decision.why == "the limit is of the kind angle, the result's iso9283.RP.max of the kind length"
+    assert evaluate("key: iso9283.RP.max, limit: 0.036 mm", document).outcome == "pass"
+    assert evaluate("key: iso9283.RP.max, limit: 0.034 mm", document).outcome == "inconclusive"
+    wrong = evaluate("key: iso9283.RP.max, limit: 1 deg", document)
+    assert wrong.decision.why == (
+        "the limit has the dimension angle, but iso9283.RP.max of the result has the dimension length"
+    )
     # No share of poses is read into the largest of a few commanded poses.
-    none = judged("key: iso9283.AP.max, limit: 0.036 mm", document)
+    none = evaluate("key: iso9283.AP.max, limit: 0.036 mm", document)
     assert (none.outcome, none.decision.why, none.is_by_share) == ("inconclusive", "no such interval", False)
-    assert judged("key: iso9283.AP.max, limit: 0.036 mm, rule: simple", document).outcome == "pass"
+    assert evaluate("key: iso9283.AP.max, limit: 0.036 mm, rule: simple", document).outcome == "pass"
 
 
 def test_the_largest_error_takes_59_poses() -> None:
-    large = judged("key: position.max, limit: 10 mm", estimate())
+    large = evaluate("key: position.max, limit: 10 mm", estimate())
     assert (large.outcome, large.is_by_share) == ("pass", True)
     assert large.decision.probability == pytest.approx(1 - 0.95**N)
-    few = judged("key: position.max, limit: 10 mm", estimate(errors(n=58)))
+    few = evaluate("key: position.max, limit: 10 mm", estimate(errors(n=58)))
     assert (few.outcome, few.decision.poses_to_decide) == ("inconclusive", 59)
-    assert judged("key: position.max, limit: 10 mm, share: 0.98", estimate()).outcome == "inconclusive"
-    assert judged("key: position.max, limit: 0.5 mm", estimate()).outcome == "fail"
+    assert evaluate("key: position.max, limit: 10 mm, share: 0.98", estimate()).outcome == "inconclusive"
+    assert evaluate("key: position.max, limit: 0.5 mm", estimate()).outcome == "fail"
 
 
 def test_grades_are_met_by_every_bound() -> None:
@@ -251,74 +289,76 @@ def test_grades_are_met_by_every_bound() -> None:
     )
     assert 0.5e-3 < p95 < bound < 1e-3  # grade D, and demonstrated
     assert document["grade"]["demonstrated_grade"] == "D"
-    met = judged("key: grade, limit: D", document)
-    assert (met.outcome, met.found) == ("pass", "D")
-    assert judged("key: grade, limit: E", document).outcome == "pass"
-    assert judged("key: grade, limit: A", document).outcome == "fail"
-    missed = judged("key: grade, limit: C", document)
+    met = evaluate("key: grade, limit: D", document)
+    assert (met.outcome, met.word) == ("pass", "D")
+    assert evaluate("key: grade, limit: E", document).outcome == "pass"
+    assert evaluate("key: grade, limit: A", document).outcome == "fail"
+    missed = evaluate("key: grade, limit: C", document)
     assert missed.outcome in ("fail", "inconclusive")
     assert missed.decision.probability == pytest.approx(
-        judged("key: position.p95, limit: 0.5 mm", document).decision.probability
+        evaluate("key: position.p95, limit: 0.5 mm", document).decision.probability
     )
-    assert judged("key: grade, limit: Z", document).decision.why == (
-        "the scale CAD/CAM 0.1 mm, 0.1 degree has no grade Z; it has A, B, C, D, E"
+    assert evaluate("key: grade, limit: Z", document).decision.why == (
+        "the scale CAD/CAM 0.1 mm, 0.1 degree has no grade Z; its grades are A, B, C, D, E"
     )
     turned = estimate(errors(size=0.4e-3), errors(1, 0.2))
-    assert judged("key: grade, limit: D", turned).outcome == "fail"
+    assert evaluate("key: grade, limit: D", turned).outcome == "fail"
     bare = {**document, "grade": {"grade": "A"}}
-    assert judged("key: grade, limit: A", bare).decision.why == "the result's grade comes without its scale's steps"
+    assert (
+        evaluate("key: grade, limit: A", bare).decision.why == "the result's grade does not list the steps of its scale"
+    )
 
 
 def test_inconclusive_grades_say_how_many_poses() -> None:
     document = estimate(errors(size=0.41e-3, n=12), errors(1, 1e-4, 12))
     limit = 1.02 * document["position"]["p95_m"]
     document["grade"]["steps"][2]["position_m"] = limit
-    found = judged("key: grade, limit: C", document)
-    assert found.outcome == "inconclusive"
-    assert found.decision.poses_to_decide is not None
-    assert found.decision.poses_to_decide > 59
+    undecided = evaluate("key: grade, limit: C", document)
+    assert undecided.outcome == "inconclusive"
+    assert undecided.decision.poses_to_decide is not None
+    assert undecided.decision.poses_to_decide > 59
 
 
 def test_instrument_uncertainty_above_a_quarter_of_the_limit_is_warned_of() -> None:
     document = stage(errors(size=1e-5))
-    ok = judged("key: after.held_out.position.rms, limit: 0.161 mm", document)
+    ok = evaluate("key: after.held_out.position.rms, limit: 0.161 mm", document)
     assert ok.instrument_ratio == pytest.approx(4e-5 / 0.161e-3)
     assert ok.warnings == ()
-    coarse = judged("name: c, key: after.held_out.position.rms, limit: 0.1 mm", document)
+    coarse = evaluate("name: c, key: after.held_out.position.rms, limit: 0.1 mm", document)
     assert coarse.outcome == "pass"
     assert coarse.warnings == (
-        "c: the instrument's expanded uncertainty (k = 2) is 40 % of the limit, more than the 25 % of good practice",
+        "c: the instrument's expanded uncertainty (k = 2) is 40 % of the limit, more than the recommended 25 %",
     )
     document["noise"]["source"] = "residual"
-    assert judged("key: after.held_out.position.rms, limit: 0.1 mm", document).instrument_ratio is None
+    assert evaluate("key: after.held_out.position.rms, limit: 0.1 mm", document).instrument_ratio is None
 
 
 def test_figures_of_fitted_poses_are_warned_of() -> None:
     document = stage(errors(size=1e-4))
-    (warning,) = judged("name: c, key: after.fitted.position.rms, limit: 1 mm", document).warnings
+    (warning,) = evaluate("name: c, key: after.fitted.position.rms, limit: 1 mm", document).warnings
     assert warning == (
-        "c: after.fitted.position.rms is of the poses that were fitted, which flatters; judge by "
+        "c: after.fitted.position.rms is computed on the calibration poses and is too optimistic; use "
         "after.held_out.position.rms"
     )
-    assert not judged("key: nominal.fitted.position.rms, limit: 1 mm", document).warnings
+    assert not evaluate("key: nominal.fitted.position.rms, limit: 1 mm", document).warnings
 
 
 def test_a_baseline_of_the_same_poses_is_compared_pose_by_pose() -> None:
     base = errors()
     shared = {"b": estimate(base)}
-    same = judged("key: position.rms, baseline: b", estimate(base), **shared)
+    same = evaluate("key: position.rms, baseline: b", estimate(base), **shared)
     assert (same.outcome, same.value, same.decision.probability) == ("pass", 0.0, 1.0)
     slightly = estimate(1.01 * base)
-    worse = judged("key: position.rms, baseline: b", slightly, **shared)
+    worse = evaluate("key: position.rms, baseline: b", slightly, **shared)
     assert worse.outcome == "fail"  # one percent, but of every pose
     assert worse.value == pytest.approx(0.01 * shared["b"]["position"]["rms_m"])
     assert (worse.decision.method or "").startswith("paired, ")
     assert worse.baseline_value == shared["b"]["position"]["rms_m"]
-    apart = judged("key: position.rms, baseline: b, paired: false", slightly, **shared)
+    apart = evaluate("key: position.rms, baseline: b, paired: false", slightly, **shared)
     assert apart.outcome == "pass"  # within the noise of two samples
     assert "variance estimates recovery" in (apart.decision.method or "")
-    assert judged("key: position.rms, baseline: b, limit: 0.05 mm, rule: bound", slightly, **shared).outcome == "pass"
-    shown = judged("key: position.rms, baseline: b, limit: 0.05 mm, rule: bound, paired: false", slightly, **shared)
+    assert evaluate("key: position.rms, baseline: b, limit: 0.05 mm, rule: bound", slightly, **shared).outcome == "pass"
+    shown = evaluate("key: position.rms, baseline: b, limit: 0.05 mm, rule: bound, paired: false", slightly, **shared)
     assert shown.outcome == "inconclusive"
 
 
@@ -326,48 +366,50 @@ def test_which_poses_are_the_same() -> None:
     base, other = estimate(errors(0)), estimate(errors(5))
     other["inputs"] = [{"name": "q.csv", "sha256": "def", "kind": "poses"}]
     entry = "key: position.rms, baseline: b"
-    again = judged(entry, other, b=base)
+    again = evaluate(entry, other, b=base)
     assert (again.decision.method or "").startswith("paired")  # other measurements of the same commanded poses
     moved = copy.deepcopy(other)
     moved["poses"]["commanded_m"] = moved["poses"]["commanded_m"] + 1e-3
-    assert not (judged(entry, moved, b=base).decision.method or "").startswith("paired")
-    assert (judged(f"{entry}, paired: true", moved, b=base).decision.method or "").startswith("paired")
+    assert not (evaluate(entry, moved, b=base).decision.method or "").startswith("paired")
+    assert (evaluate(f"{entry}, paired: true", moved, b=base).decision.method or "").startswith("paired")
     shorter = estimate(errors(0, n=70))
     shorter["inputs"] = moved["inputs"]
-    assert judged(f"{entry}, paired: true", shorter, b=base).decision.why == (
-        "paired: true, but there are 70 poses here and 80 in the baseline"
+    assert evaluate(f"{entry}, paired: true", shorter, b=base).decision.why == (
+        "paired: true needs the same poses, but the result has 70 and the baseline has 80"
     )
     bare = {"command": "estimate", "position": {"rms_m": 1e-3}}
-    assert judged(f"{entry}, paired: true", bare, b=base).decision.why == (
-        "paired: true takes the errors of every pose, which are not in both results"
+    assert evaluate(f"{entry}, paired: true", bare, b=base).decision.why == (
+        "paired: true needs the error of every pose, which the result or the baseline does not list"
     )
 
 
 def test_what_a_baseline_lacks_is_not_evaluated() -> None:
-    found = judged("key: position.rms, baseline: b", estimate(), b={"command": "predict"})
-    assert (found.outcome, found.decision.why) == (
+    evaluation = evaluate("key: position.rms, baseline: b", estimate(), b={"command": "predict"})
+    assert (evaluation.outcome, evaluation.decision.why) == (
         "not_evaluated",
-        "the baseline does not answer: a result of robacc predict has no position",
+        "in the baseline, a result of robacc predict has no position",
     )
-    assert judged("key: gain, baseline: b", estimate(), b={}).decision.why == "a result of robacc estimate has no gain"
-    units = judged(
+    assert (
+        evaluate("key: gain, baseline: b", estimate(), b={}).decision.why == "a result of robacc estimate has no gain"
+    )
+    units = evaluate(
         "key: iso9283.RP.max, baseline: b", {"iso9283": {"RP": {"max_m": 1.0}}}, b={"iso9283": {"RP": {"max": 1.0}}}
     )
-    assert units.decision.why == "the result and the baseline have different units of it"
+    assert units.decision.why == "iso9283.RP.max has different units in the result and in the baseline"
 
 
 def test_a_difference_of_largest_errors_has_only_the_simple_rule() -> None:
     base = estimate(errors())
-    assert judged("key: position.max, baseline: b, rule: simple", estimate(0.9 * errors()), b=base).outcome == "pass"
-    hard = judged("key: position.max, baseline: b", estimate(0.9 * errors()), b=base)
+    assert evaluate("key: position.max, baseline: b, rule: simple", estimate(0.9 * errors()), b=base).outcome == "pass"
+    hard = evaluate("key: position.max, baseline: b", estimate(0.9 * errors()), b=base)
     assert (hard.outcome, hard.decision.why) == (
         "inconclusive",
-        "no interval holds for the difference of two largest errors",
+        "the difference of two largest errors has no interval",
     )
 
 
 @pytest.mark.parametrize(
-    ("outcomes", "whole", "status"),
+    ("outcomes", "expected", "status"),
     [
         (("pass", "pass"), "pass", 0),
         (("pass", "fail", "inconclusive", "not_evaluated"), "fail", 4),
@@ -375,7 +417,7 @@ def test_a_difference_of_largest_errors_has_only_the_simple_rule() -> None:
         (("inconclusive", "not_evaluated"), "not_evaluated", 5),
     ],
 )
-def test_the_worst_outcome_is_the_gates(outcomes: tuple[str, ...], whole: str, status: int) -> None:
+def test_the_worst_outcome_is_the_gates(outcomes: tuple[str, ...], expected: str, status: int) -> None:
     entries = {
         "pass": "key: position.rms, limit: 9 mm",
         "fail": "key: position.rms, limit: 0.1 mm",
@@ -383,24 +425,24 @@ def test_the_worst_outcome_is_the_gates(outcomes: tuple[str, ...], whole: str, s
         "not_evaluated": "key: verdict, limit: clean",
     }
     text = "".join(f"  - {{name: {i}, reason: r, {entries[name]}}}\n" for i, name in enumerate(outcomes))
-    found = outcome(text, estimate())
-    assert tuple(one.outcome for one in found.judged) == outcomes
-    assert (found.outcome, found.exit_status) == (whole, status)
-    assert all(found.count(name) == outcomes.count(name) for name in outcomes)  # type: ignore[arg-type]
+    result = outcome(text, estimate())
+    assert tuple(evaluation.outcome for evaluation in result.evaluations) == outcomes
+    assert (result.outcome, result.exit_status) == (expected, status)
+    assert all(result.count(name) == outcomes.count(name) for name in outcomes)  # type: ignore[arg-type]
 
 
 def test_the_document_says_everything_and_is_the_same_each_time() -> None:
     entry = "  - {key: position.p95, limit: 1.5 mm, reason: because}\n"
-    found = gate_document(outcome(entry, estimate()))
-    assert json_text(found) == json_text(gate_document(outcome(entry, estimate())))
-    (one,) = found["criteria"]
-    assert set(one) >= {
+    document = gate_document(outcome(entry, estimate()))
+    assert json_text(document) == json_text(gate_document(outcome(entry, estimate())))
+    (entry_document,) = document["criteria"]
+    assert set(entry_document) >= {
         *("name", "key", "outcome", "why", "unit", "value", "limit", "at_least", "rule", "confidence", "lower_bound"),
         *("upper_bound", "margin", "conformity_probability", "method", "n_poses", "poses_to_decide", "reason"),
     }
-    assert (one["unit"], one["limit"], one["n_poses"]) == ("m", 1.5e-3, N)
-    assert one["lower_bound"] < one["value"] < one["upper_bound"]
-    curve = np.array(one["operating_curve"])
+    assert (entry_document["unit"], entry_document["limit"], entry_document["n_poses"]) == ("m", 1.5e-3, N)
+    assert entry_document["lower_bound"] < entry_document["value"] < entry_document["upper_bound"]
+    curve = np.array(entry_document["operating_curve"])
     assert np.all(np.diff(curve[:, 0]) > 0)
     assert np.all(np.diff(curve[:, 1]) <= 0)
     at_limit = curve[np.argmin(np.abs(curve[:, 0] - 1.5e-3)), 1]

@@ -11,7 +11,7 @@ import pytest
 
 from robacc.gates.criteria import Gate, GateCriterion
 from robacc.gates.decision_rules import Decision, Outcome
-from robacc.gates.evaluate import GateOutcome, Judged
+from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.render.text.annotations import github_annotations
 from robacc.render.text.gate import draw_gate
 from robacc.render.text.gate_text import limit, probability, sentence, title
@@ -19,55 +19,65 @@ from robacc.render.text.junit import junit
 from robacc.render.text.markdown import markdown
 
 
-def judged(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> Judged:
-    asked = {"limit": 1e-3, "at_least": False, "rule": "bound", "baseline": None, "kind": "length", "words": ()}
-    asked |= {key: more.pop(key) for key in list(more) if key in asked}
-    decided = {"why": None, "lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "probability": 0.991}
-    decided |= {key: more.pop(key) for key in list(more) if key in (*decided, "poses_to_decide", "poses_if_true")}
+def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> CriterionEvaluation:
+    condition = {"limit": 1e-3, "at_least": False, "rule": "bound", "baseline": None, "kind": "length", "accepted": ()}
+    condition |= {key: more.pop(key) for key in list(more) if key in condition}
+    decision = {"why": None, "lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "probability": 0.991}
+    decision |= {key: more.pop(key) for key in list(more) if key in (*decision, "poses_to_decide", "poses_if_true")}
     criterion = GateCriterion(
-        name=name, key=more.pop("key", "position.rms"), confidence=0.95, share=0.95, paired=None, reason=reason, **asked
+        name=name,
+        key=more.pop("key", "position.rms"),
+        confidence=0.95,
+        share=0.95,
+        paired=None,
+        reason=reason,
+        **condition,
     )
-    given = {"value": 0.8e-3, "found": None, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
-    return Judged(criterion, Decision(outcome, **decided), "length", **{**given, **more})
+    given = {"value": 0.8e-3, "word": None, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
+    return CriterionEvaluation(criterion, Decision(outcome, **decision), "length", **{**given, **more})
 
 
-def gate(*criteria: Judged, name: str = "g") -> GateOutcome:
-    return GateOutcome(Gate(name, tuple(one.criterion for one in criteria)), criteria)
+def gate(*evaluations: CriterionEvaluation, name: str = "g") -> GateOutcome:
+    return GateOutcome(Gate(name, tuple(item.criterion for item in evaluations)), evaluations)
 
 
 ALL = gate(
-    judged("pass", "first"),
-    judged("fail", "second", upper_bound=1.2e-3, margin=-2e-4, probability=0.0001),
-    judged("inconclusive", "third", poses_to_decide=900, poses_if_true=400),
-    judged("not_evaluated", "fourth", value=None, why="there is none", margin=None, probability=None),
+    evaluation("pass", "first"),
+    evaluation("fail", "second", upper_bound=1.2e-3, margin=-2e-4, probability=0.0001),
+    evaluation("inconclusive", "third", poses_to_decide=900, poses_if_true=400),
+    evaluation("not_evaluated", "fourth", value=None, why="there is none", margin=None, probability=None),
 )
 
 
 def test_a_criterion_in_one_sentence() -> None:
-    assert sentence(ALL.judged[0]) == (
-        "position.rms 0.800 mm (0.700 mm to 0.900 mm, each bound at 95 %), expected at most 1 mm; margin 0.100 mm; "
-        "conforms with probability 99.1 %"
+    assert sentence(ALL.evaluations[0]) == (
+        "position.rms 0.800 mm (0.700 mm to 0.900 mm, each bound at 95 % confidence), expected at most 1 mm; "
+        "margin 0.100 mm; conforms with probability 99.1 %"
     )
-    assert sentence(ALL.judged[2]).endswith(
-        "; 900 poses in all would decide it with a probability of 90 %, 400 if the value found is the true one"
+    assert sentence(ALL.evaluations[2]).endswith(
+        "; 900 poses in total would decide it with a probability of 90 %, 400 if the measured value is the true one"
     )
-    visits = judged("inconclusive", key="iso9283.RP.max", poses_to_decide=900)
-    assert sentence(visits).endswith("; 900 visits in all would decide it with a probability of 90 %")
-    assert "position.rms not there" in sentence(ALL.judged[3])
-    against = judged(baseline="b.json", limit=0.0, value=-1e-4, baseline_value=9e-4, lower_bound=-2e-4, upper_bound=0.0)
+    visits = evaluation("inconclusive", key="iso9283.RP.max", poses_to_decide=900)
+    assert sentence(visits).endswith("; 900 visits in total would decide it with a probability of 90 %")
+    assert "position.rms missing" in sentence(ALL.evaluations[3])
+    against = evaluation(
+        baseline="b.json", limit=0.0, value=-1e-4, baseline_value=9e-4, lower_bound=-2e-4, upper_bound=0.0
+    )
     assert sentence(against).startswith(
         "position.rms 0.800 mm, 0.100 mm less than the 0.900 mm in b.json (-0.200 mm to 0 mm for the difference, "
-        "each bound at 95 %), expected no more than in b.json"
+        "each bound at 95 % confidence), expected no more than in b.json"
     )
-    assert "0.900 mm, as the 0.900 mm in b.json" in sentence(judged(baseline="b.json", value=0.0, baseline_value=9e-4))
-    near = judged("inconclusive", poses_to_decide=None, poses_if_true=None)
-    assert sentence(near).endswith("the value lies so close to the limit that no number of poses will decide")
+    assert "0.900 mm, same as the 0.900 mm in b.json" in sentence(
+        evaluation(baseline="b.json", value=0.0, baseline_value=9e-4)
+    )
+    near = evaluation("inconclusive", poses_to_decide=None, poses_if_true=None)
+    assert sentence(near).endswith("the value is too close to the limit for any number of poses to decide")
 
 
 def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
-    few = judged("inconclusive", why="5 poses: too few", lower_bound=None, upper_bound=None, margin=None)
+    few = evaluation("inconclusive", why="5 poses: too few", lower_bound=None, upper_bound=None, margin=None)
     assert sentence(few).endswith("; 5 poses: too few")
-    assert "so close" not in sentence(judged("inconclusive", n=None))
+    assert "too close" not in sentence(evaluation("inconclusive", n=None))
 
 
 @pytest.mark.parametrize(
@@ -84,13 +94,13 @@ def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
     ],
 )
 def test_limits_in_words(size: float, at_least: bool, baseline: str | None, text: str) -> None:
-    assert limit(judged(limit=size, at_least=at_least, baseline=baseline)) == text
+    assert limit(evaluation(limit=size, at_least=at_least, baseline=baseline)) == text
 
 
 def test_limits_that_are_words_and_probabilities_that_are_no_certainty() -> None:
-    assert limit(judged(kind="grade", words=("C",))) == "C or better"
-    assert limit(judged(kind="word", words=("clean", "explained"))) == "clean or explained"
-    assert [probability(judged(probability=p)) for p in (1.0, 0.9995, 0.5, 0.0005, 0.0, None)] == [
+    assert limit(evaluation(kind="grade", accepted=("C",))) == "C or better"
+    assert limit(evaluation(kind="word", accepted=("clean", "explained"))) == "clean or explained"
+    assert [probability(evaluation(probability=p)) for p in (1.0, 0.9995, 0.5, 0.0005, 0.0, None)] == [
         *("> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %"),
         None,
     ]
@@ -125,7 +135,7 @@ def test_markdown_holds_the_gate_the_warnings_and_the_whole_result() -> None:
 
 
 def test_markdown_of_a_name_with_signs_stays_one_cell() -> None:
-    text = markdown("check", "", gate(judged(name="a|b <x> *c* `d` [e]")), ())
+    text = markdown("check", "", gate(evaluation(name="a|b <x> *c* `d` [e]")), ())
     assert "| a\\|b \\<x\\> \\*c\\* \\`d\\` \\[e\\] |" in text
 
 
@@ -137,7 +147,7 @@ def unescaped(text: str) -> str:
 
 
 def test_annotations_are_one_line_each_and_say_what_was_meant() -> None:
-    odd = gate(judged("fail", "50 %: a, b", "first\r\nsecond :: %0A"), name="g::h")
+    odd = gate(evaluation("fail", "50 %: a, b", "first\r\nsecond :: %0A"), name="g::h")
     lines = github_annotations("estimate", "", odd, ("look\nout",)).splitlines()
     assert [line.partition(" ")[0] for line in lines] == ["::warning", "::error", "::error"]
     match = re.fullmatch(r"::error title=([^:,]*)::(.*)", lines[1])
@@ -210,18 +220,18 @@ def faults(element: ElementTree.Element) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "found", [ALL, gate(judged()), gate(judged("fail", "<&>\"'", "]]> \x07 \ud800"), name="ä\x00")]
+    "outcome", [ALL, gate(evaluation()), gate(evaluation("fail", "<&>\"'", "]]> \x07 \ud800"), name="ä\x00")]
 )
-def test_junit_is_valid_by_the_schemas_in_use(found: GateOutcome) -> None:
-    text = junit("estimate", found)
+def test_junit_is_valid_by_the_schemas_in_use(outcome: GateOutcome) -> None:
+    text = junit("estimate", outcome)
     root = ElementTree.fromstring(text.encode())
     assert faults(root) == []
     (suite,) = root
-    assert suite.get("tests") == str(len(found.judged))
-    assert len(suite.findall("testcase/failure")) == int(suite.get("failures", "")) == found.count("fail")
-    undecided = found.count("inconclusive") + found.count("not_evaluated")
-    assert len(suite.findall("testcase/error")) == int(suite.get("errors", "")) == undecided
-    assert text == junit("estimate", found)
+    assert suite.get("tests") == str(len(outcome.evaluations))
+    assert len(suite.findall("testcase/failure")) == int(suite.get("failures", "")) == outcome.count("fail")
+    undecision = outcome.count("inconclusive") + outcome.count("not_evaluated")
+    assert len(suite.findall("testcase/error")) == int(suite.get("errors", "")) == undecision
+    assert text == junit("estimate", outcome)
 
 
 def test_the_schemas_rules_see_faults() -> None:

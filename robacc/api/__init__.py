@@ -1,4 +1,4 @@
-"""What the command line does, as calls: one a command, with the same options and the same results.
+"""One typed call for each command, with the same options and the same results.
 
-:mod:`robacc` itself offers all of them; the command line parses, calls these, and renders.
+:mod:`robacc` exports all of them. The command line parses its arguments, makes these calls, and renders their results.
 """

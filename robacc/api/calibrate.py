@@ -1,16 +1,14 @@
-"""The call behind ``robacc calibrate``."""
+"""Call of the command ``robacc calibrate``."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitted_to import fitted_to, met_again
-from robacc.api.fitting import Fitted, Given, given, listed
-from robacc.api.inputs import StrPath, path_of
-from robacc.api.result import Made, parts, within
+from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs
+from robacc.api.inputs import StrPath, fitted_pose_warnings, path_of, with_fitted_poses
+from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.calibration import Calibration, tolerance_priors
 from robacc.calibration import calibrate as fit_effects
 from robacc.effects.request import parse_requests
@@ -21,18 +19,27 @@ from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Calibrated(Fitted, Calibration):
+class Calibrated(FitResult, Calibration):
     """A calibrated robot and how well it predicts, with what it was computed from."""
 
     command: ClassVar[str] = "calibrate"
-    given: Given
-    made: Made
+    fit_inputs: FitInputs
+    made: Provenance
+
+    @classmethod
+    def of(cls, calibration: Calibration, inputs: FitInputs, made: Provenance) -> Calibrated:
+        """Return ``calibration`` with its inputs, and its robot with the record of the poses that it was fitted to."""
+        fields = fields_of(calibration)
+        fields["robot"] = with_fitted_poses(calibration.robot, inputs.files)
+        fields["warnings"] = (*calibration.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
+        return cls(**fields, fit_inputs=inputs, made=made)
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys; arrays stay arrays."""
+        """Return the result's own keys; arrays stay arrays."""
         from robacc.documents.fit import calibration_payload
 
-        return calibration_payload(self, self.given.data, self.given.robot, self.given.apart, self.made.seed or 0)
+        inputs = self.fit_inputs
+        return calibration_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
 
 
 def calibrate(
@@ -43,8 +50,8 @@ def calibrate(
     prior: bool = False,
     shrink: bool = True,
     robust: bool = True,
-    holdout: StrPath | Measurements | None = None,
     folds: int = 5,
+    holdout: StrPath | Measurements | None = None,
     ordered: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
@@ -57,27 +64,27 @@ def calibrate(
     there.
 
     Args:
-        poses: CSV of measured poses (``-`` is standard input), or poses that were read before or made of arrays.
-        robot: Robot file (YAML) or URDF that commanded them, or a robot that was read before.
+        poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
+        robot: Robot file (YAML) or URDF that commanded the poses, or a robot read before.
         fit: Effects to fit, as in ``("base_frame", "joint_offset[j2,j3]", "gear_ratio[all]")``.
         prior: Use the robot file's tolerances as priors of its geometry.
         shrink: Draw ``joint_offset`` and ``link_geometry``, asked for without brackets, to the robot file's values
             where most of them do not differ.
         robust: Leave out rows that are no part of the rest, naming them.
-        holdout: Poses of their own to judge on, instead of folds.
-        folds: Of cross-fitting: poses held out in turn.
-        ordered: The rows of the files are in the order measured.
-        base_link: URDF: the link that the chain starts at.
-        tip_link: URDF: the link that it ends at.
-        seed: Of everything drawn at random.
-        progress: Called with what is being done, how much of it is done, and of how much.
+        folds: Number of folds of cross-validation; each is held out in turn.
+        holdout: Separate validation poses, in place of cross-validation.
+        ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
+        seed: Seed of the random numbers.
+        progress: Called with a label of the work, the number of steps done, and the number of all steps.
 
     Returns:
         The calibrated robot, the coefficients with their uncertainty, and the error before and after.
 
     Raises:
-        InputError: A file or array cannot be used, or the data hold a mistake, or are too few.
-        UsageError: An effect cannot be fitted to this robot and these data, or the call does not fit itself.
+        InputError: A file or array cannot be used, the data hold a mistake, or the poses are too few.
+        UsageError: An effect cannot be fitted to this robot and these data, or the arguments contradict each other.
 
     Example:
         >>> import robacc
@@ -89,40 +96,27 @@ def calibrate(
         >>> print(found.model_yaml().splitlines()[1])
         robacc: 1
     """
-    within("folds", folds, 2, 50)
-    within("seed", seed, 0)
-    asked = given(poses, robot, holdout, ordered, base_link, tip_link)
-    requests = parse_requests(listed(fit))
+    arguments = locals()
+    check_range("folds", folds, 2, 50)
+    check_range("seed", seed, 0)
+    inputs = load_fit_inputs(poses, robot, holdout, ordered, base_link, tip_link)
+    requests = parse_requests(joined(fit))
     if not requests:
         raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
-    priors = tolerance_priors(asked.robot) if prior else {}
+    priors = tolerance_priors(inputs.robot) if prior else {}
     if prior and not priors:
-        raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or asked.robot.name} has none on any joint")
-    found = fit_effects(
-        asked.robot,
-        asked.data,
+        raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or inputs.robot.name} has none on any joint")
+    calibration = fit_effects(
+        inputs.robot,
+        inputs.data,
         requests,
         options=Options(robust=robust),
         priors=priors,
         shrink=shrink,
         n_folds=folds,
         seed=seed,
-        holdout=asked.apart,
-        progress=progress or (lambda what, done, of: None),
+        holdout=inputs.holdout,
+        progress=progress or (lambda label, done, total: None),
     )
-    options = {
-        "poses": asked.names["poses"],
-        "robot": asked.names["robot"],
-        "fit": listed(fit),
-        "prior": prior,
-        "shrink": shrink,
-        "robust": robust,
-        "folds": folds,
-        "holdout": asked.names["holdout"],
-        "ordered": ordered,
-        "base_link": base_link,
-        "tip_link": tip_link,
-    }
-    warnings = (*found.warnings, *met_again(asked.robot, asked.inputs))
-    found = dataclasses.replace(found, robot=fitted_to(found.robot, asked.inputs), warnings=warnings)
-    return Calibrated(**parts(found), given=asked, made=Made(options, asked.inputs, seed))
+    options = options_of(calibrate, arguments, **inputs.names, fit=joined(fit))
+    return Calibrated.of(calibration, inputs, Provenance(options, inputs.files, seed))

@@ -1,19 +1,19 @@
-"""The call behind ``robacc compare``."""
+"""Call of the command ``robacc compare``."""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, ClassVar
 
-from robacc.api.inputs import STDIN, StrPath, path_of, scale_of
-from robacc.api.result import Made, Result, parts, within
-from robacc.api.stored import stored
+from robacc.api.inputs import STDIN, StrPath, load_grade_scale, load_result, path_of
+from robacc.api.result import Provenance, Result, check_range, fields_of, options_of
 from robacc.comparison.compared_result import ComparedResult
 from robacc.comparison.comparing import ResultComparison
-from robacc.comparison.comparing import compare as compared
+from robacc.comparison.comparing import compare as compare_results
 from robacc.comparison.reading import subject
 from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult
@@ -24,13 +24,18 @@ Source = StrPath | Result | StoredResult
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Compared(Result, ResultComparison):
-    """Results side by side, with what they were read from."""
+    """Comparison of results, with the files that they were read from."""
 
     command: ClassVar[str] = "compare"
-    made: Made
+    made: Provenance
+
+    @classmethod
+    def of(cls, body: ResultComparison, made: Provenance) -> Compared:
+        """Return ``body`` with its inputs."""
+        return cls(**fields_of(body), made=made)
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys."""
+        """Return the result's own keys."""
         from robacc.documents.compare import payload
 
         return payload(self)
@@ -45,26 +50,26 @@ def compare(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> Compared:
-    """Results side by side: every shared figure, which differences are real, and which results have a grade.
+    """Compare results: every shared figure, the significant differences, and the grades that are confirmed.
 
-    Differences are tested in pairs where the poses are the same.
+    Differences are paired if the results have the same poses.
 
     Args:
-        results: At least two: stored as JSON (``-`` is standard input), or what calls returned. A stored one has the
-            name of its file without the ending, another that of its command; a number is added where names are alike.
-        baseline: Name of the one that the others are held against; None is the first.
-        by: Key of the figure that ranks them, as in ``position.p95``; None is ``position.rms``.
-        grade: Says which of the results demonstrate this grade.
-        scale: Grade scale (YAML) that ``grade`` is of; None is the results' own.
-        confidence: Of the intervals.
-        seed: Of the bootstrap.
+        results: Two or more, stored as JSON (``-`` is standard input) or returned by calls. A stored result is named
+            after its file, another after its command; equal names get a number.
+        baseline: Name of the result that the others are compared with; None for the first.
+        by: Key of the figure for the ranking, such as ``position.p95``; None for ``position.rms``.
+        grade: Grade to check each result for.
+        scale: Grade scale (YAML) of ``grade``; None for the scale of the results.
+        confidence: Confidence level of the intervals.
+        seed: Seed of the bootstrap.
 
     Returns:
-        Every shared figure with its differences, the ranking, the grades, and what the results differ in otherwise.
+        Every shared figure with its differences, the ranking, the grades, and other differences between the results.
 
     Raises:
-        InputError: A result cannot be read; with the problems of all.
-        UsageError: Names, keys or grades that are not there, or nothing to compare.
+        InputError: A result cannot be read; with the problems of every file.
+        UsageError: A name, key or grade does not exist, or there is one result only.
 
     Example:
         >>> import robacc
@@ -73,43 +78,44 @@ def compare(
         >>> robacc.compare(plain, aligned).ranking.names
         ('estimate (2)', 'estimate')
     """
-    within("seed", seed, 0)
+    arguments = locals()
+    check_range("seed", seed, 0)
     if scale is not None and grade is None:
         raise UsageError("`scale` needs `grade`, the grade to check the results for")
     subjects, inputs = _load(results)
-    scale_read, scale_record = scale_of(scale)
-    found = compared(
+    grades, scale_record = load_grade_scale(scale)
+    comparison = compare_results(
         subjects,
-        baseline=_named(baseline, results, subjects),
+        baseline=_baseline_name(baseline, results, subjects),
         by=by,
         wanted=grade,
-        scale=scale_read,
+        scale=grades,
         confidence=confidence,
         seed=seed,
     )
-    options = {"baseline": found.baseline, "by": found.ranking.key, "grade": grade, "confidence": confidence}
-    return Compared(**parts(found), made=Made(options, (*inputs, *scale_record), seed))
+    options = options_of(compare, arguments, baseline=comparison.baseline, by=comparison.ranking.key)
+    return Compared.of(comparison, Provenance(options, (*inputs, *scale_record), seed))
 
 
 def _load(results: Sequence[Source]) -> tuple[list[ComparedResult], list[InputFile]]:
-    """What is to be compared, and the record of its files; what is wrong with any of them is said at once.
+    """Return the results to compare and the record of their files.
 
     Raises:
-        InputError: With the problems of every file.
-        UsageError: Standard input is named twice, or there is one result alone.
+        InputError: A file cannot be used; with the problems of every file.
+        UsageError: Standard input is named twice, or there is one result only.
     """
     if len(results) < 2:
         raise UsageError("a comparison takes at least two results")
-    if [path_of(one) for one in results].count(STDIN) > 1:
-        raise UsageError("standard input can be read once")
+    if [path_of(source) for source in results].count(STDIN) > 1:
+        raise UsageError("standard input can be read only once")
     problems: list[Problem] = []
     subjects: list[ComparedResult] = []
     inputs: list[InputFile] = []
     for source, name in zip(results, _names(results), strict=True):
         try:
-            one = stored(source)
-            subjects.append(subject(one.document, name, one.name, one.sha256))
-            inputs.append(one.record)
+            result = load_result(source)
+            subjects.append(subject(result.document, name, result.name, result.sha256))
+            inputs.append(result.record)
         except InputError as error:
             problems += error.problems
     if problems:
@@ -118,8 +124,8 @@ def _load(results: Sequence[Source]) -> tuple[list[ComparedResult], list[InputFi
 
 
 def _names(results: Sequence[Source]) -> list[str]:
-    """A short name for each, no two alike: the file's, with its folder's where files are named alike, or a number."""
-    paths = [_path(one) for one in results]
+    """Return short unique names: the file's, with its folder or a number where files have the same name."""
+    paths = [_path(source) for source in results]
     names = ["standard input" if path == STDIN else PurePath(path).stem for path in paths]
     if len(set(names)) < len(names):
         places = [PurePath(path) for path in paths]
@@ -127,22 +133,22 @@ def _names(results: Sequence[Source]) -> list[str]:
             f"{place.parent.name}/{name}" if names.count(name) > 1 and place.parent.name else name
             for place, name in zip(places, names, strict=True)
         ]
-    seen: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     unique = []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        unique.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        counts[name] += 1
+        unique.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
     return unique
 
 
 def _path(source: Source) -> str:
-    """The path of a file; of a result that is none, its command."""
+    """Return the path of a file, or the command of a result without one."""
     if isinstance(source, StoredResult):
         return source.name
     return source.command if isinstance(source, Result) else os.fspath(source)
 
 
-def _named(baseline: str | None, results: Sequence[Source], subjects: Sequence[ComparedResult]) -> str | None:
-    """The baseline's short name, which may be given as its path."""
-    paths = [_path(one) for one in results]
+def _baseline_name(baseline: str | None, results: Sequence[Source], subjects: Sequence[ComparedResult]) -> str | None:
+    """Return the short name of the baseline, which may be given as a path."""
+    paths = [_path(source) for source in results]
     return subjects[paths.index(baseline)].name if baseline in paths else baseline

@@ -1,4 +1,4 @@
-"""The call behind ``robacc estimate``."""
+"""Call of the command ``robacc estimate``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from robacc.accuracy.estimation import EstimateResult
-from robacc.accuracy.estimation import estimate as estimated
+from robacc.accuracy.estimation import estimate as estimate_errors
 from robacc.accuracy.pose_errors import ErrorFrame
-from robacc.api.fitted_to import met_again
-from robacc.api.inputs import StrPath, poses_of, robot_of, scale_of
-from robacc.api.result import Made, Result, names, one_of, parts, within
+from robacc.api.inputs import StrPath, fitted_pose_warnings, load_grade_scale, load_optional_robot, load_poses
+from robacc.api.result import Provenance, Result, check_choice, check_range, effect_names, fields_of, options_of
 from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
@@ -21,27 +20,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Estimate(Result, EstimateResult):
-    """How far the arm was from where it was to be, with what it was computed from."""
+    """Errors of the measured poses, their statistics and the grade, with the inputs."""
 
     command: ClassVar[str] = "estimate"
     robot: Robot | None
-    """As its file describes it, before any alignment."""
+    """Robot as its file describes it, before any alignment."""
     data: Measurements
     """The measured poses."""
-    made: Made
+    made: Provenance
+
+    @classmethod
+    def of(cls, body: EstimateResult, robot: Robot | None, data: Measurements, made: Provenance) -> Estimate:
+        """Return ``body`` with its inputs."""
+        return cls(**fields_of(body), robot=robot, data=data, made=made)
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys; arrays stay arrays."""
+        """Return the result's own keys; arrays stay arrays."""
         from robacc.accuracy.error_frames import position_statistics
         from robacc.accuracy.pose_errors import commanded_poses
         from robacc.documents.estimate import payload, pose_payload
 
         aligned = self.robot if self.alignment is None else self.alignment.robot
-        moments = position_statistics(self.data, commanded_poses(self.data, aligned))
-        return {**payload(self), **pose_payload(self.data, self.robot, moments)}
+        statistics = position_statistics(self.data, commanded_poses(self.data, aligned))
+        return {**payload(self), **pose_payload(self.data, self.robot, statistics)}
 
     def per_pose_csv(self) -> str:
-        """A row a pose: its line, its ids, the error vector and its length, in m and rad."""
+        """Return a CSV with one row a pose: line, ids, error vector and its length, in m and rad."""
         from robacc.documents.estimate import per_pose_csv
 
         return per_pose_csv(self, self.data)
@@ -62,55 +66,50 @@ def estimate(
 ) -> Estimate:
     """Cartesian error at each measured pose, its covariances, and an accuracy grade.
 
-    The commanded pose is the robot's own at the commanded joints where ``robot`` is given, else the poses' own.
+    With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
+    file or the arrays.
 
     Args:
-        poses: CSV of measured poses (``-`` is standard input), or poses that were read before or made of arrays.
-        robot: Robot file (YAML), URDF, or a robot that was read before.
-        align: ``base_frame``, ``tool_frame`` or both are fitted to the poses first.
-        frame: Axes of the errors: the commanded target's, or the measuring frame's; None is ``tool`` where the
-            commanded orientation is known, else ``base``.
-        scale: Grade scale (YAML); None is the package's own.
-        confidence: Of every interval.
-        ordered: The rows of the file are in the order measured.
-        base_link: URDF: the link that the chain starts at.
-        tip_link: URDF: the link that it ends at.
-        seed: Of everything drawn at random, bootstrap included.
+        poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
+        robot: Robot file (YAML), URDF, or a robot read before.
+        align: Frames that are fitted to the poses first: ``base_frame``, ``tool_frame`` or both.
+        frame: Axes of the errors: ``tool`` of the commanded target, ``base`` of the measuring frame. None is ``tool``
+            if the commanded orientation is known, else ``base``.
+        scale: Grade scale (YAML); None for the scale of the package.
+        confidence: Confidence level of every interval.
+        ordered: The rows of the file are in the order measured; directions and speeds are derived from it.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
+        seed: Seed of the random numbers, bootstrap included.
 
     Returns:
         Position and orientation statistics (m, rad), the errors themselves, and the grade.
 
     Raises:
-        InputError: A file or array cannot be used; with every problem found.
-        UsageError: The call does not fit the data, or itself.
+        InputError: A file or array cannot be used; with every problem.
+        UsageError: The arguments contradict each other or do not fit the data.
 
     Example:
         >>> import robacc
-        >>> found = robacc.estimate(
+        >>> result = robacc.estimate(
         ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", align=("base_frame", "tool_frame")
         ... )
-        >>> print(f"{found.position.rms * 1e3:.2f} mm rms at {found.n_poses} poses, grade {found.grade.grade}")
+        >>> print(f"{result.position.rms * 1e3:.2f} mm rms at {result.n_poses} poses, grade {result.grade.grade}")
         0.47 mm rms at 60 poses, grade D
-        >>> found.errors.position.shape
+        >>> result.errors.position.shape
         (3, 60)
     """
-    within("seed", seed, 0)
-    one_of("frame", frame, ("tool", "base", None))
-    arm, arm_record = robot_of(robot, base_link, tip_link)
-    data, record = poses_of(poses, arm, ordered=ordered)
-    grades, scale_record = scale_of(scale)
-    what = names(align)
-    found = estimated(data, arm, frame=frame, align=what, scale=grades, confidence=confidence, seed=seed)
-    seen = met_again(arm, (record,))
-    notes = (*found.notes, *(["the robot file was fitted to these same poses"] if seen else []))
-    found = dataclasses.replace(found, notes=notes, warnings=(*found.warnings, *seen))
-    options = {
-        "align": list(what),
-        "frame": found.errors.frame,
-        "confidence": confidence,
-        "ordered": ordered,
-        "base_link": base_link,
-        "tip_link": tip_link,
-    }
-    made = Made(options, (record, *arm_record, *scale_record), seed)
-    return Estimate(**parts(found), robot=arm, data=data, made=made)
+    arguments = locals()
+    check_range("seed", seed, 0)
+    check_choice("frame", frame, ("tool", "base", None))
+    arm, arm_record = load_optional_robot(robot, base_link, tip_link)
+    data, record = load_poses(poses, arm, ordered=ordered)
+    grades, scale_record = load_grade_scale(scale)
+    aligned = effect_names(align)
+    body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)
+    if warnings := fitted_pose_warnings(arm, (record,)):
+        notes = (*body.notes, "the robot file was fitted to these same poses")
+        body = dataclasses.replace(body, notes=notes, warnings=(*body.warnings, *warnings))
+    options = options_of(estimate, arguments, align=list(aligned), frame=body.errors.frame)
+    made = Provenance(options, (record, *arm_record, *scale_record), seed)
+    return Estimate.of(body, arm, data, made)

@@ -1,4 +1,4 @@
-"""What the calls behind ``robacc calibrate`` and ``robacc trace`` share: what they read, and the model they make."""
+"""Inputs and the robot file of ``robacc calibrate`` and ``robacc trace``, which both calls share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of
+from robacc.api.inputs import STDIN, StrPath, load_poses, load_robot, path_of
 from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
@@ -18,37 +18,39 @@ from robacc.version import __version__
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
-    """What a fit is given."""
+class FitInputs:
+    """Robot and poses of a fit, with the record of their files."""
 
     robot: Robot
     data: Measurements
-    apart: Measurements | None
-    """Poses held out, where they are others."""
+    holdout: Measurements | None
+    """Separate validation poses."""
     names: dict[str, str | None]
-    """What poses, robot and holdout are called in the result's options; None where they are no file."""
-    inputs: tuple[InputFile, ...]
+    """Paths of poses, robot and holdout in the result's options; None without a file."""
+    files: tuple[InputFile, ...]
 
 
-class Fitted(Result):
-    """A result that has a robot better than the one delivered."""
+class FitResult(Result):
+    """A result with a corrected robot."""
 
     __slots__ = ()
     robot: Robot
-    given: Given
+    fit_inputs: FitInputs
 
     def model_yaml(self) -> str:
-        """The robot file that predicts what was fitted; its first line says where it is from."""
+        """Return the robot file of the fitted robot; its first line names the command and the poses."""
         from robacc.robots.yaml_writer import robot_to_yaml
 
-        source = self.given.names["poses"]
+        source = self.fit_inputs.names["poses"]
         origin = "arrays" if source is None else PurePath(source).name
         return robot_to_yaml(
             self.robot, (f"written by robacc {__version__} {self.command} from {origin}",), rounded=True
         )
 
     def write_model(self, path: StrPath) -> None:
-        """Write :meth:`model_yaml` to a file, whole or not at all; every call and command takes it as a robot.
+        """Write :meth:`model_yaml` to a file, which every call and command reads as a robot.
+
+        A failure leaves no partial file.
 
         Raises:
             InputError: The file cannot be written.
@@ -58,62 +60,61 @@ class Fitted(Result):
         write_text(path, self.model_yaml())
 
 
-def given(
+def load_fit_inputs(
     poses: StrPath | Measurements,
     robot: StrPath | Robot,
     holdout: StrPath | Measurements | None,
     ordered: bool,
     base_link: str | None,
     tip_link: str | None,
-) -> Given:
-    """The robot, the poses measured on it, those held out, and the record of the files.
+) -> FitInputs:
+    """Return the robot, the poses measured on it, the validation poses, and the record of the files.
 
     Raises:
         InputError: A file or array cannot be used.
-        UsageError: The poses have no joint columns, or a link is named that there is not.
+        UsageError: The poses have no joint columns, or a link does not exist.
     """
-    arm, arm_record = needed_robot_of(robot, base_link, tip_link)
+    arm, arm_record = load_robot(robot, base_link, tip_link)
 
     def read(source: StrPath | Measurements, kind: str) -> tuple[Measurements, InputFile]:
-        data, record = poses_of(source, arm, ordered=ordered, kind=kind)
+        data, record = load_poses(source, arm, ordered=ordered, kind=kind)
         if data.q is None:
             name = path_of(source) or data.source or "the poses"
             raise UsageError(f"{name} has no joint columns q1 … q{len(arm.variables)}, which a fit needs")
         return data, record
 
     data, record = read(poses, "poses")
-    apart = None if holdout is None else read(holdout, "holdout")
     names = {"poses": _name(poses), "robot": _name(robot), "holdout": _name(holdout)}
-    if apart is None:
-        return Given(arm, data, None, names, (record, arm_record))
-    _refuse_shared(data, apart[0], names["holdout"])
-    return Given(arm, data, apart[0], names, (record, arm_record, apart[1]))
+    if holdout is None:
+        return FitInputs(arm, data, None, names, (record, arm_record))
+    validation, validation_record = read(holdout, "holdout")
+    _refuse_shared(data, validation, names["holdout"])
+    return FitInputs(arm, data, validation, names, (record, arm_record, validation_record))
 
 
-def _refuse_shared(data: Measurements, apart: Measurements, name: str | None) -> None:
-    """Raise InputError where poses held out are also among those fitted: figures of them would flatter."""
-    fitted = {one: i for i, one in enumerate(_rows(data))}
-    shared = [(i, fitted[one]) for i, one in enumerate(_rows(apart)) if one in fitted]
+def _refuse_shared(data: Measurements, validation: Measurements, name: str | None) -> None:
+    """Raise InputError if validation poses are among the calibration poses, which would understate their error."""
+    row_of = {row: i for i, row in enumerate(_rows(data))}
+    shared = [(i, row_of[row]) for i, row in enumerate(_rows(validation)) if row in row_of]
     if not shared:
         return
-    count = f"{len(shared)} of {apart.n} poses held out {'is' if len(shared) == 1 else 'are'}"
-    here, there = shared[0]
+    count = f"{len(shared)} of {validation.n} validation poses {'is' if len(shared) == 1 else 'are'}"
+    i, i_fitted = shared[0]
     raise InputError(
         Problem(
-            f"{count} among the fitted poses too, the first is {data.place(there)} of {data.source or 'the poses'}",
+            f"{count} also calibration poses; the first is {data.place(i_fitted)} of {data.source or 'the poses'}",
             name,
-            apart.line(here),
-            fix="poses held out must have had no part in the fit: leave them out of one of the two",
+            validation.line(i),
+            fix="remove these poses from one of the two files: validation poses must not be used in the fit",
         )
     )
 
 
 def _rows(data: Measurements) -> Iterator[bytes]:
-    """What was commanded and measured of each pose, which noise makes different where a pose was measured again."""
-    circumstances = (data.time, data.temperature, data.payload)
+    """Return the numbers of each row as bytes; measurement noise makes them differ between visits to a pose."""
     rotation = None if data.rotation is None else data.rotation.reshape(9, data.n)
-    known = [one for one in (data.q, data.position, rotation, *circumstances) if one is not None]
-    return (row.tobytes() for row in np.vstack(known).T)
+    columns = (data.q, data.position, rotation, data.time, data.temperature, data.payload)
+    return (row.tobytes() for row in np.vstack([column for column in columns if column is not None]).T)
 
 
 def _name(source: StrPath | Measurements | Robot | None) -> str | None:
@@ -122,6 +123,6 @@ def _name(source: StrPath | Measurements | Robot | None) -> str | None:
     return path_of(source)
 
 
-def listed(effects: str | Sequence[str]) -> str:
-    """Effects as the command line has them."""
+def joined(effects: str | Sequence[str]) -> str:
+    """Return the effects as text separated by commas."""
     return effects if isinstance(effects, str) else ",".join(effects)

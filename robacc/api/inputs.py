@@ -1,16 +1,18 @@
-"""What calls take for a file: its path, or what was read from it before; and the record of it for the result."""
+"""Inputs of calls: a file by its path, or an object read before; with the record of each for the result."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
+from collections.abc import Sequence
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from robacc.api.arrays import check_targets, checked_poses
+from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
+from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
@@ -20,68 +22,55 @@ if TYPE_CHECKING:
 
 StrPath = str | os.PathLike[str]
 STDIN = "-"
-_FIRST_AXES: dict[str, tuple[int, ...]] = {
-    "position": (3,),
-    "rotation": (3, 3),
-    "commanded_position": (3,),
-    "commanded_rotation": (3, 3),
-    "sigma_position": (3,),
-    **dict.fromkeys(("sigma_rotation", "time", "temperature", "payload"), ()),
-}
-"""Of each column of numbers, all axes but the last, which is over poses."""
-_BY_JOINT = ("q", "direction", "speed")
-_TEXTS = ("pose", "cycle", "target")
-_TURNED = 1e-3
-"""How far a rotation matrix may be from an orthogonal one, as a quaternion in a file may be from unit length."""
 
 
 def path_of(source: object) -> str | None:
-    """The path, where ``source`` is one."""
+    """Return ``source`` as text if it is a path, else None."""
     return os.fspath(source) if isinstance(source, str | os.PathLike) else None
 
 
-def robot_of(
-    source: StrPath | Robot | None, base_link: str | None = None, tip_link: str | None = None
-) -> tuple[Robot | None, tuple[InputFile, ...]]:
-    """As :func:`needed_robot_of`, where there is a robot.
-
-    Raises:
-        InputError: The file cannot be read or is wrong.
-        UsageError: A link is named that there is not.
-    """
-    if source is None:
-        if base_link or tip_link:
-            raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
-        return None, ()
-    robot, record = needed_robot_of(source, base_link, tip_link)
-    return robot, (record,)
-
-
-def needed_robot_of(
+def load_robot(
     source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None
 ) -> tuple[Robot, InputFile]:
-    """The robot of a file, or as given, and its record; of one that is no file, of the robot file it would make.
+    """Return the robot and its record; a robot without a file is recorded as the robot file it would make.
 
     Raises:
         InputError: The file cannot be read or is wrong.
-        UsageError: A link is named that there is not.
+        UsageError: A link does not exist, or is given with a robot that was read before.
     """
     if isinstance(source, Robot):
         if base_link is not None or tip_link is not None:
             raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
         from robacc.robots.yaml_writer import robot_to_yaml
 
-        text = robot_to_yaml(in_si(source))
+        text = robot_to_yaml(with_si_effects(source))
         return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot")
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import read_robot
 
-    arm = read_robot(source, base_link=base_link, tip_link=tip_link)
-    return arm, InputFile.at(os.fspath(source), sha256_of(source), "robot")
+    robot = read_robot(source, base_link=base_link, tip_link=tip_link)
+    return robot, InputFile.at(os.fspath(source), sha256_of(source), "robot")
 
 
-def in_si(robot: Robot) -> Robot:
-    """The same robot, with its effects in m and rad.
+def load_optional_robot(
+    source: StrPath | Robot | None, base_link: str | None = None, tip_link: str | None = None
+) -> tuple[Robot | None, tuple[InputFile, ...]]:
+    """Return :func:`load_robot` of ``source``, or no robot and no record if ``source`` is None.
+
+    Raises:
+        InputError: The file cannot be read or is wrong.
+        UsageError: A link does not exist, or is given without a robot.
+    """
+    if source is None:
+        if base_link or tip_link:
+            raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
+        return None, ()
+    robot, record = load_robot(source, base_link, tip_link)
+    return robot, (record,)
+
+
+def with_si_effects(robot: Robot) -> Robot:
+    """Return the robot with its effects in m and rad.
 
     Raises:
         InputError: Its effects cannot be read.
@@ -94,7 +83,7 @@ def in_si(robot: Robot) -> Robot:
     return dataclasses.replace(robot, effects=effects, effect_units=(1.0, 1.0))
 
 
-def poses_of(
+def load_poses(
     source: StrPath | Measurements,
     robot: Robot | None,
     *,
@@ -102,26 +91,26 @@ def poses_of(
     kind: str = "poses",
     attained: bool = True,
 ) -> tuple[Measurements, InputFile]:
-    """The poses of a file, read for ``robot`` where there is one, or as given; and their record.
+    """Return poses, checked against ``robot`` if there is one, and their record.
 
     Args:
-        source: StrPath, ``-`` for standard input, or poses that were read or made before.
-        robot: Whose joints, limits and targets hold for them.
-        ordered: Rows of the file are in the order measured; poses as given say so themselves.
-        kind: What the record calls them.
-        attained: Whether the poses were measured; planned ones may lack x, y, z.
+        source: Path, ``-`` for standard input, or poses that were read or made before.
+        robot: Robot whose joints, limits and targets apply to the poses.
+        ordered: The rows of the file are in the order measured; poses read before carry this themselves.
+        kind: Kind of the input in the record.
+        attained: The poses were measured; planned poses may lack x, y, z.
 
     Raises:
-        InputError: Everything that is wrong with the file, or with the arrays.
-        UsageError: ``ordered`` of poses that have been read.
+        InputError: The file or the arrays are wrong; with every problem.
+        UsageError: ``ordered`` is given with poses that were read before.
     """
     if isinstance(source, Measurements):
         if ordered and not source.ordered:
             raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
-        data = checked(source, robot)
-        if robot is not None and (wrong := _wrong_targets(data, robot)):
-            raise InputError(wrong)
-        return some_poses(data), record_of(data, kind)
+        data = checked_poses(source, robot)
+        if robot is not None:
+            check_targets(data, robot)
+        return require_poses(data), record_of(data, kind)
     from robacc.diagnostics.robot_poses import read_robot_poses
 
     path = os.fspath(source)
@@ -131,14 +120,14 @@ def poses_of(
         data = read_poses(path, ordered=ordered)
     else:
         data = read_robot_poses(path, robot, ordered=ordered, attained=attained)
-    return some_poses(data), InputFile.at(path, data.sha256 or "", kind)
+    return require_poses(data), InputFile.at(path, data.sha256 or "", kind)
 
 
-def some_poses(data: Measurements) -> Measurements:
-    """The poses, of which there must be one.
+def require_poses(data: Measurements) -> Measurements:
+    """Return the poses.
 
     Raises:
-        InputError: There is none.
+        InputError: There are none.
     """
     if data.n:
         return data
@@ -146,7 +135,7 @@ def some_poses(data: Measurements) -> Measurements:
 
 
 def record_of(data: Measurements, kind: str) -> InputFile:
-    """Of the file that the poses are from; else of the CSV that they would make."""
+    """Return the record of the file that the poses come from, else of the CSV that they would make."""
     if data.sha256 is not None:
         return InputFile.at(STDIN if data.source in (None, "<stdin>") else str(data.source), data.sha256, kind)
     from robacc.poses.csv_file import format_poses
@@ -154,8 +143,8 @@ def record_of(data: Measurements, kind: str) -> InputFile:
     return InputFile("arrays", sha256(format_poses(data).encode()).hexdigest(), kind)
 
 
-def scale_of(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]:
-    """The grade scale of a file and its record; nothing for the package's own.
+def load_grade_scale(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]:
+    """Return the grade scale of a file and its record; None without a path, for the package's own scale.
 
     Raises:
         InputError: The file cannot be read or is wrong.
@@ -169,65 +158,32 @@ def scale_of(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]
     return load_scale(read_text(name), name), (InputFile.at(name, sha256_of(name), "scale"),)
 
 
-def checked(data: Measurements, robot: Robot | None = None) -> Measurements:
-    """Poses that were made of arrays, or of lists, as arrays of floats of the right shape; ids become text.
+def load_result(source: StrPath | Result | StoredResult) -> StoredResult:
+    """Return a stored result; one just computed becomes what its file would be, named by its command.
 
     Raises:
-        InputError: An array is not of its shape, holds a number that is not finite, a rotation is none, or there are
-            other joints than the robot has; everything that is wrong.
+        InputError: The file cannot be read or holds no result.
     """
-    columns = {name: getattr(data, name) for name in (*_FIRST_AXES, *_BY_JOINT, *_TEXTS)}
-    arrays = {name: np.asarray(value) for name, value in columns.items() if value is not None}
-    n = arrays["position"].shape[-1] if arrays["position"].ndim else 0
-    problems: list[Problem] = []
-    for name, array in arrays.items():
-        first = _FIRST_AXES.get(name, () if name in _TEXTS else _joints(array, robot))
-        if array.shape != (*first, n):
-            expected = ", ".join(map(str, (*first, n)))
-            problems.append(_problem(data, name, f"expected an array of shape ({expected}), found {array.shape}"))
-        elif name not in _TEXTS:
-            problems += _numbers(data, name, array)
-    if problems:
-        raise InputError(problems)
-    changes: dict[str, Any] = {
-        name: array.astype(str if name in _TEXTS else float, copy=False) for name, array in arrays.items()
-    }
-    return dataclasses.replace(data, **changes)
+    if isinstance(source, StoredResult):
+        return source
+    if isinstance(source, Result):
+        text = source.to_json()
+        return StoredResult(json.loads(text), source.command, sha256(text.encode()).hexdigest(), source.command)
+    return read_result(os.fspath(source))
 
 
-def _joints(array: NDArray[Any], robot: Robot | None) -> tuple[int, ...]:
-    """Of an array by joint, the number of joints expected."""
-    if robot is not None:
-        return (len(robot.variables),)
-    return (array.shape[0],) if array.ndim == 2 else (1,)
+def with_fitted_poses(robot: Robot, inputs: Sequence[InputFile]) -> Robot:
+    """Return the robot with the poses among ``inputs`` recorded as poses that it was fitted to."""
+    digests = (record.sha256 for record in inputs if record.kind == "poses")
+    return dataclasses.replace(robot, fitted_to=tuple(dict.fromkeys((*robot.fitted_to, *digests))))
 
 
-def _wrong_targets(data: Measurements, robot: Robot) -> Problem | None:
-    """What is wrong with the names of targets: each must be the robot's, and of a robot with one tool there is one."""
-    names = [] if data.target is None or data.q is None else np.unique(data.target).tolist()
-    if robot.targets:
-        unknown = [name for name in names if name not in robot.targets]
-        told = f"found {unknown[0]!r}, expected a target of the robot ({', '.join(robot.targets)})" if unknown else ""
-    else:
-        told = f"found several targets ({', '.join(names)}), but the robot has one tool" if len(names) > 1 else ""
-    return _problem(data, "target", told) if told else None
-
-
-def _numbers(data: Measurements, name: str, array: NDArray[Any]) -> list[Problem]:
-    if array.dtype.kind not in "fiu":
-        return [_problem(data, name, f"expected numbers, found {array.dtype}")]
-    if not np.all(np.isfinite(array)):
-        pose = int(np.argmin(np.isfinite(array).reshape(-1, array.shape[-1]).all(axis=0)))
-        return [_problem(data, name, f"pose {pose + 1} has a value that is not finite")]
-    if name.endswith("rotation") and array.ndim == 3:
-        product = np.einsum("kin,kjn->ijn", array, array) - np.eye(3)[..., None]
-        wrong = (np.abs(product).max(axis=(0, 1)) > _TURNED) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
-        if np.any(wrong):
-            return [_problem(data, name, f"pose {int(np.argmax(wrong)) + 1} is no rotation matrix")]
-    if name.startswith("sigma") and np.any(array <= 0):
-        return [_problem(data, name, "expected standard deviations above 0")]
-    return []
-
-
-def _problem(data: Measurements, name: str, message: str) -> Problem:
-    return Problem(message, data.source, column=name)
+def fitted_pose_warnings(robot: Robot | None, inputs: Sequence[InputFile]) -> tuple[str, ...]:
+    """Return a warning for each file of ``inputs`` whose poses the robot was fitted to."""
+    digests = () if robot is None else robot.fitted_to
+    return tuple(
+        f"{record.name}: the robot file was fitted to these same poses, so the errors show how well the model fits "
+        "them; measure other poses to show how accurate the model is"
+        for record in inputs
+        if record.sha256 in digests
+    )

@@ -1,4 +1,4 @@
-"""The call behind ``robacc iso9283``."""
+"""Call of the command ``robacc iso9283``."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitted_to import met_again
-from robacc.api.inputs import STDIN, StrPath, path_of, poses_of, robot_of
-from robacc.api.result import Made, Result, names, parts, within
+from robacc.api.inputs import STDIN, StrPath, fitted_pose_warnings, load_optional_robot, load_poses, path_of
+from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
 from robacc.errors import UsageError
-from robacc.iso_9283.evaluation import iso9283 as evaluated
+from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.iso_9283.records import Iso9283Result
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
@@ -19,13 +18,18 @@ from robacc.robots.description import Robot
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Iso9283(Result, Iso9283Result):
-    """The pose criteria of ISO 9283, with what they were computed from."""
+    """Pose criteria of ISO 9283, with the inputs."""
 
     command: ClassVar[str] = "iso9283"
-    made: Made
+    made: Provenance
+
+    @classmethod
+    def of(cls, body: Iso9283Result, made: Provenance) -> Iso9283:
+        """Return ``body`` with its inputs."""
+        return cls(**fields_of(body), made=made)
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys; arrays stay arrays."""
+        """Return the result's own keys; arrays stay arrays."""
         from robacc.documents.iso9283 import payload
 
         return payload(self)
@@ -43,61 +47,53 @@ def iso9283(
     tip_link: str | None = None,
     seed: int = 0,
 ) -> Iso9283:
-    """The pose criteria of ISO 9283 that cycles of commanded poses can support, and which of its conditions they meet.
+    """Pose criteria of ISO 9283 from cycles of commanded poses, and the conditions of the standard that they meet.
 
-    The commanded pose is the robot's own at the commanded joints where ``robot`` is given, else the poses' own; with
-    neither there is repeatability, and no accuracy.
+    With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
+    file or the arrays. If neither is known, the result has repeatability but no accuracy.
 
     Args:
-        poses: CSV of measured poses (``-`` is standard input), or poses read before; several are several robots.
-        robot: Robot file (YAML), URDF, or a robot that was read before.
-        align: ``base_frame``, ``tool_frame`` or both are fitted to each file's poses first.
-        rated_load: kg; what the poses' payload is held against.
-        drift_windows: Parts of the run that are compared; None is of ten visits.
-        confidence: Of every interval.
-        ordered: The rows of the files are in the order measured.
-        base_link: URDF: the link that the chain starts at.
-        tip_link: URDF: the link that it ends at.
-        seed: Of the bootstrap.
+        poses: CSV of measured poses (``-`` is standard input), or poses read before; one file or object for each robot.
+        robot: Robot file (YAML), URDF, or a robot read before.
+        align: Frames that are fitted to the poses of each file first: ``base_frame``, ``tool_frame`` or both.
+        rated_load: Rated load, kg, which the payload of the poses is compared with.
+        drift_windows: Number of windows of the run for drift; None for windows of ten visits.
+        confidence: Confidence level of every interval.
+        ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
+        seed: Seed of the bootstrap.
 
     Returns:
-        Every criterion (m, rad) with its interval or the reason why there is none, and the protocol's conditions.
+        Every criterion (m, rad) with its interval, or the reason for its absence, and the conditions of the protocol.
 
     Raises:
-        InputError: A file or array cannot be used; with every problem found.
-        UsageError: The call does not fit the data, or itself.
+        InputError: A file or array cannot be used; with every problem.
+        UsageError: The arguments contradict each other or do not fit the data.
 
     Example:
         >>> import robacc
-        >>> found = robacc.iso9283("sample_data/iso9283/poses.csv", robot="sample_data/iso9283/robot.yaml")
-        >>> print(f"RP {found.characteristic('RP').position.value * 1e6:.0f} um")
+        >>> result = robacc.iso9283("sample_data/iso9283/poses.csv", robot="sample_data/iso9283/robot.yaml")
+        >>> print(f"RP {result.characteristic('RP').position.value * 1e6:.0f} um")
         RP 74 um
     """
-    within("seed", seed, 0)
-    if [path_of(one) for one in poses].count(STDIN) > 1:
-        raise UsageError("standard input can be read once: - is given more than once")
-    arm, arm_record = robot_of(robot, base_link, tip_link)
-    read = [poses_of(one, arm, ordered=ordered) for one in poses]
-    what = names(align)
-    found = evaluated(
-        [data for data, _ in read],
+    arguments = locals()
+    check_range("seed", seed, 0)
+    if [path_of(source) for source in poses].count(STDIN) > 1:
+        raise UsageError("standard input can be read only once, but - is given more than once")
+    arm, arm_record = load_optional_robot(robot, base_link, tip_link)
+    loaded = [load_poses(source, arm, ordered=ordered) for source in poses]
+    records = [record for _, record in loaded]
+    aligned = effect_names(align)
+    body = evaluate_criteria(
+        [data for data, _ in loaded],
         arm,
-        what=what,
+        aligned_frames=aligned,
         confidence=confidence,
         seed=seed,
         windows=drift_windows,
         rated_load=rated_load,
     )
-    seen = met_again(arm, [record for _, record in read])
-    found = dataclasses.replace(found, warnings=(*found.warnings, *seen))
-    options = {
-        "align": list(what),
-        "rated_load": rated_load,
-        "drift_windows": drift_windows,
-        "confidence": confidence,
-        "ordered": ordered,
-        "base_link": base_link,
-        "tip_link": tip_link,
-    }
-    made = Made(options, (*(record for _, record in read), *arm_record), seed)
-    return Iso9283(**parts(found), made=made)
+    body = dataclasses.replace(body, warnings=(*body.warnings, *fitted_pose_warnings(arm, records)))
+    options = options_of(iso9283, arguments, align=list(aligned))
+    return Iso9283.of(body, Provenance(options, (*records, *arm_record), seed))

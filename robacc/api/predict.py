@@ -1,4 +1,4 @@
-"""The call behind ``robacc predict``."""
+"""Call of the command ``robacc predict``."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from robacc.accuracy.grade_scale import default_scale
-from robacc.api.fitted_to import met_again
-from robacc.api.inputs import STDIN, StrPath, needed_robot_of, path_of, poses_of, scale_of
-from robacc.api.result import Made, Result, names, parts, within
+from robacc.api.inputs import STDIN, StrPath, fitted_pose_warnings, load_grade_scale, load_poses, load_robot, path_of
+from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.allocation import Allocation
-from robacc.prediction.allocation import allocate as allocated
+from robacc.prediction.allocation import allocate as allocate_tolerances
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
 from robacc.prediction.configurations import Configurations, configurations_of, sampled_configurations
 from robacc.prediction.parameters import NORMAL, uncertain_parameters
@@ -33,37 +32,37 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Predicted(Result, Prediction):
-    """The accuracy to be expected, with what it was computed from."""
+    """Predicted accuracy, with the inputs."""
 
     command: ClassVar[str] = "predict"
     robot: Robot
-    """As its file describes it."""
+    """Robot as its file describes it."""
     allocation: Allocation | None
-    """Tolerances that would reach the grade that was asked for."""
+    """Tolerances that would reach the requested grade."""
     comparison: MeasuredComparison | None
-    """What measured poses say of the prediction."""
+    """Comparison of the prediction with measured poses."""
     planned: Measurements | None
-    """The poses predicted at, where they were given."""
+    """Poses given for the prediction."""
     measured: Measurements | None
-    """The measured poses that the prediction is held against."""
-    made: Made
+    """Measured poses that the prediction is compared with."""
+    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What looks wrong."""
-        found = [warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings]
+        """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
+        warnings = [warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings]
+        warnings += fitted_pose_warnings(self.robot, [file for file in self.made.inputs if file.kind == "against"])
         hint = None if self.comparison is None else self.comparison.hint
-        found.extend(met_again(self.robot, [one for one in self.made.inputs if one.kind == "against"]))
-        return tuple(found) if hint is None else (*found, hint)
+        return tuple(warnings) if hint is None else (*warnings, hint)
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys; arrays stay arrays."""
+        """Return the result's own keys; arrays stay arrays."""
         from robacc.documents.predict import payload, pose_payload
 
         return {**payload(self, self.allocation, self.comparison), **pose_payload(self, self.robot)}
 
     def per_pose_csv(self) -> str:
-        """A row a pose: where, its joint variables, and what is predicted there (m, rad, tool frame)."""
+        """Return a CSV with one row a configuration: joint variables and the prediction (m, rad, tool frame)."""
         from robacc.documents.predict import per_pose_csv
 
         return per_pose_csv(self, self.robot.variable_names)
@@ -87,81 +86,80 @@ def predict(
     tip_link: str | None = None,
     seed: int = 0,
 ) -> Predicted:
-    """Covariances, error budget and grade to be expected from parameter tolerances.
+    """Covariances, error budget and grade predicted from parameter tolerances.
 
-    At ``poses``, else at those of ``against``, else at configurations spread over the joint ranges.
+    The prediction is for the joints of ``poses``, else of ``against``, else for configurations over the joint ranges.
 
     Args:
-        robot: Robot file (YAML), URDF, or a robot that was read before.
-        poses: CSV of poses whose joints to predict at, poses read before, or joint variables ``(J, N)``, rad or m.
-        samples: Configurations over the joint ranges; None is 1000.
-        target: Of several targets, the one that samples are of.
-        tolerances: Tolerances (YAML) that go before the robot's.
-        scale: Grade scale (YAML); None is the package's own.
-        allocate: Find tolerances that would reach this grade.
-        against: Measured poses to hold the prediction against.
-        align: ``base_frame``, ``tool_frame`` or both are fitted to ``against`` first.
-        noise: Measuring noise along and about an axis, one standard deviation: ``"0.02mm,0.01deg"``, or ``(m, rad)``.
-        confidence: Of every interval.
-        ordered: The rows of the files are in the order measured.
-        base_link: URDF: the link that the chain starts at.
-        tip_link: URDF: the link that it ends at.
-        seed: Of everything drawn at random.
+        robot: Robot file (YAML), URDF, or a robot read before.
+        poses: CSV of poses with joints, poses read before, or joint variables ``(J, N)``, rad or m.
+        samples: Number of configurations over the joint ranges; None for 1000.
+        target: Target of the sampled configurations, for a robot with several.
+        tolerances: Tolerance file (YAML), which overrides the tolerances of the robot file.
+        scale: Grade scale (YAML); None for the scale of the package.
+        allocate: Grade to find tolerances for.
+        against: Measured poses to compare the prediction with.
+        align: Frames that are fitted to ``against`` first: ``base_frame``, ``tool_frame`` or both.
+        noise: Standard deviations of the measurement noise along and about an axis, as ``"0.02mm,0.01deg"`` or
+            ``(m, rad)``.
+        confidence: Confidence level of every interval.
+        ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
+        seed: Seed of the random numbers.
 
     Returns:
-        The predicted covariances (m, rad), the budget and the grade; what was allocated and compared.
+        The predicted covariances (m, rad), the budget and the grade, with the allocation and the comparison.
 
     Raises:
-        InputError: A file or array cannot be used; with every problem found.
-        UsageError: The call does not fit the robot, or itself.
+        InputError: A file or array cannot be used; with every problem.
+        UsageError: The arguments contradict each other or do not fit the robot.
 
     Example:
         >>> import robacc
-        >>> found = robacc.predict("configs/robots/puma560.yaml", samples=200)
-        >>> print(f"{found.position.rms * 1e3:.2f} mm rms; most of it by {found.budget[0].name}")
-        0.37 mm rms; most of it by j1.d
+        >>> result = robacc.predict("configs/robots/puma560.yaml", samples=200)
+        >>> print(f"{result.position.rms * 1e3:.2f} mm rms; largest contribution: {result.budget[0].name}")
+        0.37 mm rms; largest contribution: j1.d
     """
-    within("seed", seed, 0)
+    arguments = locals()
+    check_range("seed", seed, 0)
     _check(poses, samples, against, align, noise, target)
-    sigma = _noise(noise)
-    arm, arm_record = needed_robot_of(robot, base_link, tip_link)
-    given, tolerance_record = _tolerances(tolerances, arm)
-    grades, scale_record = scale_of(scale)
+    noise_std = _noise(noise)
+    arm, arm_record = load_robot(robot, base_link, tip_link)
+    read_tolerances, tolerance_record = _tolerances(tolerances, arm)
+    grades, scale_record = load_grade_scale(scale)
     grades = grades or default_scale()
     if allocate is not None:
-        step_limits(grades, allocate)  # before anything is read or computed in vain
-    parameters = uncertain_parameters(arm, given)
+        step_limits(grades, allocate)  # raises for an unknown grade before poses are read
+    parameters = uncertain_parameters(arm, read_tolerances)
     planned, planned_record = _poses(poses, arm, ordered, "poses")
     measured, measured_record = _poses(against, arm, ordered, "against")
-    where = _configurations(arm, planned or measured, samples, seed, target)
-    found = predict_accuracy(arm, parameters, where, grades, NORMAL if given is None else given.meaning)
-    needed = None if allocate is None else allocated(arm, found, allocate)
-    what = names(align)
-    compared = None
+    configurations = _configurations(arm, planned or measured, samples, seed, target)
+    meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
+    prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
+    allocation = None if allocate is None else allocate_tolerances(arm, prediction, allocate)
+    aligned = effect_names(align)
+    comparison = None
     if measured is not None:
-        compared = compare_with_measured(
-            arm, measured, parameters, what=what, noise=sigma, confidence=confidence, seed=seed
+        comparison = compare_with_measured(
+            arm, measured, parameters, what=aligned, noise=noise_std, confidence=confidence, seed=seed
         )
-    options = {
-        "samples": where.n if planned is None and measured is None else None,
-        "target": target,
-        "allocate": allocate,
-        "align": list(what),
-        "noise": list(noise) if isinstance(noise, tuple) else noise,
-        "confidence": confidence,
-        "ordered": ordered,
-        "base_link": base_link,
-        "tip_link": tip_link,
-    }
+    options = options_of(
+        predict,
+        arguments,
+        samples=configurations.n if planned is None and measured is None else None,
+        align=list(aligned),
+        noise=list(noise) if isinstance(noise, tuple) else noise,
+    )
     inputs = (arm_record, *tolerance_record, *scale_record, *planned_record, *measured_record)
     return Predicted(
-        **parts(found),
+        **fields_of(prediction),
         robot=arm,
-        allocation=needed,
-        comparison=compared,
+        allocation=allocation,
+        comparison=comparison,
         planned=planned,
         measured=measured,
-        made=Made(options, inputs, seed),
+        made=Provenance(options, inputs, seed),
     )
 
 
@@ -188,10 +186,10 @@ def _check(
 
 
 def _noise(noise: str | Noise | None) -> Noise:
-    """Position (m) and orientation (rad) of ``noise``.
+    """Return the standard deviations of position (m) and orientation (rad).
 
     Raises:
-        UsageError: it is not one or two sizes above zero.
+        UsageError: ``noise`` is not one or two sizes of at least zero.
     """
     if noise is None:
         return None, None
@@ -222,8 +220,8 @@ def _poses(
         return None, ()
     if isinstance(source, np.ndarray):
         source = Measurements(position=np.zeros((3, source.shape[-1])), q=source.copy())
-    # Where to predict needs joints alone; what it is held against was measured.
-    data, record = poses_of(source, arm, ordered=ordered, kind=kind, attained=kind == "against")
+    # A prediction needs joints only; poses to compare with are measured.
+    data, record = load_poses(source, arm, ordered=ordered, kind=kind, attained=kind == "against")
     return data, (record,)
 
 

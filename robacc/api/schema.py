@@ -1,4 +1,4 @@
-"""JSON Schemas of the results, which are files of the package."""
+"""JSON Schemas of the results, stored as files of the package."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ _FOLDER = Path(__file__).parents[1] / "schemas"
 
 
 def schema_names() -> tuple[str, ...]:
-    """The commands whose results have a schema."""
+    """Return the commands whose results have a schema."""
     return tuple(sorted(path.stem.removeprefix("robacc.").rpartition("-")[0] for path in _FOLDER.glob("robacc.*.json")))
 
 
 def schema_text(name: str) -> str:
-    """The schema of a command's result as its file has it.
+    """Return the text of the schema file of a command.
 
     Raises:
-        UsageError: There is none of that name.
+        UsageError: No command of that name has a schema.
     """
     if name not in schema_names():
-        raise UsageError(f"no schema {name!r}; there are {', '.join(schema_names())}")
+        raise UsageError(f"no schema {name!r}; choose one of {', '.join(schema_names())}")
     return (_FOLDER / f"robacc.{name}-{schema_version(name)}.json").read_text(encoding="utf-8")
 
 
 def schema(name: str) -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of a command's result.
+    """Return the JSON Schema (draft 2020-12) of a command's result.
 
     Args:
-        name: Of the command, as in ``estimate``.
+        name: Name of the command, such as ``estimate``.
 
     Raises:
-        UsageError: There is none of that name.
+        UsageError: No command of that name has a schema.
 
     Example:
         >>> import robacc
         >>> robacc.schema("estimate")["properties"]["n_poses"]["description"]
         'Measured poses (rows).'
     """
-    found: dict[str, Any] = json.loads(schema_text(name))
-    return found
+    document: dict[str, Any] = json.loads(schema_text(name))
+    return document

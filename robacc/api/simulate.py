@@ -1,4 +1,4 @@
-"""The call behind ``robacc simulate``."""
+"""Call of the command ``robacc simulate``."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, ClassVar, Literal
 
-from robacc.api.inputs import StrPath, checked, needed_robot_of, record_of, some_poses
-from robacc.api.result import Made, Result, one_of, parts, within
+from robacc.api.arrays import checked_poses
+from robacc.api.inputs import StrPath, load_robot, record_of, require_poses
+from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import MissingColumnError, UsageError
 from robacc.measurements import Measurements
@@ -18,47 +19,52 @@ from robacc.poses.csv_file import pose_pieces, read_poses
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation
-from robacc.simulation.simulate import simulate as simulated
+from robacc.simulation.simulate import simulate as simulate_poses
 
 _FIRST_ROW = 4
-"""Two comments and the header stand above the rows of a file with outliers."""
+"""Line of the first row in a file with outliers, below two comments and the header."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Simulated(Result, Simulation):
-    """Measured poses that were made up, with what they were made from."""
+    """Simulated poses, with the robot and the plan."""
 
     command: ClassVar[str] = "simulate"
     robot: Robot
     plan: Plan
-    made: Made
+    made: Provenance
+
+    @classmethod
+    def of(cls, body: Simulation, robot: Robot, plan: Plan, made: Provenance) -> Simulated:
+        """Return ``body`` with its inputs."""
+        return cls(**fields_of(body), robot=robot, plan=plan, made=made)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """None: nothing was measured."""
+        """Empty: nothing was measured."""
         return ()
 
     @property
     def outlier_lines(self) -> list[int]:
-        """Lines of :meth:`csv` that were made wrong."""
+        """Lines of :meth:`csv` with outliers."""
         return [int(row) + _FIRST_ROW for row in self.outliers]
 
     def csv(self) -> str:
-        """The file that the command writes."""
+        """Return the file that the command writes."""
         return "".join(self.csv_pieces())
 
     def csv_pieces(self) -> Iterator[str]:
-        """The same in pieces, for many poses."""
+        """Yield the text of :meth:`csv` in pieces."""
         source = self.made.inputs[0].name
-        made = f"with seed {self.plan.seed}, {_noise_told(self.plan)}"
-        head = [f"Simulated by robacc simulate from {source} {made}; nothing was measured."]
-        wrong = self.outlier_lines
-        head += [f"Outliers on lines {', '.join(map(str, wrong))}"] if wrong else []
+        settings = f"seed {self.plan.seed}, {_noise_text(self.plan)}"
+        head = [f"Simulated by robacc simulate from {source} with {settings}; nothing was measured."]
+        lines = self.outlier_lines
+        head += [f"Outliers on lines {', '.join(map(str, lines))}"] if lines else []
         yield "".join(f"# {line}\n" for line in head)
         yield from pose_pieces(self.data)
 
     def write(self, path: StrPath) -> None:
-        """Write :meth:`csv` to a file, whole or not at all.
+        """Write :meth:`csv` to a file; a failure leaves no partial file.
 
         Raises:
             InputError: The file cannot be written.
@@ -68,7 +74,7 @@ class Simulated(Result, Simulation):
         write_pieces(path, self.csv_pieces())
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys: what is in the file, not the poses themselves."""
+        """Return the result's own keys: a summary of the file, without the poses."""
         return {
             "n_poses": self.data.n,
             "effects": [str(effect.get("effect")) for effect in self.robot.effects],
@@ -99,42 +105,42 @@ def simulate(
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> Simulated:
-    """Measured poses made up, exact and nonlinear, of a robot with the effects that its file lists.
+    """Simulate measured poses of a robot with the effects that its file lists, by the exact nonlinear model.
 
     Args:
-        robot: Robot file (YAML), URDF, or a robot that was read before.
-        poses: Commanded poses, sampled; either these or ``at``.
-        at: Commanded poses of a CSV instead, or poses read before, in the order visited.
-        seed: Of everything drawn at random.
-        cycles: Visits of every commanded pose.
-        sampling: Joint variables of low discrepancy, or uniform at random.
-        noise: Standard deviation along each axis, m, or text with its unit such as ``"0.02mm"``.
-        noise_orientation: The same about each axis, rad, or text such as ``"0.005deg"``.
-        sigma: Whether the noise is among the columns.
-        outliers: Rows made wrong.
-        outlier_size: How far an outlier is off, m or text.
-        position_only: Whether orientation is not measured.
-        commanded: Whether the commanded poses, of the robot without its effects, are among the columns.
-        motion: Whether direction and speed of approach, from the poses' order, are among the columns.
+        robot: Robot file (YAML), URDF, or a robot read before.
+        poses: Number of commanded poses to sample; give either this or ``at``.
+        at: CSV of commanded poses, or poses read before, in the order visited.
+        seed: Seed of the random numbers.
+        cycles: Number of visits to every commanded pose.
+        sampling: ``even`` for a low-discrepancy sequence of joint variables, ``random`` for a uniform distribution.
+        noise: Standard deviation of the measurement noise along each axis, m, or text such as ``"0.02mm"``.
+        noise_orientation: Standard deviation about each axis, rad, or text such as ``"0.005deg"``.
+        sigma: Add columns with the standard deviations of the noise.
+        outliers: Number of outliers.
+        outlier_size: Position error of an outlier, m or text.
+        position_only: Measure no orientation.
+        commanded: Add columns with the commanded poses, those of the robot without its effects.
+        motion: Add columns with direction and speed of approach, from the order of the poses.
         time_step: Seconds between poses.
-        temperature: Degrees Celsius: constant, or a warm-up from one to another.
-        payload: kg; one of these at random at each pose.
-        base_link: URDF: the link that the chain starts at.
-        tip_link: URDF: the link that it ends at.
+        temperature: Degrees Celsius: constant, or start and end of a warm-up.
+        payload: Payloads, kg; each pose has one of them, chosen at random.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
 
     Returns:
-        ``data``, which every call takes as poses, and :meth:`Simulated.csv`, which the command writes.
+        ``data``, which every call accepts as poses, and :meth:`Simulated.csv`, the file that the command writes.
 
     Raises:
-        InputError: A file cannot be used, a slide has no limits, or the robot's effects cannot be read.
-        UsageError: The plan lacks what an effect depends on, or the call does not fit itself.
+        InputError: A file cannot be used, a prismatic joint has no limits, or the robot's effects cannot be read.
+        UsageError: The plan lacks a column that an effect depends on, or the arguments contradict each other.
 
     Example:
         >>> import robacc
-        >>> found = robacc.simulate("sample_data/robot.yaml", poses=20, noise="0.02mm", seed=1)
-        >>> found.data.position.shape
+        >>> result = robacc.simulate("sample_data/robot.yaml", poses=20, noise="0.02mm", seed=1)
+        >>> result.data.position.shape
         (3, 20)
-        >>> robacc.estimate(found.data, robot="sample_data/robot.yaml").n_poses
+        >>> robacc.estimate(result.data, robot="sample_data/robot.yaml").n_poses
         20
     """
     if (poses is None) == (at is None):
@@ -153,45 +159,44 @@ def simulate(
         commanded=commanded,
         motion=motion,
         time_step=time_step,
-        temperature=_ends(temperature),
+        temperature=_temperature_range(temperature),
         payloads=tuple(map(float, payload)),
     )
     _check(plan, poses)
-    arm, arm_record = needed_robot_of(robot, base_link, tip_link)
+    arm, arm_record = load_robot(robot, base_link, tip_link)
     planned, records = _planned(at, arm)
     try:
-        found = simulated(arm, plan, planned)
+        body = simulate_poses(arm, plan, planned)
     except MissingColumnError as error:
         message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
         raise MissingColumnError(message) from error
-    made = Made(dataclasses.asdict(plan), (arm_record, *records), seed)
-    return Simulated(**parts(found), robot=arm, plan=plan, made=made)
+    return Simulated.of(body, arm, plan, Provenance(dataclasses.asdict(plan), (arm_record, *records), seed))
 
 
 def _check(plan: Plan, poses: int | None) -> None:
-    within("poses", 1 if poses is None else poses, 1, 1_000_000)
-    within("seed", plan.seed, 0)
-    within("cycles", plan.cycles, 1, 100_000)
-    within("outliers", plan.outliers, 0)
-    one_of("sampling", plan.sampling, ("even", "random"))
-    within("time_step", plan.time_step or 0.0, 0.0)
-    for weight in plan.payloads:
-        if not 0 <= weight < math.inf:
-            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {weight:g}")
+    check_range("poses", 1 if poses is None else poses, 1, 1_000_000)
+    check_range("seed", plan.seed, 0)
+    check_range("cycles", plan.cycles, 1, 100_000)
+    check_range("outliers", plan.outliers, 0)
+    check_choice("sampling", plan.sampling, ("even", "random"))
+    check_range("time_step", plan.time_step or 0.0, 0.0)
+    for mass in plan.payloads:
+        if not 0 <= mass < math.inf:
+            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
     if not all(map(math.isfinite, plan.temperature or ())):
         raise UsageError("`temperature`: expected finite numbers")
     if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
         raise UsageError("`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`")
 
 
-def _noise_told(plan: Plan) -> str:
-    """The noise along, and where there is some about, each axis, in words."""
+def _noise_text(plan: Plan) -> str:
+    """Return the standard deviations of the noise along and about each axis as text."""
     sizes = [(plan.noise_position, "mm"), (plan.noise_orientation if plan.orientation else 0.0, "mrad")]
-    told = [f"{size * 1e3:.6g} {unit}" for size, unit in sizes if size > 0]
-    return f"noise {' and '.join(told)}" if told else "no noise"
+    texts = [f"{size * 1e3:.6g} {unit}" for size, unit in sizes if size > 0]
+    return f"noise {' and '.join(texts)}" if texts else "no noise"
 
 
-def _ends(temperature: float | tuple[float, float] | None) -> tuple[float, float] | None:
+def _temperature_range(temperature: float | tuple[float, float] | None) -> tuple[float, float] | None:
     if temperature is None:
         return None
     start, end = temperature if isinstance(temperature, tuple) else (temperature, temperature)
@@ -202,9 +207,9 @@ def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurement
     if at is None:
         return None, ()
     if isinstance(at, Measurements):
-        data = checked(at, arm)
+        data = checked_poses(at, arm)
     else:
-        # Not by read_robot_poses: a plan names no target, each is visited at every pose.
+        # Not read_robot_poses: poses to visit name no target; the robot visits every target at each pose.
         data = read_poses(
             at,
             joint_names=arm.variable_names,
@@ -212,4 +217,4 @@ def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurement
             limits=[joint.limits for joint in arm.variables],
             attained=False,
         )
-    return some_poses(data), (record_of(data, "poses"),)
+    return require_poses(data), (record_of(data, "poses"),)

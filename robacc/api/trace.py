@@ -1,38 +1,45 @@
-"""The call behind ``robacc trace``."""
+"""Call of the command ``robacc trace``."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitted_to import fitted_to, met_again
-from robacc.api.fitting import Fitted, Given, given, listed
-from robacc.api.inputs import StrPath
-from robacc.api.result import Made, parts, within
+from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs
+from robacc.api.inputs import StrPath, fitted_pose_warnings, with_fitted_poses
+from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.effects.request import build, parse_requests
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.trace import Trace
-from robacc.tracing.trace import trace as close_the_loop
+from robacc.tracing.trace import trace as trace_effects
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Traced(Fitted, Trace):
+class Traced(FitResult, Trace):
     """What the loop found, with what it was computed from."""
 
     command: ClassVar[str] = "trace"
-    given: Given
-    made: Made
+    fit_inputs: FitInputs
+    made: Provenance
+
+    @classmethod
+    def of(cls, body: Trace, inputs: FitInputs, made: Provenance) -> Traced:
+        """Return ``body`` with its inputs, and its robot with the record of the poses that it was fitted to."""
+        fields = fields_of(body)
+        fields["robot"] = with_fitted_poses(body.robot, inputs.files)
+        fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
+        return cls(**fields, fit_inputs=inputs, made=made)
 
     def payload(self) -> dict[str, Any]:
-        """The result's own keys; arrays stay arrays."""
+        """Return the result's own keys; arrays stay arrays."""
         from robacc.documents.fit import trace_payload
 
-        return trace_payload(self, self.given.data, self.given.robot, self.given.apart, self.made.seed or 0)
+        inputs = self.fit_inputs
+        return trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
 
 
 def trace(
@@ -40,8 +47,8 @@ def trace(
     *,
     robot: StrPath | Robot,
     declared: str | Sequence[str] = (),
-    holdout: StrPath | Measurements | None = None,
     folds: int = 5,
+    holdout: StrPath | Measurements | None = None,
     empirical: bool = True,
     ordered: bool = False,
     base_link: str | None = None,
@@ -52,25 +59,25 @@ def trace(
     """Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it.
 
     Args:
-        poses: CSV of measured poses (``-`` is standard input), or poses that were read before or made of arrays.
-        robot: Robot file (YAML) or URDF that commanded them, or a robot that was read before.
+        poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
+        robot: Robot file (YAML) or URDF that commanded the poses, or a robot read before.
         declared: Effects known to be there, as in ``("base_frame", "tool_frame")``: fitted before and after.
-        holdout: Poses of their own to judge on, instead of folds.
-        folds: Of cross-fitting: poses held out in turn.
+        folds: Number of folds of cross-validation; each is held out in turn.
+        holdout: Separate validation poses, in place of cross-validation.
         empirical: Whether corrections without a name may compete at the end.
-        ordered: The rows of the files are in the order measured.
-        base_link: URDF: the link that the chain starts at.
-        tip_link: URDF: the link that it ends at.
-        seed: Of everything drawn at random.
-        progress: Called with what is being done, how much of it is done, and of how much.
+        ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
+        seed: Seed of the random numbers.
+        progress: Called with a label of the work, the number of steps done, and the number of all steps.
 
     Returns:
         The verdict, the findings with their rivals and coefficients, the error before and after, and the robot with
         the findings written into it.
 
     Raises:
-        InputError: A file or array cannot be used, or the data hold a mistake, or are too few.
-        UsageError: The data lack what a declared effect needs, or the call does not fit itself.
+        InputError: A file or array cannot be used, the data hold a mistake, or the poses are too few.
+        UsageError: The data lack what a declared effect needs, or the arguments contradict each other.
 
     Example:
         >>> import robacc
@@ -83,30 +90,19 @@ def trace(
         >>> found.verdict, [(one.effect, one.joints) for one in found.findings]
         ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
     """
-    within("folds", folds, 2, 50)
-    within("seed", seed, 0)
-    asked = given(poses, robot, holdout, ordered, base_link, tip_link)
-    effects = build(parse_requests(listed(declared)), Arm.of(asked.robot), asked.data)
-    found = close_the_loop(
-        Model.of(asked.robot, effects),
-        asked.data,
+    arguments = locals()
+    check_range("folds", folds, 2, 50)
+    check_range("seed", seed, 0)
+    inputs = load_fit_inputs(poses, robot, holdout, ordered, base_link, tip_link)
+    effects = build(parse_requests(joined(declared)), Arm.of(inputs.robot), inputs.data)
+    body = trace_effects(
+        Model.of(inputs.robot, effects),
+        inputs.data,
         n_folds=folds,
         seed=seed,
-        holdout=asked.apart,
+        holdout=inputs.holdout,
         empirical=empirical,
-        progress=progress or (lambda what, done, of: None),
+        progress=progress or (lambda label, done, total: None),
     )
-    options = {
-        "poses": asked.names["poses"],
-        "robot": asked.names["robot"],
-        "declared": listed(declared),
-        "folds": folds,
-        "holdout": asked.names["holdout"],
-        "empirical": empirical,
-        "ordered": ordered,
-        "base_link": base_link,
-        "tip_link": tip_link,
-    }
-    warnings = (*found.warnings, *met_again(asked.robot, asked.inputs))
-    found = dataclasses.replace(found, robot=fitted_to(found.robot, asked.inputs), warnings=warnings)
-    return Traced(**parts(found), given=asked, made=Made(options, asked.inputs, seed))
+    options = options_of(trace, arguments, **inputs.names, declared=joined(declared))
+    return Traced.of(body, inputs, Provenance(options, inputs.files, seed))

@@ -78,7 +78,7 @@ def estimate_each(paths: Sequence[str], asked: Asked, outlets: Outlets, per_pose
 def _check_call(paths: Sequence[str], asked: Asked, per_pose: str | None) -> None:
     """What is wrong for every file is said once, before the first of them."""
     from robacc.accuracy.estimation import check_call
-    from robacc.api.inputs import robot_of, scale_of
+    from robacc.api.inputs import load_grade_scale, load_optional_robot
 
     if "-" in paths:
         raise UsageError("standard input is one file and has no name for a table: give - alone")
@@ -87,9 +87,9 @@ def _check_call(paths: Sequence[str], asked: Asked, per_pose: str | None) -> Non
         raise UsageError(f"{twice} is given twice")
     if per_pose is not None and _folder(per_pose) is None:
         raise UsageError(f"--per-pose {per_pose}: of several files it is a folder; name one, with / at its end")
-    arm, _ = robot_of(asked.robot, asked.base_link, asked.tip_link)
+    arm, _ = load_optional_robot(asked.robot, asked.base_link, asked.tip_link)
     check_call(arm, asked.align, asked.confidence)
-    scale_of(asked.scale)
+    load_grade_scale(asked.scale)
 
 
 def _real(paths: Sequence[str]) -> set[str]:

@@ -139,7 +139,7 @@ def test_call_gives_what_the_command_gives_byte_for_byte(what: str) -> None:
     assert found.to_json() == text
     assert list(found.document()) == list(json.loads(text))
     assert isinstance(found.warnings, tuple)
-    assert repr(found) == f"<robacc.{type(found).__name__} of {', '.join(one.name for one in found.made.inputs)}>"
+    assert repr(found) == f"<robacc.{type(found).__name__} of {', '.join(file.name for file in found.made.inputs)}>"
     if what == "trace":
         assert [(done, of) for _, done, of in TOLD] == [(done, 6) for done in range(6)]
 
@@ -290,8 +290,8 @@ WRONG_ARRAYS = {
     "pose: expected an array of shape (4), found (2,)": {"pose": ["a", "b"]},
     "position: pose 2 has a value that is not finite": {"position": np.where(np.arange(4) == 1, np.nan, FLAT)},
     "position: expected numbers, found <U1": {"position": np.full((3, 4), "x")},
-    "rotation: pose 1 is no rotation matrix": {"rotation": np.ones((3, 3, 4))},
-    "commanded_rotation: pose 3 is no rotation matrix": {
+    "rotation: pose 1 is not a rotation matrix": {"rotation": np.ones((3, 3, 4))},
+    "commanded_rotation: pose 3 is not a rotation matrix": {
         "commanded_rotation": np.eye(3)[..., None] * np.array([1, 1, -1, 1])
     },
     "sigma_position: expected standard deviations above 0": {"sigma_position": FLAT},
@@ -318,43 +318,43 @@ def estimate_world() -> None:
 
 
 WRONG_CALLS: dict[str, Callable[[], object]] = {
-    "frame: expected one of 'tool', 'base', None, found 'world'": estimate_world,
-    "seed: expected a number of at least 0, found -1": lambda: robacc.estimate(POSES, robot=ROBOT, seed=-1),
-    "folds: expected a number of between 2 and 50, found 1": lambda: robacc.calibrate(
+    "`frame`: expected one of 'tool', 'base', None, found 'world'": estimate_world,
+    "`seed`: expected a number of at least 0, found -1": lambda: robacc.estimate(POSES, robot=ROBOT, seed=-1),
+    "`folds`: expected a number between 2 and 50, found 1": lambda: robacc.calibrate(
         POSES, robot=ROBOT, fit="base_frame", folds=1
     ),
-    "--fit names no effect": lambda: robacc.calibrate(POSES, robot=ROBOT, fit=()),
-    "base_link and tip_link choose a chain of a URDF as it is read": lambda: robacc.estimate(
+    "`fit` names no effect": lambda: robacc.calibrate(POSES, robot=ROBOT, fit=()),
+    "`base_link` and `tip_link` apply when a URDF is read; this robot has been read already": lambda: robacc.estimate(
         POSES, robot=robacc.read_robot(ROBOT), tip_link="flange"
     ),
-    "--base-link and --tip-link choose a chain of the URDF that --robot names": lambda: robacc.estimate(
+    "`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`": lambda: robacc.estimate(
         POSES, base_link="base"
     ),
-    "ordered is of a file as it is read; use read_poses(path, ordered=True)": lambda: robacc.trace(
+    "`ordered` applies when a file is read; use read_poses(path, ordered=True)": lambda: robacc.trace(
         sample(), robot=ROBOT, ordered=True
     ),
     "the poses has no joint columns q1 … q6, which a fit needs": lambda: robacc.trace(
         robacc.Measurements(position=FLAT), robot=ROBOT
     ),
-    "--noise: expected a length and perhaps an angle": lambda: robacc.predict(
+    "`noise`: expected a length and perhaps an angle": lambda: robacc.predict(
         ROBOT, against=POSES, noise="1mm,1deg,1deg"
     ),
-    "--noise: expected a size that is not negative, found -0.1": lambda: robacc.simulate(ROBOT, poses=3, noise=-0.1),
-    "--noise: expected a number with a unit (m, mm, um), found nan": lambda: robacc.simulate(
+    "`noise`: expected a size that is not negative, found -0.1": lambda: robacc.simulate(ROBOT, poses=3, noise=-0.1),
+    "`noise`: expected a number with a unit (m, mm, um), found nan": lambda: robacc.simulate(
         ROBOT, poses=3, noise=float("nan")
     ),
-    "poses: expected a number of between 1 and 1e+06, found 0": lambda: robacc.simulate(ROBOT, poses=0),
-    "--payload: a payload is a number that is not negative, found -1": lambda: robacc.simulate(
+    "`poses`: expected a number between 1 and 1e+06, found 0": lambda: robacc.simulate(ROBOT, poses=0),
+    "`payload`: expected masses of at least 0 kg, found -1": lambda: robacc.simulate(
         ROBOT, poses=3, payload=(1, -1)
     ),
-    "--temperature: expected finite numbers": lambda: robacc.simulate(ROBOT, poses=3, temperature=float("inf")),
-    "time_step: expected a number of at least 0, found -2": lambda: robacc.simulate(ROBOT, poses=3, time_step=-2),
-    "standard input can be read once: - is given more than once": lambda: robacc.iso9283("-", "-"),
-    "standard input can be read once: --poses or --against, not both": lambda: robacc.predict(
+    "`temperature`: expected finite numbers": lambda: robacc.simulate(ROBOT, poses=3, temperature=float("inf")),
+    "`time_step`: expected a number of at least 0, found -2": lambda: robacc.simulate(ROBOT, poses=3, time_step=-2),
+    "standard input can be read only once, but - is given more than once": lambda: robacc.iso9283("-", "-"),
+    "standard input can be read only once: give - to `poses` or to `against`": lambda: robacc.predict(
         ROBOT, poses="-", against="-"
     ),
-    "standard input can be read once": lambda: robacc.compare("-", "-"),
-    "no schema 'estimat'; there are calibrate, check": lambda: robacc.schema("estimat"),
+    "standard input can be read only once": lambda: robacc.compare("-", "-"),
+    "no schema 'estimat'; choose one of calibrate, check": lambda: robacc.schema("estimat"),
 }
 
 

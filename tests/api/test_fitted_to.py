@@ -17,7 +17,7 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
-TOLD = "poses.csv: the robot file was fitted to these very poses, so their errors say how well the model fits them"
+WARNING = "poses.csv: the robot file was fitted to these same poses, so the errors show how well the model fits them"
 NOTE = "the robot file was fitted to these same poses"
 
 
@@ -63,7 +63,7 @@ def test_the_model_names_its_poses(model: Path, others: Path) -> None:
 
 def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path: Path) -> None:
     own, other = (document("estimate", path, "--robot", str(model)) for path in (POSES, str(others)))
-    assert (NOTE in own["notes"], any(TOLD in text for text in own["warnings"])) == (True, True)
+    assert (NOTE in own["notes"], any(WARNING in text for text in own["warnings"])) == (True, True)
     assert (NOTE in other["notes"], other["warnings"]) == (False, [])
     plain = document("estimate", POSES, "--robot", ROBOT)
     assert (plain["robot"]["effects"], plain["robot"]["fitted_to"], plain["notes"].count(NOTE)) == ([], [], 0)
@@ -71,7 +71,7 @@ def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path:
     assert own["robot"]["fitted_to"]
     for command, more in (("calibrate", ("--fit", "base_frame")), ("iso9283", ())):
         again = document(command, POSES, "--robot", str(model), *more)
-        assert any(TOLD in text for text in again["warnings"]), command
+        assert any(WARNING in text for text in again["warnings"]), command
     for name, one in (("own", own), ("other", other)):
         (tmp_path / f"{name}.json").write_text(json.dumps(one), encoding="utf-8")
     compared = document("compare", str(tmp_path / "own.json"), str(tmp_path / "other.json"))
@@ -94,7 +94,7 @@ def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
         run("estimate", POSES, "--robot", robot, "--report", str(page))
         pages.append(page.read_text(encoding="utf-8"))
     assert "The model misses where the arm came by" in pages[0]
-    assert TOLD in pages[0]
+    assert WARNING in pages[0]
     assert "The arm misses where it was sent by" in pages[1]
 
 

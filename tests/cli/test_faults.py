@@ -260,4 +260,4 @@ def test_rows_that_repeat_one_another_are_told_of(tmp_path: Path) -> None:
     assert not [text for text in read_poses(path).warnings if "repeat" in text]
     path.write_text("\n".join([head, *rows, rows[7], rows[3]]))
     (told,) = [text for text in read_poses(path).warnings if "repeat" in text]
-    assert told.startswith(f"{path}: 2 rows repeat an earlier one in every column, as line 4")
+    assert told.startswith(f"{path}: 2 rows repeat an earlier row in every column (line 4")

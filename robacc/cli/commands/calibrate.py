@@ -93,5 +93,5 @@ def calibrate(
     deliver(
         Outlets(form, output, gate, junit, report),
         found,
-        lambda stream: draw_calibration(found, found.given.data, poses, robot, fit, stream),
+        lambda stream: draw_calibration(found, found.fit_inputs.data, poses, robot, fit, stream),
     )

@@ -73,13 +73,13 @@ def estimate(
     Example: robacc estimate poses.csv --robot robot.yaml --align base_frame,tool_frame
     """
     from robacc.api.estimate import estimate as estimated
-    from robacc.api.result import names
+    from robacc.api.result import effect_names
     from robacc.cli.many_work import Asked
     from robacc.cli.output import Outlets, deliver
 
     asked = Asked(
         robot,
-        names(align),
+        effect_names(align),
         None if frame is None else frame.value,
         scale,
         confidence,

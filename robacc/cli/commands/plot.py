@@ -36,7 +36,7 @@ def plot(
     from robacc.errors import UsageError
     from robacc.io.files import write_bytes
     from robacc.render.plots.canvas import as_file
-    from robacc.render.plots.catalogue import picture_of
+    from robacc.render.plots.catalogue import chart_of
     from robacc.render.plots.optional_dependencies import need
 
     form = PurePath(output).suffix.removeprefix(".").lower()
@@ -45,6 +45,6 @@ def plot(
     need("matplotlib")
     stored = read_result(result)
     with understood(stored.name, stored.command):
-        picture = picture_of(stored.document, kind, number)
+        picture = chart_of(stored.document, kind, number)
         drawn = as_file(picture.draw, picture.size, form)
     write_bytes(output, drawn)

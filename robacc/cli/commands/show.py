@@ -20,7 +20,7 @@ def show(
 
     Example: robacc show robot.yaml
     """
-    from robacc.api.inputs import needed_robot_of
+    from robacc.api.inputs import load_robot
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
     from robacc.effects.specification import coefficients
@@ -28,7 +28,7 @@ def show(
     from robacc.render.text.robot import render_robot
     from robacc.robots.summary import robot_document, summarise
 
-    arm, record = needed_robot_of(robot, base_link, tip_link)
+    arm, record = load_robot(robot, base_link, tip_link)
     summary = summarise(arm, coefficients(arm))
     options = {"base_link": base_link, "tip_link": tip_link}
     emit(

@@ -1,1 +1,1 @@
-"""Measured poses: their columns, their checks, and the CSV and Parquet files they are in."""
+"""Measured poses: their columns, their checks, and their CSV and Parquet files."""

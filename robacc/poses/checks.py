@@ -1,4 +1,4 @@
-"""What the values of a pose file must satisfy, row by row, and whether they are in the units they are said to be in."""
+"""Checks of a pose file: values row by row, and the units of columns without a unit in their names."""
 
 from __future__ import annotations
 
@@ -27,56 +27,59 @@ QUATERNION_TOLERANCE = 1e-3
 SPEED_TOLERANCE = 1e-6
 ABSOLUTE_ZERO = -273.15
 SMALLEST_SIGMA = 1e-12
-"""m or rad; below it a weight 1/sigma^2 leaves nothing of the other rows."""
+"""m or rad; below it a weight 1/sigma^2 makes the other rows negligible."""
 _LARGEST: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "number": 1e12}
-"""m (geocentric coordinates are 6.4e6), rad, either of a joint, and the units of circumstances."""
+"""m (geocentric coordinates are 6.4e6), rad, m or rad for a joint, and the units of circumstances."""
 COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
 COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
 
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """The columns in use, SI."""
+    """Values of the columns in use, SI."""
 
     layout: Layout
     numbers: Array
     """``(C, N)``; NaN where a value could not be read."""
-    place: Mapping[str, int]
-    """Row of ``numbers`` by key; the keys of one set stand next to each other."""
+    row_index: Mapping[str, int]
+    """Row of ``numbers`` by key; the keys of a set are adjacent."""
     texts: Mapping[str, NDArray[np.str_]]
     lines: NDArray[np.int64]
-    """``(N,)`` line of the file, counted from 1."""
+    """``(N,)`` line of the file, from 1."""
 
-    def one(self, key: str) -> Array | None:
-        """``(N,)`` of one column, or None where the file does not have it."""
-        return self.numbers[self.place[key]] if key in self.place else None
+    def column(self, key: str) -> Array | None:
+        """Return one column ``(N,)``; None where the file does not have it."""
+        return self.numbers[self.row_index[key]] if key in self.row_index else None
 
-    def several(self, keys: Sequence[str]) -> Array | None:
-        """``(len(keys), N)`` of a whole set of columns, without copying; None where one of them is missing."""
-        if not keys or any(key not in self.place for key in keys):
+    def column_set(self, keys: Sequence[str]) -> Array | None:
+        """Return a set of columns ``(len(keys), N)`` without copying; None where one of them is missing."""
+        if not keys or any(key not in self.row_index for key in keys):
             return None
-        start = self.place[keys[0]]
+        start = self.row_index[keys[0]]
         return self.numbers[start : start + len(keys)]
 
     def complete(self) -> Values:
-        """The rows in which every number could be read."""
-        good = np.isfinite(self.numbers).all(axis=0)
-        texts = {key: text[good] for key, text in self.texts.items()}
-        return Values(self.layout, self.numbers[:, good], self.place, texts, self.lines[good])
+        """Return the rows in which every number could be read."""
+        complete = np.isfinite(self.numbers).all(axis=0)
+        texts = {key: text[complete] for key, text in self.texts.items()}
+        return Values(self.layout, self.numbers[:, complete], self.row_index, texts, self.lines[complete])
 
 
 class RowChecks:
-    """Checks each row's values; what is wrong goes to the log."""
+    """Checks of each row's values; the log collects problems."""
 
     def __init__(self, values: Values, log: ProblemLog) -> None:
-        """Check ``values``, reporting to ``log``."""
+        """Check ``values`` and report problems to ``log``."""
         self.values = values
         self.log = log
 
     def run(self, limits: Limits | None, target_names: Sequence[str] | None, skip_limits: frozenset[str]) -> None:
-        """Every check; ``skip_limits`` are the joints whose unit is wrong, of which each row's complaint is noise.
+        """Run every check but that of :meth:`check_magnitudes`.
 
-        ``target_names`` are as in :func:`robacc.poses.csv_file.read_poses`.
+        Args:
+            limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
+            target_names: Targets, as in :func:`robacc.poses.csv_file.read_poses`.
+            skip_limits: Joints whose unit is wrong; a limit check of every row would repeat that problem.
         """
         for keys in (QUATERNION, COMMANDED_QUATERNION):
             self._quaternion(keys)
@@ -89,22 +92,24 @@ class RowChecks:
             self._column(key, lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1")
         for key in (*SIGMAS, "sigma_r"):
             self._column(key, lambda v: v <= 0, "expected a standard deviation above 0")
-            self._column(key, lambda v: (v > 0) & (v < SMALLEST_SIGMA), "expected one that an instrument can have")
+            self._column(
+                key, lambda v: (v > 0) & (v < SMALLEST_SIGMA), f"expected at least {SMALLEST_SIGMA:g} m or rad"
+            )
         self._column("payload_kg", lambda v: v < 0, "expected 0 kg or more")
         self._column("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more")
         self._targets(target_names)
 
-    def sizes(self) -> None:
-        """Before all else: numbers so large that nothing computed from them would mean anything; they become NaN."""
+    def check_magnitudes(self) -> None:
+        """Report numbers that are too large to compute with and set them to NaN; run this check first."""
         for key, column in self.values.layout.columns.items():
-            most, value = _LARGEST.get(column.kind), self.values.one(key)
-            if most is not None and value is not None:
-                shown = f"{most * column.divisor:g}{f' {column.unit}' if column.unit else ''}"
-                self._column(key, lambda v, most=most: np.abs(v) > most, f"expected at most {shown}")  # type: ignore[misc]
-                value[np.abs(value) > most] = np.nan
+            limit, value = _LARGEST.get(column.kind), self.values.column(key)
+            if limit is not None and value is not None:
+                limit_text = f"{limit * column.divisor:g}{f' {column.unit}' if column.unit else ''}"
+                self._column(key, lambda v, limit=limit: np.abs(v) > limit, f"expected at most {limit_text}")  # type: ignore[misc]
+                value[np.abs(value) > limit] = np.nan
 
     def _quaternion(self, keys: Sequence[str]) -> None:
-        quaternion = self.values.several(keys)
+        quaternion = self.values.column_set(keys)
         if quaternion is None:
             return
         with np.errstate(over="ignore"):
@@ -122,89 +127,89 @@ class RowChecks:
             return
         unit = f" {column.unit}" if column.unit else ""
         low, high = (limit * column.divisor for limit in limits)
-        expected = f"expected it within the joint's limits {low:.6g} to {high:.6g}{unit}"
+        expected = f"expected a value within the joint's limits {low:.6g} to {high:.6g}{unit}"
         self._column(key, lambda v: outside_limits(v, limits), expected)
 
     def _column(self, key: str, test: Callable[[Array], NDArray[np.bool_]], expected: str) -> None:
-        value = self.values.one(key)
+        value = self.values.column(key)
         if value is None:
             return
         column = self.values.layout.columns[key]
         unit = f" {column.unit}" if column.unit else ""
         with np.errstate(invalid="ignore"):
-            bad = test(value) & ~np.isnan(value)
+            failed = test(value) & ~np.isnan(value)
         describe: Callable[[int], str] = lambda i: f"found {value[i] * column.divisor:.10g}{unit}, {expected}"  # noqa: E731
-        self.log.add_rows(bad, self.values.lines, column.name, describe)
+        self.log.add_rows(failed, self.values.lines, column.name, describe)
 
-    def _targets(self, known: Sequence[str] | None) -> None:
+    def _targets(self, target_names: Sequence[str] | None) -> None:
         target = self.values.texts.get("target")
-        if target is None or known is None:
+        if target is None or target_names is None:
             return
-        if not known:
-            # With commanded poses in the file the robot's tool plays no part.
+        if not target_names:
+            # The robot's tool is not used where the file has commanded poses.
             if self.values.layout.group(self.values.layout.joints()) is not None:
-                self._one_target(target)
+                self._single_target(target)
             return
-        bad = ~np.isin(target, known) & (target != "")
+        unknown = ~np.isin(target, target_names) & (target != "")
 
         def describe(i: int) -> str:
             import difflib
 
-            near = difflib.get_close_matches(str(target[i]), known, n=1, cutoff=0.0)[0]
-            found = clip(str(target[i]))
-            return f"found {found}, expected a target of the robot file ({listing(known)}), of which {near} is nearest"
+            nearest = difflib.get_close_matches(str(target[i]), target_names, n=1, cutoff=0.0)[0]
+            expected = f"expected a target of the robot file ({listing(target_names)})"
+            return f"found {clip(str(target[i]))}, {expected}; the nearest is {nearest}"
 
-        self.log.add_rows(bad, self.values.lines, "target", describe)
+        self.log.add_rows(unknown, self.values.lines, "target", describe)
 
-    def _one_target(self, target: NDArray[np.str_]) -> None:
-        """Of a robot with one tool: of several targets all but one would be taken for what they are not."""
+    def _single_target(self, target: NDArray[np.str_]) -> None:
+        """Report several targets for a robot with one tool: the tool would be wrong for all but one of them."""
         names = list(dict.fromkeys(target[target != ""].tolist()))
         if len(names) > 1:
-            shown = listing([clip(name) for name in names])
-            message = f"found several targets ({shown}), but the robot has one tool and no targets to tell them apart"
-            fix = "list each under targets: in the robot file, in place of tool, or keep the rows of one target"
+            names_text = listing([clip(name) for name in names])
+            message = f"found several targets ({names_text}), but the robot has one tool and no targets"
+            fix = "list each target under targets: in the robot file instead of tool, or keep the rows of one target"
             self.log.add(message, int(self.values.lines[np.argmax(target == names[1])]), "target", fix)
 
 
 class UnitChecks:
-    """Judges columns without a unit in their names; refusals go to the log, questions to :attr:`warnings`."""
+    """Checks of columns without a unit in their names; problems go to the log, doubts to :attr:`warnings`."""
 
     def __init__(self, values: Values, log: ProblemLog, line: int | None) -> None:
-        """Judge ``values``, of which every number was read; ``line`` is the header's."""
+        """Check ``values``, in which every number could be read; ``line`` is the header's line."""
         self.values = values
         self.log = log
         self.line = line
         self.warnings: list[str] = []
 
     def run(self, limits: Limits | None) -> frozenset[str]:
-        """Every judgement; returns the joints whose unit is wrong."""
+        """Run every check and return the joints whose unit is wrong."""
         if self.values.lines.size == 0:
             return frozenset()
         layout = self.values.layout
-        wrong = self._joints(limits)
-        large = [keys for keys in (AXES, COMMANDED_AXES) if self._lengths(keys)]
-        if not large:
+        wrong_joints = self._joints(limits)
+        too_large = [keys for keys in (AXES, COMMANDED_AXES) if self._lengths(keys)]
+        if not too_large:
             self._scales()
         for keys in (layout.orientation, layout.commanded_orientation):
             if keys is not None and len(keys) == 3:
                 self._angles(keys)
         for keys in (SIGMAS, ("sigma_r",)):
             self._sigma(keys)
-        return wrong
+        return wrong_joints
 
-    def _refuse(self, keys: Sequence[str], message: str, unit: str, other: str) -> None:
+    def _refuse(self, keys: Sequence[str], message: str, unit: str, likely_unit: str) -> None:
         columns = [self.values.layout.columns[key] for key in keys]
         names = [column.name for column in columns]
-        better = listing([f"{name}_{other}" for name in names])
-        fix = f"if they are in {other}, name the columns {better}; if they are in {unit}, {names[0]}_{unit} and so on"
+        new_names = listing([f"{name}_{likely_unit}" for name in names])
+        fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
         self.log.add(message, self.line, listing(names), fix)
 
     def _bare(self, keys: Sequence[str]) -> Array | None:
-        """The values of a set of columns none of which has a unit in its name."""
+        """Return a set of columns without units in their names; None for any other set."""
         group = self.values.layout.group(keys)
         if group is None or any(column.unit is not None for column in group):
             return None
-        return self.values.several(keys)
+        return self.values.column_set(keys)
 
     def _joints(self, limits: Limits | None) -> frozenset[str]:
         degrees: list[str] = []
@@ -227,7 +232,7 @@ class UnitChecks:
             self._refuse(millimetres, "found joint travels of more than 50, which cannot be m", "m", "mm")
         if not degrees:
             return frozenset(millimetres)
-        # One joint in degrees means all of them: those that turned little are not worth their rows' complaints.
+        # One joint in degrees means all of them: limit checks of those that turned little would repeat the problem.
         columns = self.values.layout.columns
         return frozenset(
             key
@@ -244,8 +249,8 @@ class UnitChecks:
         return True
 
     def _scales(self) -> None:
-        """Attained against commanded positions: one of the two in mm."""
-        attained, commanded = self.values.several(AXES), self.values.several(COMMANDED_AXES)
+        """Report attained and commanded positions of which one is in mm."""
+        attained, commanded = self.values.column_set(AXES), self.values.column_set(COMMANDED_AXES)
         if attained is None or commanded is None or attained.shape[1] < 2:
             return
         ratio = thousandfold(attained, commanded)
@@ -253,7 +258,9 @@ class UnitChecks:
             return
         names = [self.values.layout.columns[key].name for key in (*AXES, *COMMANDED_AXES)]
         message = f"attained positions spread {ratio:.3g} times as far as commanded ones, so one of the two is in mm"
-        self.log.add(message, self.line, ", ".join(names), "put each one's unit in its names: x_mm, cmd_x_m")
+        self.log.add(
+            message, self.line, ", ".join(names), "put the unit in the columns' names, for example x_mm and cmd_x_m"
+        )
 
     def _angles(self, keys: Sequence[str]) -> None:
         angles = self._bare(keys)
@@ -266,11 +273,11 @@ class UnitChecks:
         if sigma is None:
             return
         kind = self.values.layout.columns[keys[0]].kind
-        unit, other = ("m", "mm") if kind == "length" else ("rad", "deg")
-        impossible, question = doubtful_sigma(sigma, kind)
-        message = f"found a measuring uncertainty of typically {float(np.median(sigma)):.3g} {unit}"
+        unit, likely_unit = ("m", "mm") if kind == "length" else ("rad", "deg")
+        impossible, doubtful = doubtful_sigma(sigma, kind)
+        message = f"found a typical measuring uncertainty of {float(np.median(sigma)):.3g} {unit}"
         if impossible:
-            self._refuse(keys, f"{message}, which no instrument has", unit, other)
-        elif question:
-            names = listing([f"{key}_{other}" for key in keys])
-            self.warnings.append(f"{self.log.at(self.line)}: {message}; if it is in {other}, name it {names}")
+            self._refuse(keys, f"{message}, which no instrument has", unit, likely_unit)
+        elif doubtful:
+            names = listing([f"{key}_{likely_unit}" for key in keys])
+            self.warnings.append(f"{self.log.at(self.line)}: {message}; if it is in {likely_unit}, name it {names}")

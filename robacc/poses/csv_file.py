@@ -1,4 +1,4 @@
-"""Measured poses from and to a CSV file: SI arrays, components first, poses last."""
+"""Read poses from a CSV or Parquet file and write them as CSV: SI arrays, components first, poses last."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from robacc.poses.columns import (
     SIGMAS,
     TEXTS,
 )
-from robacc.poses.duplicate_rows import copies
+from robacc.poses.duplicate_rows import duplicate_row_warnings
 from robacc.poses.layout import Layout, listing, read_layout
 from robacc.poses.plausibility import lengths_too_large
 
@@ -36,9 +36,9 @@ _CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
     ROTATION_VECTOR[0]: exp_so3,
     RPY[0]: rotation_from_rpy,
 }
-"""Rotation from each representation, by its first column."""
+"""Conversion of each representation to a rotation, by its first column."""
 _BLOCK = 4096
-"""Rotations made at a time: the working arrays of a block stay in the cache."""
+"""Rotations converted at a time: the working arrays of a block fit the cache."""
 
 
 def read_poses(
@@ -52,23 +52,23 @@ def read_poses(
     units_check: bool = True,
     attained: bool = True,
 ) -> Measurements:
-    """The poses of a CSV file, validated.
+    """Return the validated poses of a CSV or Parquet file.
 
     Args:
         path: File to read; ``-`` is standard input.
-        joint_names: The robot's joints in chain order, whose names are taken for ``q1 … qN``; None: no robot is known.
+        joint_names: The robot's joints in chain order; their names stand for ``q1 … qN``. None: no robot is known.
         joint_types: ``revolute`` or ``prismatic`` of each; None: a joint's unit may be an angle or a length.
-        limits: Lowest and highest value of each joint (rad or m), None for a joint without.
-        target_names: The targets that the robot file has, empty for a robot with one tool; None: no robot is known, and
-            any name will do.
-        ordered: Rows are in the order measured, and the robot went straight from each to the next: direction and
-            speed are derived for the joints whose columns are missing. The first row, to which nobody knows the way,
-            and a row that repeats the joints of the one before get 0.
-        units_check: Refuse bare columns whose values look like degrees or millimetres.
-        attained: Whether the poses were measured; planned ones may lack x, y, z, which are zero then.
+        limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
+        target_names: The targets of the robot file, empty for a robot with one tool; None: no robot is known, and any
+            name is valid.
+        ordered: Rows are in the order measured, and the robot moved straight from each to the next: direction and
+            speed are derived for the joints whose columns are missing. They are 0 for the first row, whose approach is
+            unknown, and for a row that repeats the joints of the row before.
+        units_check: Raise an error for bare columns whose values look like degrees or millimetres.
+        attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
 
     Raises:
-        InputError: Everything that is wrong with the file, with line and column.
+        InputError: Every problem of the file, with line and column.
     """
     with open_table(os.fspath(path)) as reader:
         header = reader.header()
@@ -77,15 +77,16 @@ def read_poses(
         values = _read_values(reader, layout)
         _check_target_column(layout, target_names or (), reader, header.line)
         rows = RowChecks(values, log)
-        rows.sizes()
+        rows.check_magnitudes()
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
-        doubtful = units.run(limits) if units_check else frozenset()
-        rows.run(limits, target_names, doubtful)
+        wrong_joints = units.run(limits) if units_check else frozenset()
+        rows.run(limits, target_names, wrong_joints)
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted)
-        found = (*layout.warnings, *units.warnings, *(f"{reader.file}: {text}" for text in data.warnings))
-        found = (*found, *copies(values, reader.file))
-        return dataclasses.replace(data, source=reader.file, sha256=reader.sha256, warnings=found)
+        motion_warnings = (f"{reader.file}: {text}" for text in data.warnings)
+        duplicates = duplicate_row_warnings(values, reader.file, log.counted)
+        warnings = (*layout.warnings, *units.warnings, *motion_warnings, *duplicates)
+        return dataclasses.replace(data, source=reader.file, sha256=reader.sha256, warnings=warnings)
 
 
 def _read_values(reader: Table, layout: Layout) -> Values:
@@ -96,12 +97,12 @@ def _read_values(reader: Table, layout: Layout) -> Values:
     for row, key in zip(body.numbers, keys, strict=True):
         if columns[key].divisor != 1.0:
             row /= columns[key].divisor
-    place = {key: i for i, key in enumerate(keys)}
-    return Values(layout, body.numbers, place, dict(zip(texts, body.texts, strict=True)), body.lines)
+    row_index = {key: i for i, key in enumerate(keys)}
+    return Values(layout, body.numbers, row_index, dict(zip(texts, body.texts, strict=True)), body.lines)
 
 
 def _numeric_order(layout: Layout) -> Iterator[str]:
-    """Keys of all columns of numbers, the members of a set next to each other."""
+    """Yield the keys of all columns of numbers, with the members of a set adjacent."""
     yield from layout.joints()
     for prefix in ("", "cmd_"):
         yield from (f"{prefix}{name}" for name in (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY))
@@ -113,29 +114,29 @@ def _numeric_order(layout: Layout) -> Iterator[str]:
 def _check_target_column(layout: Layout, target_names: Sequence[str], reader: Table, line: int | None) -> None:
     if len(target_names) > 1 and "target" not in layout.columns and layout.group(layout.joints()) is not None:
         message = f"column target is missing: the robot file has {len(target_names)} targets ({listing(target_names)})"
-        reader.log.add(message, line, fix="say in each row which one was measured")
+        reader.log.add(message, line, fix="add it with the measured target of each row")
 
 
 def _measurements(values: Values, ordered: bool, counted: Counted) -> Measurements:
     layout = values.layout
-    position = values.several(AXES)
-    if position is None:  # of planned poses; else read_layout logged its absence, and the log was raised
+    position = values.column_set(AXES)
+    if position is None:  # planned poses; for measured ones the log reported the missing columns
         position = np.zeros((3, values.lines.size))
     motion, warnings = _motion(values, ordered, counted)
     return Measurements(
         position=position,
         rotation=_rotation(values, layout.orientation),
-        q=values.several(layout.joints()),
-        commanded_position=values.several(COMMANDED_AXES),
+        q=values.column_set(layout.joints()),
+        commanded_position=values.column_set(COMMANDED_AXES),
         commanded_rotation=_rotation(values, layout.commanded_orientation),
-        sigma_position=values.several(SIGMAS),
-        sigma_rotation=values.one("sigma_r"),
+        sigma_position=values.column_set(SIGMAS),
+        sigma_rotation=values.column("sigma_r"),
         pose=values.texts.get("pose"),
         cycle=values.texts.get("cycle"),
         target=values.texts.get("target"),
-        time=values.one("time_s"),
-        temperature=values.one("temperature_c"),
-        payload=values.one("payload_kg"),
+        time=values.column("time_s"),
+        temperature=values.column("temperature_c"),
+        payload=values.column("payload_kg"),
         direction=motion[0],
         speed=motion[1],
         rows=values.lines,
@@ -146,8 +147,8 @@ def _measurements(values: Values, ordered: bool, counted: Counted) -> Measuremen
 
 
 def _rotation(values: Values, keys: tuple[str, ...] | None) -> Array | None:
-    """``(3, 3, N)`` from whichever representation the file has."""
-    if keys is None or (columns := values.several(keys)) is None:
+    """Return rotations ``(3, 3, N)`` from the file's representation; None where the file has none."""
+    if keys is None or (columns := values.column_set(keys)) is None:
         return None
     convert = _CONVERSIONS[keys[0].removeprefix("cmd_")]
     result = np.empty((3, 3, columns.shape[1]))
@@ -157,52 +158,52 @@ def _rotation(values: Values, keys: tuple[str, ...] | None) -> Array | None:
 
 
 def _motion(values: Values, ordered: bool, counted: Counted) -> tuple[tuple[Array | None, Array | None], list[str]]:
-    """Direction and speed ``(J, N)``: as given, as derived from the order of rows, or 0 with a warning."""
+    """Return direction and speed ``(J, N)``: as given, derived from the order of rows, or 0 with a warning."""
     layout = values.layout
-    q = values.several(layout.joints())
+    q = values.column_set(layout.joints())
     warnings: list[str] = []
     derived: tuple[Array, Array] | None = None
     if ordered and q is not None:
         derived = motion_between_rows(q)
     elif ordered:
-        warnings.append("without joint columns the order of rows does not say how the joints moved")
-    if ordered and (time := values.one("time_s")) is not None and np.any(np.diff(time) < 0):
+        warnings.append("the file has no joint columns, so the order of rows does not give the joints' directions")
+    if ordered and (time := values.column("time_s")) is not None and np.any(np.diff(time) < 0):
         line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
-        warnings.append(f"rows are said to be in the order measured, but time_s goes back at {counted} {line}")
+        warnings.append(f"rows should be in the order measured, but time_s decreases at {counted} {line}")
     result: list[Array | None] = []
     for number, prefix in enumerate(("dir_", "speed_")):
         keys = layout.joints(prefix)
-        missing = [key for key in keys if key not in values.place]
+        missing = [key for key in keys if key not in values.row_index]
         if not missing and keys:
-            result.append(values.several(keys))
+            result.append(values.column_set(keys))
         elif derived is None and len(missing) == len(keys):
             result.append(None)
         else:
             table = np.zeros((len(keys), values.lines.size)) if derived is None else derived[number]
             for i, key in enumerate(keys):
-                if (column := values.one(key)) is not None:
+                if (column := values.column(key)) is not None:
                     table[i] = column
             result.append(table)
             if derived is None:
-                warnings.append(f"no column {listing(missing)}: taken as 0, not moving")
-    return (result[0], result[1]), [*warnings, *_opposite(values, counted)]
+                warnings.append(f"no column {listing(missing)}: 0 (not moving) is assumed")
+    return (result[0], result[1]), [*warnings, *_opposite_sign_warnings(values, counted)]
 
 
-def _opposite(values: Values, counted: Counted) -> Iterator[str]:
-    """A warning for each joint whose direction and speed, both as given, say the opposite of each other."""
+def _opposite_sign_warnings(values: Values, counted: Counted) -> Iterator[str]:
+    """Yield a warning for each joint whose given direction and speed have opposite signs."""
     for keys in zip(values.layout.joints("dir_"), values.layout.joints("speed_"), strict=True):
-        direction, speed = (values.one(key) for key in keys)
-        if direction is not None and speed is not None and (wrong := direction * speed < 0).any():
-            place = f"{counted} {values.lines[np.argmax(wrong)]}"
-            yield f"{' and '.join(keys)} say the opposite of each other at {place}: one of the two has the wrong sign"
+        direction, speed = (values.column(key) for key in keys)
+        if direction is not None and speed is not None and (opposite := direction * speed < 0).any():
+            place = f"{counted} {values.lines[np.argmax(opposite)]}"
+            yield f"{' and '.join(keys)} have opposite signs at {place}: one of them is wrong"
 
 
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:
-    """CSV text that :func:`read_poses` reads back: every number in the fewest digits that give the same float.
+    """Return CSV text that :func:`read_poses` reads back: each number in the fewest digits that give the same float.
 
-    Bare SI columns, but for positions that need their unit to be believed; orientation as a quaternion with w >= 0. A
-    joint's name stands for ``q_i`` where ``joint_names`` are given and none of them means something else in a pose
-    file. Without ``attained`` the poses are planned, and no attained pose is among the columns.
+    Columns are SI without a unit in their names, except for positions that would look like mm; orientation is a
+    quaternion with w >= 0. A joint's name stands for ``q_i`` where ``joint_names`` are given and none of them means
+    something else in a pose file. Without ``attained`` the poses are planned and have no attained columns.
     """
     return "".join(pose_pieces(measurements, joint_names, attained=attained))
 
@@ -210,23 +211,26 @@ def format_poses(measurements: Measurements, joint_names: Sequence[str] | None =
 def pose_pieces(
     measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True
 ) -> Iterator[str]:
-    """The text of :func:`format_poses` in pieces of some thousand rows, so that no more of it is held at once."""
+    """Yield the text of :func:`format_poses` in pieces of some thousand rows, to limit the memory used."""
     for start in range(0, max(measurements.n, 1), _BLOCK):
         columns = _columns(measurements.subset(slice(start, start + _BLOCK)), joint_names, attained)
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         if start == 0:
-            far = _too_far_for_bare_names(measurements)
-            writer.writerow([f"{name}_m" if name in far else name for name, _ in columns])
+            with_unit = _names_that_need_a_unit(measurements)
+            writer.writerow([f"{name}_m" if name in with_unit else name for name, _ in columns])
         writer.writerows(zip(*(column for _, column in columns), strict=True))
         yield out.getvalue()
 
 
-def _too_far_for_bare_names(measurements: Measurements) -> tuple[str, ...]:
-    """Columns whose metres a reader would take for millimetres, did their names not say the unit."""
+def _names_that_need_a_unit(measurements: Measurements) -> tuple[str, ...]:
+    """Return the columns whose metres :func:`read_poses` would take for millimetres without a unit in the name."""
     positions = ((AXES, measurements.position), (COMMANDED_AXES, measurements.commanded_position))
     return tuple(
-        name for keys, at in positions if at is not None and at.size and lengths_too_large(at) for name in keys
+        name
+        for names, position in positions
+        if position is not None and position.size and lengths_too_large(position)
+        for name in names
     )
 
 
@@ -276,6 +280,6 @@ def _joint_count(measurements: Measurements) -> int:
 
 
 def _is_free(name: str) -> bool:
-    """Whether a joint's name can head its column: it says nothing else there, and survives trimming."""
-    taken = name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name)
-    return not taken and name == name.strip() and bool(name) and not name.startswith("#") and name.isprintable()
+    """Return whether a joint's name can be its column's name: it means nothing else and has no outer spaces."""
+    has_meaning = name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name)
+    return not has_meaning and name == name.strip() and bool(name) and not name.startswith("#") and name.isprintable()

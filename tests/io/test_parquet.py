@@ -151,7 +151,8 @@ def test_problems_of_columns_have_no_row(tmp_path: Path) -> None:
     assert problems(path) == [": column z is missing; expected x, y, z: the attained position"]
     data = read_poses(written(tmp_path / "u.parquet", {**PLAIN, "temprature_c": [1.0, 2.0, 3.0]}))
     assert data.warnings == (
-        f"{tmp_path / 'u.parquet'}: unknown column 'temprature_c' is ignored; the nearest known one is 'temperature_c'",
+        f"{tmp_path / 'u.parquet'}: unknown column 'temprature_c' is ignored; "
+        "the nearest known name is 'temperature_c'",
     )
 
 
@@ -167,7 +168,7 @@ def test_columns_of_another_type_are_refused(tmp_path: Path) -> None:
 def test_duplicate_columns_are_named(tmp_path: Path) -> None:
     table = pa.table([pa.array([1.0])] * 5, names=["x", "y", "z", "q1", "x"])
     pq.write_table(table, tmp_path / "p.parquet")
-    assert problems(str(tmp_path / "p.parquet")) == [", x: the column is a duplicate; keep one of the two"]
+    assert problems(str(tmp_path / "p.parquet")) == [", x: the column is a duplicate; keep one of them"]
 
 
 def test_pandas_index_is_no_column(tmp_path: Path) -> None:
@@ -177,7 +178,7 @@ def test_pandas_index_is_no_column(tmp_path: Path) -> None:
 
 def test_an_order_of_rows_that_time_denies_is_told_by_row(tmp_path: Path) -> None:
     path = written(tmp_path / "p.parquet", {**PLAIN, "time_s": [0.0, 2.0, 1.0]})
-    assert "time_s goes back at row 3" in read_poses(path, ordered=True).warnings[0]
+    assert "time_s decreases at row 3" in read_poses(path, ordered=True).warnings[0]
 
 
 def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
@@ -257,5 +258,5 @@ def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path, monkeypatch: py
     path = written(tmp_path / "p.parquet", PLAIN)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(UsageError, match=r"is Parquet, which needs an optional package: pip install 'robacc\[parquet\]'"):
+    with pytest.raises(UsageError, match=r"which needs an optional package: pip install 'robacc\[parquet\]'"):
         read_poses(path)

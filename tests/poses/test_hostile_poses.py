@@ -46,7 +46,7 @@ def estimate(*arguments: str, text: bytes = b"") -> subprocess.CompletedProcess[
         ((HEAD + "1,2,1e308,1,2,3\n").encode(), ":2, z: found 1e+308, expected at most 1e+08"),
         (
             b"sigma_x,sigma_y,sigma_z," + (HEAD + "5e-324,1e-5,1e-5," + ROW).encode(),
-            ":2, sigma_x: found 4.940656458e-324, expected one that an instrument can have",
+            ":2, sigma_x: found 4.940656458e-324, expected at least 1e-12 m or rad",
         ),
         (b"rx_deg,ry_deg,rz_deg," + (HEAD + "1e300,0,0," + ROW).encode(), ":2, rx_deg: found 1e+300 deg, expected at"),
         (b"time_s," + (HEAD + "-1e200," + ROW).encode(), ":2, time_s: found -1e+200, expected at most 1e+12"),

@@ -34,7 +34,7 @@ def test_motion_of_some_joints_only(read: Reader) -> None:
     assert data.direction.tolist() == [[0], [-1]]
     assert data.speed is None
     assert len(data.warnings) == 1
-    assert data.warnings[0].endswith("no column dir_q1: taken as 0, not moving")
+    assert data.warnings[0].endswith("no column dir_q1: 0 (not moving) is assumed")
 
 
 def test_order_that_says_nothing_or_contradicts_itself(read: Reader) -> None:
@@ -42,8 +42,8 @@ def test_order_that_says_nothing_or_contradicts_itself(read: Reader) -> None:
     data = read(text, ordered=True)
     assert data.direction is None
     assert [text.partition("poses.csv: ")[2] for text in data.warnings] == [
-        "without joint columns the order of rows does not say how the joints moved",
-        "rows are said to be in the order measured, but time_s goes back at line 4",
+        "the file has no joint columns, so the order of rows does not give the joints' directions",
+        "rows should be in the order measured, but time_s decreases at line 4",
     ]
     assert read(text).warnings == ()
 
@@ -61,4 +61,4 @@ def test_a_direction_and_a_speed_that_contradict_each_other_are_warned_of(read: 
     head = "q1,x,y,z,dir_q1,speed_q1\n0,1,2,3,1,0.5\n0,1,2,4,0,0.5\n0,1,2,5,1,0\n"
     assert read(head).warnings == ()
     (told,) = read(head + "0,1,2,6,-1,0.5\n").warnings
-    assert "dir_q1 and speed_q1 say the opposite of each other at line 5: one of the two has the wrong sign" in told
+    assert "dir_q1 and speed_q1 have opposite signs at line 5: one of them is wrong" in told

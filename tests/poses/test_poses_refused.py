@@ -75,7 +75,8 @@ def test_bytes_that_are_not_utf8(read: Reader) -> None:
 BAD_HEADERS = {
     "q1,x,z": "1: column y is missing; expected x, y, z: the attained position",
     "q1,X,z": "1: columns x, y are missing; expected x, y, z: the attained position (unknown in this file: X)",
-    "x,y,z": "1: nothing says where the robot was sent: column q1 is missing; expected q1 … qN (joint variables), or",
+    "x,y,z": "1: the file has neither joint variables nor commanded poses: column q1 is missing; "
+    "expected q1 … qN (joint variables), or",
     "q1,q3,x,y,z": "1: column q2 is missing; expected q1 … q3 without a gap",
     "q1,x,y,z,cmd_x,cmd_z": "1: column cmd_y is missing; expected cmd_x, cmd_y, cmd_z: the commanded position",
     "q1,x,y,z,cmd_qw,cmd_qx,cmd_qy,cmd_qz": "1: columns cmd_x, cmd_y, cmd_z are missing",
@@ -84,13 +85,13 @@ BAD_HEADERS = {
     "q1,x,y,z,roll,yaw": "1: column pitch is missing; expected roll, pitch, yaw: the attained orientation",
     "q1,x,y,z,rx,ry,rz,roll,pitch,yaw": "1: the attained orientation is given more than once: rx, ry, rz and roll,",
     "q1,x,y,z,sigma_x,sigma_y": "1: column sigma_z is missing; expected sigma_x, sigma_y, sigma_z: the measuring",
-    "q1,x,y,z,y": "1, y: the column is a duplicate; keep one of the two",
-    "q1,x,y,z,y_mm": "1, y_mm: the column is a duplicate: y says the same; keep one of the two",
-    "q1,x,y,z,note,note": "1, 'note': the column is a duplicate; keep one of the two",
+    "q1,x,y,z,y": "1, y: the column is a duplicate; keep one of them",
+    "q1,x,y,z,y_mm": "1, y_mm: the column is a duplicate of y; keep one of them",
+    "q1,x,y,z,note,note": "1, 'note': the column is a duplicate; keep one of them",
     "q1,x_deg,y,z": "1, x_deg: found unit deg in the name, expected a length (m, mm, um)",
     "q1,x,y,z,roll_mm,pitch,yaw": "1, roll_mm: found unit mm in the name, expected an angle (rad, mrad, deg)",
     "q1,x,y,z,qw_m,qx,qy,qz": "1, qw_m: found unit m in the name, expected no unit",
-    "q1,x,y,z,dir_q3": "1, dir_q3: the column belongs to joint 3, the last joint column is q1",
+    "q1,x,y,z,dir_q3": "1, dir_q3: the column belongs to joint 3, but the last joint column is q1",
 }
 
 
@@ -109,9 +110,12 @@ def test_joint_columns_that_do_not_fit_the_robot(read: Reader) -> None:
         "expected q1 … q2 without a gap, or the joints' names base, lift"
     )
     (found,) = complaints(read, "q1,q2,q3,x,y,z\n", **robot)
-    assert found == "1, q3: the column belongs to joint 3, the robot has 2 joints"
+    assert found == "1, q3: the column belongs to joint 3, but the robot has 2 joints"
     (found,) = complaints(read, "pose,x,y,z\n", **robot)
-    assert "nothing says where the robot was sent: column q1 is missing; expected q1 … q2 (joint variables)" in found
+    assert (
+        "the file has neither joint variables nor commanded poses: column q1 is missing; "
+        "expected q1 … q2 (joint variables)" in found
+    )
     found_units = complaints(read, "base_mm,lift_deg,x,y,z\n", **robot)
     assert found_units == [
         "1, base_mm: found unit mm in the name, expected an angle (rad, mrad, deg)",
@@ -166,8 +170,8 @@ def test_joint_limits(read: Reader) -> None:
     text = "q1_deg,q2,x,y,z\n10,0.1,1,2,3\n95.5,0.6,1,2,3\n"
     found = complaints(read, text, limits=[(-math.pi / 2, math.pi / 2), (0, 0.5)])
     assert found == [
-        "3, q1_deg: found 95.5 deg, expected it within the joint's limits -90 to 90 deg",
-        "3, q2: found 0.6, expected it within the joint's limits 0 to 0.5",
+        "3, q1_deg: found 95.5 deg, expected a value within the joint's limits -90 to 90 deg",
+        "3, q2: found 0.6, expected a value within the joint's limits 0 to 0.5",
     ]
     assert read(text, limits=[None, (0, 1)]).n == 2
 
@@ -176,17 +180,18 @@ def test_unknown_targets(read: Reader) -> None:
     text = "q1,x,y,z,target\n0,1,2,3,smr1\n0,1,2,3,smr3x\n"
     assert read(text).n == 2
     assert complaints(read, text, target_names=("smr1", "smr3")) == [
-        "3, target: found 'smr3x', expected a target of the robot file (smr1, smr3), of which smr3 is nearest"
+        "3, target: found 'smr3x', expected a target of the robot file (smr1, smr3); the nearest is smr3"
     ]
     assert read(one_row(), target_names=("smr1",)).n == 1
     # A robot with one tool: which of several targets it describes, nobody says.
     assert complaints(read, text + "0,1,2,3,smr1\n", target_names=()) == [
-        "3, target: found several targets ('smr1', 'smr3x'), but the robot has one tool and no targets to tell them "
-        "apart; list each under targets: in the robot file, in place of tool, or keep the rows of one target"
+        "3, target: found several targets ('smr1', 'smr3x'), but the robot has one tool and no targets; list "
+        "each target under targets: in the robot file instead of tool, or keep the rows of one target"
     ]
     assert read(text.replace("smr3x", "smr1"), target_names=()).n == 2
     assert complaints(read, one_row(), target_names=("smr1", "smr3")) == [
-        "1: column target is missing: the robot file has 2 targets (smr1, smr3); say in each row which one was measured"
+        "1: column target is missing: the robot file has 2 targets (smr1, smr3); "
+        "add it with the measured target of each row"
     ]
 
 
@@ -231,8 +236,8 @@ def test_unknown_columns_are_named_with_their_nearest(read: Reader) -> None:
     data = read("q1,x,y,z,time,sigm_r,\n0,1,2,3,noon,,\n")
     texts = [text.partition("poses.csv:")[2] for text in data.warnings]
     assert texts == [
-        "1: unknown column 'time' is ignored; the nearest known one is 'time_s'",
-        "1: unknown column 'sigm_r' is ignored; the nearest known one is 'sigma_r'",
+        "1: unknown column 'time' is ignored; the nearest known name is 'time_s'",
+        "1: unknown column 'sigm_r' is ignored; the nearest known name is 'sigma_r'",
         "1: columns without a name are ignored: 1",
     ]
     many = read("q1,x,y,z," + ",".join(f"u{i}" for i in range(25)) + "\n")

@@ -86,7 +86,7 @@ def test_joints_in_degrees(tmp_path: Path) -> None:
     largest = max(np.abs(data[name]).max() for name in ALL_JOINTS)
     assert found == (
         f"1, q1, q2, q3, q4, q5, q6: found joint angles up to {largest:.4g}, which cannot be rad; if they are in deg, "
-        "name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if they are in rad, q1_rad and so on"
+        "name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if in rad, q1_rad and so on"
     )
     q = read(tmp_path, renamed(data, "deg", *ALL_JOINTS), limits=[(-3.1, 3.1)] * 6).q
     assert q is not None
@@ -107,7 +107,7 @@ def test_small_angles_in_degrees_are_noticed_by_the_limits(tmp_path: Path) -> No
     (found,) = complaints(tmp_path, data, limits=limits)
     assert found.startswith("1, q2: found joint angles up to 11, which cannot be rad")
     assert complaints(tmp_path, good() | {"q2": np.linspace(-3.3, 3.3, N)}, limits=limits)[0].startswith(
-        "2, q2: found -3.3, expected it within the joint's limits -3.1 to 3.1"
+        "2, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1"
     )
 
 
@@ -126,7 +126,7 @@ def test_a_prismatic_joint_in_millimetres(tmp_path: Path) -> None:
     )
     assert found == (
         "1, q3: found joint travels of more than 50, which cannot be m; if they are in mm, name the columns q3_mm; "
-        "if they are in m, q3_m and so on"
+        "if in m, q3_m and so on"
     )
     assert read(tmp_path, good() | {"q3": np.linspace(0, 20, N)}, joint_names=names, joint_types=types).n == N
 
@@ -152,7 +152,7 @@ def test_small_moves_in_millimetres_are_noticed_beside_commanded_ones(tmp_path: 
         data[axis] = data[f"cmd_{axis}"] * 1e3
     (found,) = complaints(tmp_path, data)
     assert "attained positions spread 1e+03 times as far as commanded ones, so one of the two is in mm" in found
-    assert found.endswith("put each one's unit in its names: x_mm, cmd_x_m")
+    assert found.endswith("put the unit in the columns' names, for example x_mm and cmd_x_m")
     assert read(tmp_path, renamed(data, "mm", *"xyz")).n == N
 
 
@@ -171,16 +171,16 @@ def test_orientations_in_degrees(tmp_path: Path, prefix: str, names: tuple[str, 
 def test_measuring_uncertainty_in_another_unit(tmp_path: Path) -> None:
     (found,) = complaints(tmp_path, scaled(2e4, *SIGMAS))
     assert found.startswith(
-        "1, sigma_x, sigma_y, sigma_z: found a measuring uncertainty of typically 0.4 m, which no instrument has; "
+        "1, sigma_x, sigma_y, sigma_z: found a typical measuring uncertainty of 0.4 m, which no instrument has; "
         "if they are in mm, name the columns sigma_x_mm"
     )
     (found,) = complaints(tmp_path, scaled(1e4, "sigma_r"))
-    assert "found a measuring uncertainty of typically 1 rad, which no instrument has" in found
+    assert "found a typical measuring uncertainty of 1 rad, which no instrument has" in found
     data = read(tmp_path, scaled(1e3, *SIGMAS, "sigma_r"))
     assert [text.partition("poses.csv:")[2] for text in data.warnings] == [
-        "1: found a measuring uncertainty of typically 0.02 m; "
+        "1: found a typical measuring uncertainty of 0.02 m; "
         "if it is in mm, name it sigma_x_mm, sigma_y_mm, sigma_z_mm",
-        "1: found a measuring uncertainty of typically 0.1 rad; if it is in deg, name it sigma_r_deg",
+        "1: found a typical measuring uncertainty of 0.1 rad; if it is in deg, name it sigma_r_deg",
     ]
     assert read(tmp_path, renamed(scaled(1e3, *SIGMAS), "m", *SIGMAS)).warnings == ()
 

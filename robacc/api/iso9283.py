@@ -88,7 +88,7 @@ def iso9283(
     body = evaluate_criteria(
         [data for data, _ in loaded],
         arm,
-        aligned_frames=aligned,
+        align=aligned,
         confidence=confidence,
         seed=seed,
         windows=drift_windows,

@@ -1,10 +1,10 @@
-"""Distance accuracy and repeatability: clause 7.3 of ISO 9283:1998.
+"""Distance accuracy and distance repeatability: clause 7.3 of ISO 9283:1998.
 
 With D_j = |p_1j - p_2j| between the j-th visits of two commanded poses and D_c = |p_c1 - p_c2|:
 
     AD_p = D̄ - D_c,   RD_p = ± 3 S_D,   S_D^2 = sum (D_j - D̄)^2 / (n - 1)
 
-and alike for D_x = |x_1 - x_2| … and the angles' D_a = |a_1 - a_2| …; no alignment of frames takes part.
+and likewise for D_x = |x_1 - x_2| … and the angles' D_a = |a_1 - a_2| …; registration of frames has no effect.
 """
 
 from __future__ import annotations
@@ -17,108 +17,119 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array
 from robacc.iso_9283 import estimates
-from robacc.iso_9283.collecting import Found, absent, collected
+from robacc.iso_9283.characteristics import PlaceEstimate, combine_places, missing_characteristic
 from robacc.iso_9283.estimates import IntervalEstimate
 from robacc.iso_9283.pose_criteria import NO_ANGLES, NO_COMMAND
 from robacc.iso_9283.records import Characteristic
 from robacc.iso_9283.visits import CommandedPose, wrapped
 
-MOST_POSES = 10
-"""With more commanded poses only neighbours in the order of their first visit are paired."""
+MAX_POSES_ALL_PAIRS = 10
+"""With more commanded poses, only neighbours in the order of their first visit are paired."""
 _ONE_POSE = "one commanded pose has no distances"
 
 
 def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tuple[Characteristic, Characteristic]:
-    """AD and RD between the commanded poses of each file."""
+    """Return AD and RD between the commanded poses of each file."""
     pairs = _pairs(poses)
     if not pairs:
-        return absent("AD", confidence, _ONE_POSE), absent("RD", confidence, _ONE_POSE)
-    matched = [(one, other, *_matched(one, other)) for one, other in pairs]
+        return missing_characteristic("AD", confidence, _ONE_POSE), missing_characteristic("RD", confidence, _ONE_POSE)
+    matched = [(pose_a, pose_b, *_matched_visits(pose_a, pose_b)) for pose_a, pose_b in pairs]
     matched = [entry for entry in matched if entry[2].size > 0]
     if not matched:
-        why = "no cycle has a visit of two commanded poses"
-        return absent("AD", confidence, why), absent("RD", confidence, why)
+        reason = "no cycle visits two commanded poses"
+        return missing_characteristic("AD", confidence, reason), missing_characteristic("RD", confidence, reason)
     notes = _notes(poses)
-    accurate = absent("AD", confidence, NO_COMMAND)
+    accuracy = missing_characteristic("AD", confidence, NO_COMMAND)
     if all(pose.commanded is not None for pose in poses):
-        accurate = collected("AD", [_accuracy(*entry) for entry in matched], confidence, NO_ANGLES, notes)
-    repeated = [_repeatability(*entry) for entry in matched if entry[2].size > 1]
-    if not repeated:
-        return accurate, absent("RD", confidence, "every pair of commanded poses was visited once: RD needs cycles")
-    return accurate, collected("RD", repeated, confidence, NO_ANGLES, notes)
+        accuracy = combine_places("AD", [_accuracy_estimate(*entry) for entry in matched], confidence, NO_ANGLES, notes)
+    repeatable = [_repeatability_estimate(*entry) for entry in matched if entry[2].size > 1]
+    if not repeatable:
+        return accuracy, missing_characteristic(
+            "RD", confidence, "every pair of commanded poses was visited once: RD needs cycles"
+        )
+    return accuracy, combine_places("RD", repeatable, confidence, NO_ANGLES, notes)
 
 
 def _pairs(poses: Sequence[CommandedPose]) -> list[tuple[CommandedPose, CommandedPose]]:
     pairs: list[tuple[CommandedPose, CommandedPose]] = []
     for number in sorted({pose.number for pose in poses}):
-        own = [pose for pose in poses if pose.number == number]
-        pairs += combinations(own, 2) if len(own) <= MOST_POSES else pairwise(own)
+        file_poses = [pose for pose in poses if pose.number == number]
+        pairs += combinations(file_poses, 2) if len(file_poses) <= MAX_POSES_ALL_PAIRS else pairwise(file_poses)
     return pairs
 
 
 def _notes(poses: Sequence[CommandedPose]) -> list[str]:
-    if all(sum(pose.number == number for pose in poses) <= MOST_POSES for number in {pose.number for pose in poses}):
+    if all(
+        sum(pose.number == number for pose in poses) <= MAX_POSES_ALL_PAIRS
+        for number in {pose.number for pose in poses}
+    ):
         return []
-    return [f"with more than {MOST_POSES} commanded poses only neighbours in order of visit are paired"]
+    return [f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"]
 
 
-def _matched(one: CommandedPose, other: CommandedPose) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Visits of two poses that belong together: of the same cycle, else the j-th with the j-th."""
-    if one.cycle is not None and other.cycle is not None:
-        _, first, second = np.intersect1d(one.cycle, other.cycle, return_indices=True)
-        if np.unique(one.cycle).size == one.n and np.unique(other.cycle).size == other.n:
-            return first.astype(np.int64), second.astype(np.int64)
-    both = np.arange(min(one.n, other.n))
-    return both, both
+def _matched_visits(pose_a: CommandedPose, pose_b: CommandedPose) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the matching visits of two poses: of the same cycle, else the j-th with the j-th."""
+    if pose_a.cycle is not None and pose_b.cycle is not None:
+        _, rows_a, rows_b = np.intersect1d(pose_a.cycle, pose_b.cycle, return_indices=True)
+        if np.unique(pose_a.cycle).size == pose_a.n and np.unique(pose_b.cycle).size == pose_b.n:
+            return rows_a.astype(np.int64), rows_b.astype(np.int64)
+    rows = np.arange(min(pose_a.n, pose_b.n))
+    return rows, rows
 
 
-def _distances(
-    one: CommandedPose, other: CommandedPose, first: NDArray[np.int64], second: NDArray[np.int64]
+def _distances_between(
+    pose_a: CommandedPose, pose_b: CommandedPose, rows_a: NDArray[np.int64], rows_b: NDArray[np.int64]
 ) -> tuple[Array, Array, Array | None]:
-    """``(n,)`` distances, ``(3, n)`` along the axes, ``(3, n)`` of the angles."""
-    apart = one.attained[:, first] - other.attained[:, second]
+    """Return distances ``(n,)``, their components along the axes ``(3, n)`` and of the angles ``(3, n)``."""
+    differences = pose_a.attained[:, rows_a] - pose_b.attained[:, rows_b]
     angles = None
-    if one.turn is not None and other.turn is not None and not (one.at_pole or other.at_pole):
-        # From the reference's difference on, so that half a turn apart is not once plus and once minus.
-        angles = np.abs(_reference_apart(one, other)[:, None] + one.turn[:, first] - other.turn[:, second])
-    return np.sqrt(np.sum(np.square(apart), axis=0)), np.abs(apart), angles
+    if pose_a.turn is not None and pose_b.turn is not None and not (pose_a.at_pole or pose_b.at_pole):
+        # Relative to the references' difference, so that poses half a turn apart do not flip sign.
+        angles = np.abs(
+            _reference_difference(pose_a, pose_b)[:, None] + pose_a.turn[:, rows_a] - pose_b.turn[:, rows_b]
+        )
+    return np.sqrt(np.sum(np.square(differences), axis=0)), np.abs(differences), angles
 
 
-def _reference_apart(one: CommandedPose, other: CommandedPose) -> Array:
-    assert one.reference is not None
-    assert other.reference is not None
-    return wrapped(one.reference - other.reference)
+def _reference_difference(pose_a: CommandedPose, pose_b: CommandedPose) -> Array:
+    assert pose_a.reference is not None
+    assert pose_b.reference is not None
+    return wrapped(pose_a.reference - pose_b.reference)
 
 
-def _accuracy(one: CommandedPose, other: CommandedPose, first: NDArray[np.int64], second: NDArray[np.int64]) -> Found:
-    assert one.commanded is not None
-    assert other.commanded is not None
-    apart = one.commanded - other.commanded
-    length, axes, angles = _distances(one, other, first, second)
-    turned = None
-    if angles is not None and one.oriented and other.oriented:
-        wanted = np.abs(_reference_apart(one, other))
-        turned = tuple(estimates.mean(row, float(offset)) for row, offset in zip(angles, wanted, strict=True))
-    return Found(
-        (one.label, other.label),
-        one.source,
-        first.size,
-        estimates.mean(length, float(np.linalg.norm(apart))),
-        tuple(estimates.mean(row, float(abs(offset))) for row, offset in zip(axes, apart, strict=True)),
-        turned,
+def _accuracy_estimate(
+    pose_a: CommandedPose, pose_b: CommandedPose, rows_a: NDArray[np.int64], rows_b: NDArray[np.int64]
+) -> PlaceEstimate:
+    assert pose_a.commanded is not None
+    assert pose_b.commanded is not None
+    commanded = pose_a.commanded - pose_b.commanded
+    length, axes, angles = _distances_between(pose_a, pose_b, rows_a, rows_b)
+    angle_estimates = None
+    if angles is not None and pose_a.oriented and pose_b.oriented:
+        commanded_angles = np.abs(_reference_difference(pose_a, pose_b))
+        angle_estimates = tuple(
+            estimates.mean(distances, float(offset)) for distances, offset in zip(angles, commanded_angles, strict=True)
+        )
+    return PlaceEstimate(
+        (pose_a.label, pose_b.label),
+        pose_a.source,
+        rows_a.size,
+        estimates.mean(length, float(np.linalg.norm(commanded))),
+        tuple(estimates.mean(distances, float(abs(offset))) for distances, offset in zip(axes, commanded, strict=True)),
+        angle_estimates,
     )
 
 
-def _repeatability(
-    one: CommandedPose, other: CommandedPose, first: NDArray[np.int64], second: NDArray[np.int64]
-) -> Found:
-    length, axes, angles = _distances(one, other, first, second)
-    spread: Callable[[Array], IntervalEstimate] = estimates.threefold_sd
-    return Found(
-        (one.label, other.label),
-        one.source,
-        first.size,
-        spread(length),
-        tuple(map(spread, axes)),
-        None if angles is None else tuple(map(spread, angles)),
+def _repeatability_estimate(
+    pose_a: CommandedPose, pose_b: CommandedPose, rows_a: NDArray[np.int64], rows_b: NDArray[np.int64]
+) -> PlaceEstimate:
+    length, axes, angles = _distances_between(pose_a, pose_b, rows_a, rows_b)
+    threefold_std: Callable[[Array], IntervalEstimate] = estimates.threefold_std
+    return PlaceEstimate(
+        (pose_a.label, pose_b.label),
+        pose_a.source,
+        rows_a.size,
+        threefold_std(length),
+        tuple(map(threefold_std, axes)),
+        None if angles is None else tuple(map(threefold_std, angles)),
     )

@@ -1,7 +1,7 @@
-"""Estimates that can state their interval at any confidence, for every kind of number that ISO 9283 asks for.
+"""Estimates with intervals at any confidence, for every kind of number in ISO 9283.
 
-Visits of one commanded pose are taken as independent Gaussian draws; a drift during the run counts as scatter, which
-makes the intervals wider, not narrower. The systematic part of the measuring uncertainty is in none of them.
+Visits of one commanded pose are treated as independent Gaussian samples; a drift during the run counts as scatter,
+which makes the intervals wider, not narrower. No interval includes the systematic part of the measuring uncertainty.
 """
 
 from __future__ import annotations
@@ -20,140 +20,152 @@ from robacc.statistics.intervals import Interval, chi2_interval, tails
 
 STUDENT = "Student's t"
 CHI_SQUARE = "chi-square"
-MOVER = "from the intervals of the two (method of variance estimates recovery)"
-ONE_VISIT = "one visit shows no scatter"
+MOVER = "from the intervals of both estimates (method of variance estimates recovery)"
+ONE_VISIT = "one visit has no scatter to estimate an interval from"
 FEW_VISITS = "fewer than three visits"
 
 
 @dataclass(frozen=True, slots=True)
 class IntervalEstimate:
-    """A number and how to get its interval."""
+    """A number with the functions that compute its interval."""
 
     value: float
-    at: Callable[[float], Interval]
-    """The interval at a confidence."""
-    low: Callable[[float], float | None] | None = None
-    """Its lower limit alone, where that costs less; the largest of many asks for it at a stricter confidence."""
+    interval_at: Callable[[float], Interval]
+    """Interval at a confidence."""
+    lower_at: Callable[[float], float | None] | None = None
+    """Lower limit alone, where it costs less; the largest of many estimates needs it at a stricter confidence."""
 
     def __post_init__(self) -> None:
-        """Remember the intervals: places and their largest ask for the same ones."""
-        object.__setattr__(self, "at", lru_cache(maxsize=8)(self.at))
+        """Cache the intervals: each place and the largest over places use the same ones."""
+        object.__setattr__(self, "interval_at", lru_cache(maxsize=8)(self.interval_at))
 
     def lower(self, confidence: float) -> float | None:
-        """The lower limit of the interval at a confidence."""
-        return self.at(confidence).lower if self.low is None else self.low(confidence)
+        """Return the lower limit of the interval at a confidence."""
+        return self.interval_at(confidence).lower if self.lower_at is None else self.lower_at(confidence)
 
     def figure(self, confidence: float) -> CriterionFigure:
-        """The number with its interval at that confidence."""
-        return CriterionFigure(self.value, self.at(confidence))
+        """Return the number with its interval at a confidence."""
+        return CriterionFigure(self.value, self.interval_at(confidence))
 
 
-def without_interval(value: float, why: str) -> IntervalEstimate:
-    """A number that nothing is known of besides."""
-    return IntervalEstimate(value, lambda confidence: Interval.missing(confidence, why))
+def without_interval(value: float, reason: str) -> IntervalEstimate:
+    """Return a number without an interval, and the reason."""
+    return IntervalEstimate(value, lambda confidence: Interval.missing(confidence, reason))
 
 
-def student(value: float, error: float, dof: float, method: str = STUDENT) -> IntervalEstimate:
-    """A number with a standard error on ``dof`` degrees of freedom; infinite for a normal one, none below one."""
+def student(value: float, standard_error: float, dof: float, method: str = STUDENT) -> IntervalEstimate:
+    """Return a number with a standard error on ``dof`` degrees of freedom; infinite: normal, below 1: no interval."""
     if dof < 1:
         return without_interval(value, ONE_VISIT)
 
-    def at(confidence: float) -> Interval:
+    def interval_at(confidence: float) -> Interval:
         below, _, bound = (
-            normal_quantile(p) if math.isinf(dof) else student_quantile(p, dof) for p in tails(confidence)
+            normal_quantile(probability) if math.isinf(dof) else student_quantile(probability, dof)
+            for probability in tails(confidence)
         )
-        return Interval(value + below * error, value - below * error, value + bound * error, confidence, method)
+        return Interval(
+            value + below * standard_error,
+            value - below * standard_error,
+            value + bound * standard_error,
+            confidence,
+            method,
+        )
 
-    return IntervalEstimate(value, at)
+    return IntervalEstimate(value, interval_at)
 
 
 def mean(values: Array, offset: float = 0.0) -> IntervalEstimate:
-    """The mean of ``values`` ``(n,)`` less ``offset``, by Student's t."""
+    """Return the mean of ``values`` ``(n,)`` minus ``offset``, by Student's t."""
     value = float(np.mean(values)) - offset
     if values.size < 2:
         return without_interval(value, ONE_VISIT)
     return student(value, float(np.std(values, ddof=1)) / math.sqrt(values.size), values.size - 1)
 
 
-def size(signed: IntervalEstimate) -> IntervalEstimate:
-    """The absolute value of a signed estimate."""
+def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
+    """Return the absolute value of a signed estimate."""
 
-    def at(confidence: float) -> Interval:
-        one = signed.at(confidence)
-        if one.lower is None or one.upper is None or one.upper_bound is None:
-            return one
-        nearest = max(0.0, one.lower, -one.upper)
-        bound = abs(signed.value) + (one.upper_bound - signed.value)
-        return Interval(nearest, max(-one.lower, one.upper), bound, confidence, one.method)
+    def interval_at(confidence: float) -> Interval:
+        interval = signed.interval_at(confidence)
+        if interval.lower is None or interval.upper is None or interval.upper_bound is None:
+            return interval
+        lowest = max(0.0, interval.lower, -interval.upper)
+        bound = abs(signed.value) + (interval.upper_bound - signed.value)
+        return Interval(lowest, max(-interval.lower, interval.upper), bound, confidence, interval.method)
 
-    def low(confidence: float) -> float | None:
-        lower = signed.lower(confidence) if signed.value >= 0.0 else at(confidence).lower
+    def lower_at(confidence: float) -> float | None:
+        lower = signed.lower(confidence) if signed.value >= 0.0 else interval_at(confidence).lower
         return None if lower is None else max(lower, 0.0)
 
-    return IntervalEstimate(abs(signed.value), at, low)
+    return IntervalEstimate(abs(signed.value), interval_at, lower_at)
 
 
-def threefold_sd(values: Array) -> IntervalEstimate:
-    """3 S of ``values`` ``(n,)``, S with divisor n - 1; n at least 2. The interval is exact for Gaussian values."""
+def threefold_std(values: Array) -> IntervalEstimate:
+    """Return 3 S of ``values`` ``(n,)``, n at least 2, S with divisor n - 1; the interval is exact if Gaussian."""
     value = 3.0 * float(np.std(values, ddof=1))
     dof = values.size - 1.0
     return IntervalEstimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, CHI_SQUARE).root())
 
 
 def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimate:
-    """``after - before`` of two independent estimates, from their intervals.
+    """Return ``after - before`` of two independent estimates, from their intervals.
 
     Source: G. Y. Zou, A. Donner, "Construction of confidence limits about effect measures", Statistics in Medicine 27,
     2008.
     """
     value = after.value - before.value
 
-    def at(confidence: float) -> Interval:
-        one, other = after.at(confidence), before.at(confidence)
-        if one.lower is None or one.upper is None or other.lower is None or other.upper is None:
-            return one if one.lower is None else other
-        low = value - math.hypot(after.value - one.lower, other.upper - before.value)
-        high = value + math.hypot(one.upper - after.value, before.value - other.lower)
-        if one.upper_bound is None:
+    def interval_at(confidence: float) -> Interval:
+        after_interval, before_interval = after.interval_at(confidence), before.interval_at(confidence)
+        if (
+            after_interval.lower is None
+            or after_interval.upper is None
+            or before_interval.lower is None
+            or before_interval.upper is None
+        ):
+            return after_interval if after_interval.lower is None else before_interval
+        lower = value - math.hypot(after.value - after_interval.lower, before_interval.upper - before.value)
+        upper = value + math.hypot(after_interval.upper - after.value, before.value - before_interval.lower)
+        if after_interval.upper_bound is None:
             return Interval.missing(confidence, FEW_VISITS)
-        # The lower limit at twice the tail is the one-sided one.
-        double = before.at(2.0 * confidence - 1.0).lower if confidence > 0.5 else before.value
-        bound = value + math.hypot(one.upper_bound - after.value, before.value - (double or 0.0))
-        return Interval(low, high, bound, confidence, MOVER)
+        # The lower limit at twice the tail is the one-sided bound.
+        two_sided = before.interval_at(2.0 * confidence - 1.0).lower if confidence > 0.5 else before.value
+        bound = value + math.hypot(after_interval.upper_bound - after.value, before.value - (two_sided or 0.0))
+        return Interval(lower, upper, bound, confidence, MOVER)
 
-    return IntervalEstimate(value, at)
+    return IntervalEstimate(value, interval_at)
 
 
-def largest(estimates: Sequence[IntervalEstimate], confidence: float) -> tuple[int, CriterionFigure]:
-    """Which of the estimates is largest, and the figure of the largest of their true values.
+def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> tuple[int, CriterionFigure]:
+    """Return the index of the largest estimate, and the figure of the largest of the true values.
 
-    The greatest of the upper limits holds as it stands, for it is at least the upper limit of whichever is truly the
-    largest; the greatest of the lower ones would be carried up by chance, so each is taken at the tail divided by their
-    number (Bonferroni).
+    The largest upper limit needs no correction: it is at least the upper limit of the estimate whose true value is
+    largest. Chance would raise the largest lower limit, so each is computed at the tail divided by the number of
+    estimates (Bonferroni).
     """
-    best = max(range(len(estimates)), key=lambda i: estimates[i].value)
-    value = estimates[best].value
-    intervals = [one.at(confidence) for one in estimates]
-    missing = next((one for one in intervals if one.upper is None), None)
+    largest = max(range(len(estimates)), key=lambda i: estimates[i].value)
+    value = estimates[largest].value
+    intervals = [estimate.interval_at(confidence) for estimate in estimates]
+    missing = next((interval for interval in intervals if interval.upper is None), None)
     if missing is not None or len(estimates) == 1:
-        return best, CriterionFigure(value, missing or intervals[0])
+        return largest, CriterionFigure(value, missing or intervals[0])
     lower = _lower_of_largest(estimates, confidence)
-    upper = max(one.upper or 0.0 for one in intervals)
-    bound = max(one.upper_bound or 0.0 for one in intervals)
-    method = f"{intervals[best].method}; largest of {len(estimates)}"
-    return best, CriterionFigure(value, Interval(lower, upper, bound, confidence, method))
+    upper = max(interval.upper or 0.0 for interval in intervals)
+    upper_bound = max(interval.upper_bound or 0.0 for interval in intervals)
+    method = f"{intervals[largest].method}; largest of {len(estimates)}"
+    return largest, CriterionFigure(value, Interval(lower, upper, upper_bound, confidence, method))
 
 
 def _lower_of_largest(estimates: Sequence[IntervalEstimate], confidence: float) -> float:
-    strict = 1.0 - (1.0 - confidence) / len(estimates)
-    return max(one.lower(strict) or 0.0 for one in estimates)
+    adjusted = 1.0 - (1.0 - confidence) / len(estimates)
+    return max(estimate.lower(adjusted) or 0.0 for estimate in estimates)
 
 
-def largest_of(estimates: Sequence[IntervalEstimate]) -> IntervalEstimate:
-    """The largest of the estimates' true values, as an estimate."""
-    value = max(one.value for one in estimates)
+def largest_estimate(estimates: Sequence[IntervalEstimate]) -> IntervalEstimate:
+    """Return the largest of the estimates' true values, as an estimate."""
+    value = max(estimate.value for estimate in estimates)
     return IntervalEstimate(
         value,
-        lambda confidence: largest(estimates, confidence)[1].interval,
+        lambda confidence: largest_figure(estimates, confidence)[1].interval,
         lambda confidence: _lower_of_largest(estimates, confidence),
     )

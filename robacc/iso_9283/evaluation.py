@@ -1,4 +1,4 @@
-"""The pose criteria of ISO 9283:1998 that measured poses can support, and how far they follow its protocol."""
+"""Evaluation of measured poses after ISO 9283:1998: the criteria they support, and the protocol's conditions."""
 
 from __future__ import annotations
 
@@ -21,53 +21,55 @@ from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 from robacc.statistics.multivariate import assumption_tests
 
-_HEAVY_TAILS = 0.01
-"""p-value below which the scatter is said to be no Gaussian's."""
-_MOST_POSES = 300
-"""Commanded poses of a file: sixty times the standard's five."""
+_HEAVY_TAIL_P_VALUE = 0.01
+"""p-value below which a note says that the scatter is not Gaussian."""
+_MAX_POSES = 300
+"""Largest number of commanded poses in a file: sixty times the standard's five."""
 
 
 def iso9283(
     files: Sequence[Measurements],
     robot: Robot | None = None,
     *,
-    what: Sequence[str] = (),
+    align: Sequence[str] = (),
     confidence: float = 0.95,
     seed: int = 0,
     windows: int | None = None,
     rated_load: float | None = None,
 ) -> Iso9283Result:
-    """The pose criteria of one robot a file.
+    """Evaluate the pose criteria of ISO 9283 for one robot per file.
 
     Args:
-        files: Measured poses, at least one file of them. Without a robot, and without commanded poses in a file, there
-            is no accuracy, but repeatability.
-        robot: Commands the poses of every file at its q, its effects included; goes before commanded poses in the file.
-        what: Of :data:`robacc.fitting.registration.ALIGNABLE`: what is fitted to each file's poses first.
-        confidence: Of every interval.
-        seed: Of the bootstrap.
-        windows: Parts that each pose's visits are cut into for the drift; None: as many as have ten visits.
-        rated_load: kg; None: not known.
+        files: Measured poses of at least one file. Without ``robot`` and without commanded poses in a file there is
+            repeatability but no accuracy.
+        robot: Gives the commanded pose of every row at its q, effects included; replaces commanded poses in the file.
+        align: Frames of :data:`robacc.fitting.registration.ALIGNABLE` that are fitted to each file's poses.
+        confidence: Confidence of every interval.
+        seed: Seed of the bootstrap.
+        windows: Number of windows that each pose's visits are divided into for the drift; None: ten visits each.
+        rated_load: Rated load in kg; None: not known.
 
     Raises:
-        UsageError: the call does not fit itself or the data.
-        InputError: the data lack what the call needs.
+        UsageError: The arguments contradict each other or the data.
+        InputError: The data lack something that the call needs.
     """
-    check_call(robot, what, confidence)
-    _check(files, windows, rated_load)
-    sources = _names(files)
-    commands = [_commanded(data, robot) for data in files]
-    nominal = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
-    _check_count(nominal)
-    alignments = _alignments(files, robot, what)
-    robots = nominal
+    check_call(robot, align, confidence)
+    _check_arguments(files, windows, rated_load)
+    sources = _file_names(files)
+    commands = [_commanded_of(data, robot) for data in files]
+    nominal_poses = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
+    _check_count(nominal_poses)
+    alignments = _alignments(files, robot, align)
+    poses_by_file = nominal_poses
     if alignments:
-        moved = [commanded_poses(data, one.robot) for data, one in zip(files, alignments, strict=True)]
-        robots = [visits_of(data, moved[i], sources[i], i) for i, data in enumerate(files)]
-    poses = tuple(pose for own in robots for pose in own)
-    repeated = repeatability(poses, confidence, seed)
-    drifts = drift(poses, confidence, seed, windows)
-    exchanged = exchangeability(nominal, _in_one_frame(nominal, robot, alignments), confidence)
+        registered_commands = [
+            commanded_poses(data, alignment.robot) for data, alignment in zip(files, alignments, strict=True)
+        ]
+        poses_by_file = [visits_of(data, registered_commands[i], sources[i], i) for i, data in enumerate(files)]
+    poses = tuple(pose for file_poses in poses_by_file for pose in file_poses)
+    repeatability_characteristic = repeatability(poses, confidence, seed)
+    accuracy_drift, repeatability_drift, shift = drift(poses, confidence, seed, windows)
+    exchanged = exchangeability(nominal_poses, _positions_in_shared_frame(nominal_poses, robot, alignments), confidence)
     if robot is not None and alignments:
         robot = alignments[0].robot
     return Iso9283Result(
@@ -77,97 +79,102 @@ def iso9283(
         poses=poses,
         characteristics=(
             accuracy(poses, confidence),
-            repeated,
+            repeatability_characteristic,
             multidirectional(poses, confidence),
             *distance_criteria(poses, confidence),
-            *drifts,
+            accuracy_drift,
+            repeatability_drift,
+            shift,
             exchanged,
         ),
-        protocol=protocol(files, poses, robot, repeated, drifts[2], rated_load),
+        protocol=protocol(files, poses, robot, repeatability_characteristic, shift, rated_load),
         alignments=tuple(alignments),
-        unaligned=np.array([_greatest_accuracy(own) for own in nominal]) if alignments else None,
+        unaligned=np.array([_largest_accuracy(file_poses) for file_poses in nominal_poses]) if alignments else None,
         confidence=confidence,
-        notes=_notes(poses, alignments, robot, files, drifts[2]),
+        notes=_notes(poses, alignments, robot, files, shift),
         warnings=_warnings(files, poses),
     )
 
 
-def _check(files: Sequence[Measurements], windows: int | None, rated_load: float | None) -> None:
+def _check_arguments(files: Sequence[Measurements], windows: int | None, rated_load: float | None) -> None:
     if not files:
-        raise UsageError("at least one file of measured poses is needed")
+        raise UsageError("no file of measured poses is given; give at least one")
     if windows is not None and windows < 2:
-        raise UsageError(f"drift is a change between windows: at least 2 are needed, not {windows}")
+        raise UsageError(f"drift is a change between windows: `drift_windows` is at least 2, not {windows}")
     if rated_load is not None and not 0.0 < rated_load < np.inf:
-        raise UsageError(f"the rated load is a weight above 0 kg, not {rated_load:g}")
+        raise UsageError(f"`rated_load` is above 0 kg, not {rated_load:g}")
 
 
-def _names(files: Sequence[Measurements]) -> list[str]:
-    """A name for each file, told apart where two have the same."""
-    plain = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
-    return [f"{name} ({i + 1})" if plain.count(name) > 1 else name for i, name in enumerate(plain)]
+def _file_names(files: Sequence[Measurements]) -> list[str]:
+    """Return a unique name for each file."""
+    names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
+    return [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-def _commanded(data: Measurements, robot: Robot | None) -> Commanded | None:
-    """What says where the targets were to be; None where nothing does, which leaves repeatability."""
+def _commanded_of(data: Measurements, robot: Robot | None) -> Commanded | None:
+    """Return the commanded poses of a file; None if neither the robot nor the file gives them."""
     if robot is None and data.commanded_position is None:
         return None
     return commanded_poses(data, robot)
 
 
-def _check_count(robots: Sequence[Sequence[CommandedPose]]) -> None:
-    """Refuse files in which hardly any pose is visited again.
+def _check_count(poses_by_file: Sequence[Sequence[CommandedPose]]) -> None:
+    """Reject files with too many commanded poses, in which few poses are visited again.
 
     Raises:
-        InputError: there are too many commanded poses.
+        InputError: A file has too many commanded poses.
     """
     problems = [
         Problem(
-            f"has {len(poses)} commanded poses; the standard's criteria are of a few, at most {_MOST_POSES} are taken",
+            f"has {len(poses)} commanded poses; the standard's criteria need a few poses, at most {_MAX_POSES}",
             poses[0].source,
-            fix="name the commanded poses in a column pose; robacc estimate takes poses that are visited once",
+            fix="name the commanded poses in a column pose; the command estimate takes poses that are visited once",
         )
-        for poses in robots
-        if len(poses) > _MOST_POSES
+        for poses in poses_by_file
+        if len(poses) > _MAX_POSES
     ]
     if problems:
         raise InputError(problems)
 
 
-def _alignments(files: Sequence[Measurements], robot: Robot | None, what: Sequence[str]) -> list[Alignment]:
-    """The alignment of each file; none where nothing is to be aligned."""
-    if robot is None or not what:
+def _alignments(files: Sequence[Measurements], robot: Robot | None, align: Sequence[str]) -> list[Alignment]:
+    """Return the registration of each file, or an empty list if no frame is fitted."""
+    if robot is None or not align:
         return []
-    from robacc.fitting.registration import align
+    from robacc.fitting import registration
 
-    return [align(robot, data, what) for data in files]
+    return [registration.align(robot, data, align) for data in files]
 
 
-def _greatest_accuracy(poses: Sequence[CommandedPose]) -> float:
-    """The largest AP_p, m."""
+def _largest_accuracy(poses: Sequence[CommandedPose]) -> float:
+    """Return the largest AP_p, m."""
     return max(position_accuracy(pose.deviation).value for pose in poses if pose.deviation is not None)
 
 
-def _in_one_frame(
-    robots: Sequence[Sequence[CommandedPose]], robot: Robot | None, alignments: Sequence[Alignment]
+def _positions_in_shared_frame(
+    poses_by_file: Sequence[Sequence[CommandedPose]], robot: Robot | None, alignments: Sequence[Alignment]
 ) -> list[list[Array]]:
-    """Attained positions of each file in the frame that the robots share: with alignment, that of the robot file.
+    """Return attained positions of each file in a frame that the robots share: if registered, the robot file's.
 
-    An aligned robot was measured in a frame of its own: its positions are carried from the base found to the nominal.
+    Registered robots were measured in different frames, so positions move from the registered to the nominal base.
     """
     if robot is None or not alignments:
-        return [[pose.attained for pose in poses] for poses in robots]
-    nominal = _base(robot)
-    result = []
-    for poses, alignment in zip(robots, alignments, strict=True):
-        turn = nominal.rotation @ _base(alignment.robot).rotation.T
-        found = _base(alignment.robot)
-        result.append(
-            [turn @ (pose.attained - found.translation[:, None]) + nominal.translation[:, None] for pose in poses]
+        return [[pose.attained for pose in poses] for poses in poses_by_file]
+    nominal = _base_pose(robot)
+    positions = []
+    for poses, alignment in zip(poses_by_file, alignments, strict=True):
+        rotation = nominal.rotation @ _base_pose(alignment.robot).rotation.T
+        registered_base = _base_pose(alignment.robot)
+        positions.append(
+            [
+                rotation @ (pose.attained - registered_base.translation[:, None]) + nominal.translation[:, None]
+                for pose in poses
+            ]
         )
-    return result
+    return positions
 
 
-def _base(robot: Robot) -> Poses:
+def _base_pose(robot: Robot) -> Poses:
     return Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
 
 
@@ -179,36 +186,36 @@ def _notes(
     shift: Characteristic,
 ) -> tuple[str, ...]:
     notes = [
-        "RP says how closely visits of a pose agree with each other, and nothing of how near they are to it: that is AP"
+        "RP is how closely the visits of a pose agree with each other; their distance from the commanded pose is AP"
     ]
     if any(sum(pose.number == number for pose in poses) > 1 for number in range(len(files))):
         notes.append(
-            "every criterion is the largest over all poses, or pairs of poses, that were measured; where the standard "
-            "prescribes fewer (for distances P2 to P4, for drift P1), the JSON result has their values, pose by pose"
+            "every criterion is the largest over all measured poses or pairs of poses; where the standard prescribes "
+            "fewer (for distances P2 to P4, for drift P1), the JSON result has the value of each pose"
         )
     if robot is not None and any(data.commanded_position is not None for data in files):
-        notes.append("commanded poses are the robot's; the files' cmd_ columns were not used")
+        notes.append("commanded poses are from the robot; the files' cmd_ columns were not used")
     if robot is not None and robot.effects:
         names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
         notes.append(f"the robot file's effects are applied to the command: {', '.join(names)}")
     for alignment in alignments:
         count = alignment.n_parameters
-        notes.append(f"AP and dAP are after an alignment fitted to these same poses, with {count} parameters")
+        notes.append(f"AP and dAP are after registration with {count} parameters, fitted to the same poses")
         notes.extend(alignment.notes)
     if any(pose.at_pole for pose in poses):
         notes.append(
-            "a, b, c are turns about x, y, z of the measuring frame where pitch is within 10° of 90°, and roll and yaw "
-            "are not defined"
+            "a, b, c are rotations about x, y, z of the measuring frame where pitch is within 10° of 90°: roll and yaw "
+            "are not defined there"
         )
     if shift.position.interval.lower:
-        notes.append("the robot drifted during the run, more than the scatter explains: AP and RP contain the drift")
+        notes.append("the robot drifted during the run by more than the scatter explains: AP and RP include the drift")
     if (tails := _heavy_tails(poses)) is not None:
         notes.append(tails)
     return tuple(dict.fromkeys(notes))
 
 
 def _heavy_tails(poses: Sequence[CommandedPose]) -> str | None:
-    """Whether the visits scatter as a Gaussian, which the intervals of RP assume: each pose's sphered, all together."""
+    """Return a note if the scatter of the visits, sphered for each pose, has longer tails than a Gaussian."""
     sphered = []
     for pose in poses:
         values, axes = np.linalg.eigh(np.cov(pose.attained)) if pose.n > 9 else (np.zeros(3), np.eye(3))
@@ -217,11 +224,11 @@ def _heavy_tails(poses: Sequence[CommandedPose]) -> str | None:
     if not sphered:
         return None
     test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis
-    if test.p_value is None or test.statistic is None or test.p_value > _HEAVY_TAILS or test.statistic < 0.0:
+    if test.p_value is None or test.statistic is None or test.p_value > _HEAVY_TAIL_P_VALUE or test.statistic < 0.0:
         return None
     return (
-        f"the visits scatter with longer tails than a Gaussian's (Mardia's kurtosis, p = {test.p_value:.1g}): the "
-        "intervals of RP, which assume one, are too narrow"
+        f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {test.p_value:.1g}): the "
+        "intervals of RP assume a Gaussian and are too narrow"
     )
 
 

@@ -1,4 +1,4 @@
-"""Which conditions of the standard's protocol the data meet, which they do not, and which they cannot show.
+"""Conditions of the standard's protocol, and whether the data meet them, violate them or do not record them.
 
 Clauses of ISO 9283:1998: 6.2 (conditions prior to testing), 6.3 (environment), 6.5 (instrumentation), 6.6 (load), 6.7
 (velocity), 6.8 (poses), 6.9 (cycles), 7.2 (approaches), 7.4 (stabilisation).
@@ -18,14 +18,14 @@ from robacc.measurements import Measurements, motion_between_rows
 from robacc.robots.description import Robot
 
 CYCLES = 30
-_POSES = 5
-_AMBIENT, _AMBIENT_BAND = 20.0, 2.0
-_FULL = 0.02
-"""A load or velocity within this part of the rated one is the rated one."""
+_POSE_COUNT = 5
+_AMBIENT, _AMBIENT_TOLERANCE = 20.0, 2.0
+_STEP_TOLERANCE = 0.02
+"""Relative tolerance within which a load or velocity counts as a rated step."""
 _LOADS = (1.0, 0.1)
 _VELOCITIES = (1.0, 0.5, 0.1)
-_UNCERTAINTY = 0.25
-"""Largest part of the criterion that the measuring uncertainty may be."""
+_MAX_UNCERTAINTY_SHARE = 0.25
+"""Largest measuring uncertainty as a fraction of the criterion."""
 
 
 def protocol(
@@ -36,23 +36,23 @@ def protocol(
     shift: Characteristic,
     rated_load: float | None,
 ) -> tuple[Condition, ...]:
-    """Every condition, in the order of the clauses."""
-    own = [[pose for pose in poses if pose.number == number] for number in range(len(files))]
+    """Return every condition, in the order of the clauses."""
+    poses_by_file = [[pose for pose in poses if pose.number == number] for number in range(len(files))]
     return (
         _warm_up(shift),
         _temperature(files),
         _instrument(files, repeatability),
         _load(files, rated_load),
         _velocity(files),
-        _five(own),
-        *_cube(own, robot),
+        _five_poses(poses_by_file),
+        *_cube_conditions(poses_by_file, robot),
         _cycles(poses),
-        _approach(files, poses),
+        _one_approach(files, poses),
         Condition(
             "stabilisation",
             "7.4",
             "unknown",
-            "the data do not say how long after its arrival each pose was measured",
+            "the time between arrival and measurement is not recorded",
         ),
     )
 
@@ -60,10 +60,10 @@ def protocol(
 def _warm_up(shift: Characteristic) -> Condition:
     lower = shift.position.interval.lower
     if lower is not None and lower > 0.0 and shift.position.value is not None:
-        size = shift.position.value * 1e3
-        why = f"the data do not say; but the barycentre of {shift.position_at} moved {size:.2g} mm during the run"
-        return Condition("warm-up", "6.2", "unknown", why)
-    return Condition("warm-up", "6.2", "unknown", "the data do not say whether the robot was warm")
+        shift_text = f"the barycentre of {shift.position_at} moved {shift.position.value * 1e3:.2g} mm during the run"
+        reason = f"the warm-up is not recorded, but {shift_text}"
+        return Condition("warm-up", "6.2", "unknown", reason)
+    return Condition("warm-up", "6.2", "unknown", "the warm-up is not recorded")
 
 
 def _temperature(files: Sequence[Measurements]) -> Condition:
@@ -71,14 +71,17 @@ def _temperature(files: Sequence[Measurements]) -> Condition:
     logged = [data.temperature for data in files if data.temperature is not None]
     if len(logged) < len(files):
         return Condition(name, clause, "unknown", "no column temperature_c")
-    low, high = min(float(t.min()) for t in logged), max(float(t.max()) for t in logged)
-    found = f"{low:.1f} °C to {high:.1f} °C"
-    if high - low > 2.0 * _AMBIENT_BAND:
-        return Condition(name, clause, "not met", f"{found}: not held within ± {_AMBIENT_BAND:.0f} °C")
-    if abs(low - _AMBIENT) <= _AMBIENT_BAND and abs(high - _AMBIENT) <= _AMBIENT_BAND:
-        return Condition(name, clause, "met", f"{found}, within 20 °C ± {_AMBIENT_BAND:.0f} °C")
+    low, high = (
+        min(float(temperature.min()) for temperature in logged),
+        max(float(temperature.max()) for temperature in logged),
+    )
+    range_text = f"{low:.1f} °C to {high:.1f} °C"
+    if high - low > 2.0 * _AMBIENT_TOLERANCE:
+        return Condition(name, clause, "not met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C")
+    if abs(low - _AMBIENT) <= _AMBIENT_TOLERANCE and abs(high - _AMBIENT) <= _AMBIENT_TOLERANCE:
+        return Condition(name, clause, "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C")
     return Condition(
-        name, clause, "met", f"{found}: held within ± 2 °C, not about 20 °C, so to be stated with the result"
+        name, clause, "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
     )
 
 
@@ -89,13 +92,13 @@ def _instrument(files: Sequence[Measurements], repeatability: Characteristic) ->
     if len(sigmas) < len(files):
         return Condition(name, clause, "unknown", "no columns sigma_x, sigma_y, sigma_z")
     if not smallest:
-        return Condition(name, clause, "unknown", "no RP to compare it with")
+        return Condition(name, clause, "unknown", "there is no RP to compare it with")
     expanded = 2.0 * max(float(np.max(sigma)) for sigma in sigmas)
     share = expanded / min(smallest) if min(smallest) > 0.0 else np.inf
-    why = (
-        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP, at most 25 % are allowed"
+    reason = (
+        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
     )
-    return Condition(name, clause, "met" if share <= _UNCERTAINTY else "not met", why)
+    return Condition(name, clause, "met" if share <= _MAX_UNCERTAINTY_SHARE else "not met", reason)
 
 
 def _load(files: Sequence[Measurements], rated: float | None) -> Condition:
@@ -104,12 +107,12 @@ def _load(files: Sequence[Measurements], rated: float | None) -> Condition:
     if len(loads) < len(files):
         return Condition(name, clause, "unknown", "no column payload_kg")
     low, high = min(float(load.min()) for load in loads), max(float(load.max()) for load in loads)
-    if high - low > _FULL * max(high, 1e-9):
+    if high - low > _STEP_TOLERANCE * max(high, 1e-9):
         return Condition(name, clause, "not met", f"the load varies from {low:g} kg to {high:g} kg")
     if rated is None:
-        return Condition(name, clause, "unknown", f"{high:g} kg throughout; --rated-load says what the rated one is")
+        return Condition(name, clause, "unknown", f"{high:g} kg throughout; give `rated_load` to compare")
     share = high / rated
-    return Condition(name, clause, *_nominal(share, _LOADS, f"{high:g} kg of {rated:g} kg", "load"))
+    return Condition(name, clause, *_rated_share(share, _LOADS, f"{high:g} kg of {rated:g} kg", "load"))
 
 
 def _velocity(files: Sequence[Measurements]) -> Condition:
@@ -118,58 +121,61 @@ def _velocity(files: Sequence[Measurements]) -> Condition:
     if len(speeds) < len(files):
         return Condition(name, clause, "unknown", "no speed columns")
     if any(_from_order(data) for data in files):
-        why = "speeds are derived from the order of rows: shares among the joints, not how fast"
-        return Condition(name, clause, "unknown", why)
+        reason = "speeds are derived from the order of rows: they are relative, not absolute"
+        return Condition(name, clause, "unknown", reason)
     fastest = np.concatenate([np.max(np.abs(speed), axis=0) for speed in speeds])
     fastest = fastest[fastest > 0.0]
     if fastest.size == 0:
         return Condition(name, clause, "unknown", "every speed is 0")
-    if np.ptp(fastest) > _FULL:
-        why = f"the fastest joint's speed varies from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
-        return Condition(name, clause, "not met", why)
+    if np.ptp(fastest) > _STEP_TOLERANCE:
+        reason = f"the fastest joint's speed varies from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
+        return Condition(name, clause, "not met", reason)
     share = float(fastest.mean())
-    return Condition(name, clause, *_nominal(share, _VELOCITIES, "the fastest joint's last motion", "velocity"))
+    return Condition(name, clause, *_rated_share(share, _VELOCITIES, "the fastest joint's last motion", "velocity"))
 
 
 def _from_order(data: Measurements) -> bool:
-    """Whether the speeds are those that the rows' order gives, which are relative."""
+    """Return True if the speeds are derived from the rows' order, which makes them relative."""
     if data.speed is None or data.q is None:
         return False
     return bool(np.allclose(data.speed, motion_between_rows(data.q)[1], atol=1e-9))
 
 
-def _nominal(share: float, steps: tuple[float, ...], what: str, quantity: str) -> tuple[Status, str]:
-    """The status of a share of the rated value, and why; the standard's optional steps are named."""
-    step = next((step for step in steps if abs(share - step) <= _FULL * max(step, 0.1)), None)
+def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> tuple[Status, str]:
+    """Return the status of a share of the rated value and the reason, which names the standard's optional steps."""
+    step = next((step for step in steps if abs(share - step) <= _STEP_TOLERANCE * max(step, 0.1)), None)
     if step == 1.0:
-        return "met", f"{what}: 100 %"
-    optional = ", ".join(f"{100 * one:.0f} %" for one in steps[1:])
+        return "met", f"{description}: 100 %"
+    optional_text = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
     if step is not None:
         return (
             "met",
-            f"{what}: {100 * step:.0f} %, one of the optional steps; a test at 100 % {quantity} is needed beside it",
+            f"{description}: {100 * step:.0f} %, an optional step; a test at 100 % {quantity} is needed too",
         )
-    return "not met", f"{what}: {100 * share:.0f} %; the standard's is 100 %, and {optional} as an option"
+    return (
+        "not met",
+        f"{description}: {100 * share:.0f} %; the standard requires 100 %; optional steps are {optional_text}",
+    )
 
 
-def _five(files: Sequence[Sequence[CommandedPose]]) -> Condition:
+def _five_poses(files: Sequence[Sequence[CommandedPose]]) -> Condition:
     counts = sorted({len(poses) for poses in files})
-    found = f"{' and '.join(map(str, counts))} commanded pose{'s' * (counts != [1])}"
-    return Condition("five poses", "6.8", "met" if counts == [_POSES] else "not met", found)
+    count_text = f"{' and '.join(map(str, counts))} commanded pose{'s' * (counts != [1])}"
+    return Condition("five poses", "6.8", "met" if counts == [_POSE_COUNT] else "not met", count_text)
 
 
-def _cube(files: Sequence[Sequence[CommandedPose]], robot: Robot | None) -> tuple[Condition, Condition]:
-    """The diagonal plane and the distance from the corners, judged on the first file."""
+def _cube_conditions(files: Sequence[Sequence[CommandedPose]], robot: Robot | None) -> tuple[Condition, Condition]:
+    """Return the conditions on the diagonal plane and on the distance from the corners, from the first file."""
     names = ("diagonal plane", "10 % from the corners")
     poses = files[0]
     points = [pose.commanded for pose in poses if pose.commanded is not None]
     if len(points) < len(poses):
-        return _both(names, "unknown", "the commanded positions are not known")
-    if len(points) != _POSES:
-        return _both(names, "not met", "needs five commanded poses")
+        return _both_conditions(names, "unknown", "the commanded positions are not known")
+    if len(points) != _POSE_COUNT:
+        return _both_conditions(names, "not met", "needs five commanded poses")
     fit = fit_cube(_in_base(np.stack(points, axis=1), robot))
     if isinstance(fit, str):
-        return _both(names, "not met", fit)
+        return _both_conditions(names, "not met", fit)
     first = Condition(
         names[0],
         "6.8",
@@ -178,13 +184,13 @@ def _cube(files: Sequence[Sequence[CommandedPose]], robot: Robot | None) -> tupl
     )
     if fit.plane is None:
         first = Condition(
-            names[0], "6.8", "not met", "a diagonal plane, but an upright one: the standard's rise at 45°"
+            names[0], "6.8", "not met", "the diagonal plane is upright; the standard's planes rise at 45°"
         )
     return first, _distance_from_corners(names[1], fit)
 
 
-def _both(names: tuple[str, str], status: Status, why: str) -> tuple[Condition, Condition]:
-    return Condition(names[0], "6.8", status, why), Condition(names[1], "6.8", status, why)
+def _both_conditions(names: tuple[str, str], status: Status, reason: str) -> tuple[Condition, Condition]:
+    return Condition(names[0], "6.8", status, reason), Condition(names[1], "6.8", status, reason)
 
 
 def _distance_from_corners(name: str, fit: CubeFit) -> Condition:
@@ -192,11 +198,13 @@ def _distance_from_corners(name: str, fit: CubeFit) -> Condition:
     if any(abs(fit.edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
         return Condition(name, "6.8", "met", f"{100 * fit.from_corner:.1f} % in {edge}")
     sizes = ", ".join(f"{1e3 * preferred:.0f}" for preferred in reversed(PREFERRED_EDGES))
-    return Condition(name, "6.8", "unknown", f"10 % if {edge} was meant; the preferred edges are {sizes} mm")
+    return Condition(
+        name, "6.8", "unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {sizes} mm"
+    )
 
 
 def _in_base(points: Array, robot: Robot | None) -> Array:
-    """The points in the axes of the robot's base, where it is known."""
+    """Return the points in the axes of the robot's base; unchanged without a robot."""
     if robot is None:
         return points
     base = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
@@ -205,26 +213,29 @@ def _in_base(points: Array, robot: Robot | None) -> Array:
 
 
 def _cycles(poses: Sequence[CommandedPose]) -> Condition:
-    fewest, most = min(pose.n for pose in poses), max(pose.n for pose in poses)
-    found = (
-        f"{most} visits of each commanded pose" if fewest == most else f"{fewest} to {most} visits of a commanded pose"
+    smallest, largest = min(pose.n for pose in poses), max(pose.n for pose in poses)
+    count_text = (
+        f"{largest} visits of each commanded pose"
+        if smallest == largest
+        else f"{smallest} to {largest} visits of a commanded pose"
     )
-    return Condition("30 cycles", "6.9", "met" if fewest >= CYCLES else "not met", found)
+    return Condition("30 cycles", "6.9", "met" if smallest >= CYCLES else "not met", count_text)
 
 
-def _approach(files: Sequence[Measurements], poses: Sequence[CommandedPose]) -> Condition:
+def _one_approach(files: Sequence[Measurements], poses: Sequence[CommandedPose]) -> Condition:
     name, clause = "one approach", "7.2"
     if any(data.direction is None for data in files):
         return Condition(
-            name, clause, "unknown", "approach directions are not known; --ordered derives them from the rows"
+            name, clause, "unknown", "approach directions are not known; `ordered` derives them from the rows"
         )
-    several = []
+    several_approaches = []
     for pose in poses:
         assert pose.direction is not None
-        known = pose.direction[:, np.any(pose.direction != 0, axis=0)]
-        if np.unique(known, axis=1).shape[1] > 1:
-            several.append(pose.label)
-    if several:
-        why = f"{', '.join(several[:3])}{' …' * (len(several) > 3)} reached in several ways: AP and RP contain vAP"
-        return Condition(name, clause, "not met", why)
-    return Condition(name, clause, "met", "each pose was always reached with the joints turning the same way")
+        moving = pose.direction[:, np.any(pose.direction != 0, axis=0)]
+        if np.unique(moving, axis=1).shape[1] > 1:
+            several_approaches.append(pose.label)
+    if several_approaches:
+        labels = f"{', '.join(several_approaches[:3])}{' …' * (len(several_approaches) > 3)}"
+        reason = f"{labels} approached from several directions: AP and RP include vAP"
+        return Condition(name, clause, "not met", reason)
+    return Condition(name, clause, "met", "every visit of a pose has the same approach direction")

@@ -1,6 +1,6 @@
-"""What an evaluation after ISO 9283 consists of: figures with intervals, criteria at places, the protocol's conditions.
+"""Results of an evaluation after ISO 9283: figures with intervals, criteria at places, the protocol's conditions.
 
-"Pose" is the standard's word for what a robot is sent to; a visit is one measurement of it.
+"Pose" is the standard's word for a commanded pose; a visit is one arrival at it.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ Status = Literal["met", "not met", "unknown"]
 
 @dataclass(frozen=True, slots=True)
 class CriterionFigure:
-    """A number, m or rad, and its interval; where there is no number, the interval says why."""
+    """A number, m or rad, and its interval; the interval gives the reason if there is no number."""
 
     value: float | None
     interval: Interval
 
     @classmethod
-    def missing(cls, confidence: float, why: str) -> CriterionFigure:
-        """No number, and the reason."""
-        return cls(None, Interval.missing(confidence, why))
+    def missing(cls, confidence: float, reason: str) -> CriterionFigure:
+        """Return a figure without a number, and the reason."""
+        return cls(None, Interval.missing(confidence, reason))
 
 
 @dataclass(frozen=True, slots=True)
 class IsoCriterion:
-    """One criterion at one place: a commanded pose, or a pair of them."""
+    """One criterion at one place: a commanded pose or a pair of commanded poses."""
 
     poses: tuple[str, ...]
     source: str | None
-    """Name of the file; None where the criterion is over several."""
+    """Name of the file; None if the criterion is over several files."""
     n: int
-    """Visits, or pairs of them, that it rests on."""
+    """Number of visits, or of pairs of visits."""
     position: CriterionFigure
     """m"""
     axes: tuple[CriterionFigure, ...] | None = None
-    """The parts along x, y, z of the measuring frame, m, where the standard has them."""
+    """Components along x, y, z of the measuring frame, m, if the standard defines them."""
     angles: tuple[CriterionFigure, ...] | None = None
     """a, b, c: rad."""
     mean_distance: float | None = None
@@ -50,31 +50,31 @@ class IsoCriterion:
     sd_distance: float | None = None
     """RP: standard deviation S_l of that distance, m."""
     between: str | None = None
-    """Which two approaches, windows or files are furthest apart."""
+    """The two approaches, windows or files with the largest distance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Characteristic:
-    """One criterion over all places: its largest value, and every place's."""
+    """One criterion over all places: its largest value, and the value at every place."""
 
     symbol: Symbol
     clause: str
-    """Of ISO 9283:1998."""
+    """Clause of ISO 9283:1998."""
     position: CriterionFigure
-    """The largest, m; of a signed criterion the largest size."""
+    """Largest value, m; largest absolute value of a signed criterion."""
     position_at: str | None
-    """The place of the largest."""
+    """Place of the largest value."""
     angle: CriterionFigure
-    """The largest of a, b, c, rad."""
+    """Largest of a, b, c, rad."""
     angle_at: str | None
-    """Its place and letter."""
+    """Place and letter of the largest angle."""
     places: tuple[IsoCriterion, ...]
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One condition of the standard's protocol, and whether the data meet it."""
+    """One condition of the standard's protocol, its status and the reason."""
 
     name: str
     clause: str
@@ -84,26 +84,30 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Iso9283Result:
-    """Everything ``robacc iso9283`` says."""
+    """Result of ``robacc iso9283``."""
 
     n_poses: int
     """Measured poses (rows) of all files."""
     sources: tuple[str, ...]
     """Name of each file."""
     commanded: Literal["robot", "file"] | None
-    """What says where the target was to be; None: nothing does."""
+    """Source of the commanded poses; None: not known."""
     poses: tuple[CommandedPose, ...]
     characteristics: tuple[Characteristic, ...]
-    """In the standard's order; those that the data cannot support have no number and say why."""
+    """In the standard's order; a criterion that the data cannot support has a reason and no number."""
     protocol: tuple[Condition, ...]
     alignments: tuple[Alignment, ...]
-    """One a file, where an alignment was asked for."""
+    """Registration of each file, if one was requested."""
     unaligned: Array | None
-    """``(files,)`` the largest AP before the alignment, m."""
+    """``(files,)`` largest AP before registration, m."""
     confidence: float
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
     def characteristic(self, symbol: Symbol) -> Characteristic:
-        """The one of that symbol."""
-        return next(one for one in self.characteristics if one.symbol == symbol)
+        """Return the characteristic with ``symbol``."""
+        return next(
+            characteristic_entry
+            for characteristic_entry in self.characteristics
+            if characteristic_entry.symbol == symbol
+        )

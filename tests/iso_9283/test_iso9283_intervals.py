@@ -19,36 +19,36 @@ TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
 
 def test_mean_is_students() -> None:
     x = np.array([1.0, 2.0, 4.0, 4.5])
-    found = estimates.mean(x, 1.0).at(0.9)
+    interval = estimates.mean(x, 1.0).interval_at(0.9)
     low, high = stats.t.interval(0.9, 3, loc=x.mean() - 1.0, scale=x.std(ddof=1) / 2)
-    assert (found.lower, found.upper) == pytest.approx((low, high), rel=1e-9)
-    assert found.upper_bound == pytest.approx(x.mean() - 1.0 + stats.t.ppf(0.9, 3) * x.std(ddof=1) / 2, rel=1e-9)
+    assert (interval.lower, interval.upper) == pytest.approx((low, high), rel=1e-9)
+    assert interval.upper_bound == pytest.approx(x.mean() - 1.0 + stats.t.ppf(0.9, 3) * x.std(ddof=1) / 2, rel=1e-9)
 
 
 def test_threefold_standard_deviation_is_chi_square() -> None:
     x = np.array([1.0, 2.0, 4.0, 4.5])
-    found = estimates.threefold_sd(x)
-    assert found.value == pytest.approx(3 * x.std(ddof=1))
+    estimate = estimates.threefold_std(x)
+    assert estimate.value == pytest.approx(3 * x.std(ddof=1))
     bounds = [3 * x.std(ddof=1) * math.sqrt(3 / stats.chi2.ppf(p, 3)) for p in (0.975, 0.025, 0.05)]
-    interval = found.at(0.95)
+    interval = estimate.interval_at(0.95)
     assert [interval.lower, interval.upper, interval.upper_bound] == pytest.approx(bounds, rel=1e-9)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_size_of_a_signed_number(sign: float) -> None:
-    clear = estimates.size(estimates.student(sign * 5.0, 1.0, 30)).at(0.95)
+    clear = estimates.magnitude(estimates.student(sign * 5.0, 1.0, 30)).interval_at(0.95)
     t = stats.t.ppf(0.975, 30)
     assert (clear.lower, clear.upper) == pytest.approx((5 - t, 5 + t))
     assert clear.upper_bound == pytest.approx(5 + stats.t.ppf(0.95, 30))
-    across = estimates.size(estimates.student(sign * 0.5, 1.0, 30)).at(0.95)
+    across = estimates.magnitude(estimates.student(sign * 0.5, 1.0, 30)).interval_at(0.95)
     assert (across.lower, across.upper) == pytest.approx((0.0, 0.5 + t))
 
 
 def test_distance_with_scatter_alike_in_all_directions_is_noncentral_chi_square() -> None:
     """The limits are the noncentralities under which the distance found has the tail's probability."""
     variance, value, dof = 0.04, 1.0, 10_000_000.0
-    found = distance(np.array([0.6, 0.0, 0.8]), variance * np.eye(3), dof).at(0.95)
-    for limit, tail in ((found.lower, 0.975), (found.upper, 0.025), (found.upper_bound, 0.05)):
+    estimate = distance(np.array([0.6, 0.0, 0.8]), variance * np.eye(3), dof).interval_at(0.95)
+    for limit, tail in ((estimate.lower, 0.975), (estimate.upper, 0.025), (estimate.upper_bound, 0.05)):
         assert limit is not None
         reached = stats.ncx2.cdf(value**2 / variance, 3, limit**2 / variance)
         assert reached == pytest.approx(tail, abs=1e-4)
@@ -57,22 +57,22 @@ def test_distance_with_scatter_alike_in_all_directions_is_noncentral_chi_square(
 def test_distance_far_from_zero_is_students_along_itself() -> None:
     covariance = TURN @ np.diag([1.0, 0.25, 0.04]) @ TURN.T
     difference = 100.0 * TURN[:, 1]
-    found = distance(difference, covariance, 9).at(0.95)
-    assert (found.lower, found.upper) == pytest.approx(tuple(stats.t.interval(0.95, 9, loc=100.0, scale=0.5)))
+    estimate = distance(difference, covariance, 9).interval_at(0.95)
+    assert (estimate.lower, estimate.upper) == pytest.approx(tuple(stats.t.interval(0.95, 9, loc=100.0, scale=0.5)))
 
 
 def test_distance_that_is_all_scatter_may_be_zero() -> None:
-    found = distance(np.array([0.01, 0.0, 0.0]), np.eye(3) * 0.01, 29).at(0.95)
-    assert found.lower == 0.0
-    assert found.upper is not None
-    assert found.upper > 0.1
-    none = distance(np.zeros(3), np.eye(3) * 0.01, 29).at(0.95)
-    assert (none.lower, none.upper) == (0.0, found.upper)
+    estimate = distance(np.array([0.01, 0.0, 0.0]), np.eye(3) * 0.01, 29).interval_at(0.95)
+    assert estimate.lower == 0.0
+    assert estimate.upper is not None
+    assert estimate.upper > 0.1
+    none = distance(np.zeros(3), np.eye(3) * 0.01, 29).interval_at(0.95)
+    assert (none.lower, none.upper) == (0.0, estimate.upper)
 
 
 def test_distance_without_scatter_is_exact() -> None:
-    found = distance(np.array([3.0, 4.0, 0.0]), np.zeros((3, 3)), 5).at(0.95)
-    assert (found.lower, found.upper, found.upper_bound) == (5.0, 5.0, 5.0)
+    estimate = distance(np.array([3.0, 4.0, 0.0]), np.zeros((3, 3)), 5).interval_at(0.95)
+    assert (estimate.lower, estimate.upper, estimate.upper_bound) == (5.0, 5.0, 5.0)
 
 
 @pytest.mark.parametrize("variances", [(1.0, 1.0, 1.0), (1.0, 0.25, 0.0), (1.0, 0.0, 0.0)])
@@ -85,47 +85,49 @@ def test_mean_length_of_a_gaussian(variances: tuple[float, float, float]) -> Non
         (1.0, 0.0, 0.0): math.sqrt(2 / math.pi),
         (1.0, 0.25, 0.0): math.sqrt(2 / math.pi) * ellipe(1 - 0.25),
     }
-    found = mean_gaussian_length(np.array(variances) * 1e-8)
-    assert found == pytest.approx(closed[variances] * 1e-4, rel=1e-6)
+    estimate = mean_gaussian_length(np.array(variances) * 1e-8)
+    assert estimate == pytest.approx(closed[variances] * 1e-4, rel=1e-6)
 
 
 def test_repeatability_does_not_depend_on_unit_or_axes_and_repeats_with_its_seed() -> None:
     x = np.random.default_rng(3).normal(size=(3, 20)) * np.array([[1.0], [0.5], [0.2]])
     x -= x.mean(axis=1, keepdims=True)
-    one, other = (position_repeatability(y, (1, 2)) for y in (x, 1e-3 * TURN @ x))
-    assert other.value == pytest.approx(1e-3 * one.value)
-    assert other.at(0.95).upper == pytest.approx(1e-3 * (one.at(0.95).upper or 0.0))
-    assert position_repeatability(x, (1, 3)).at(0.95) != one.at(0.95)
+    original, transformed = (position_repeatability(y, (1, 2)) for y in (x, 1e-3 * TURN @ x))
+    assert transformed.value == pytest.approx(1e-3 * original.value)
+    assert transformed.interval_at(0.95).upper == pytest.approx(1e-3 * (original.interval_at(0.95).upper or 0.0))
+    assert position_repeatability(x, (1, 3)).interval_at(0.95) != original.interval_at(0.95)
 
 
 def test_repeatability_of_many_visits_goes_over_into_the_delta_method() -> None:
     x = np.random.default_rng(3).normal(size=(3, 300))
     x -= x.mean(axis=1, keepdims=True)
-    drawn = position_repeatability(x, (1,)).at(0.95)
-    twice = position_repeatability(np.hstack((x, x)), (1,)).at(0.95)
-    width = [(one.upper or 0.0) - (one.lower or 0.0) for one in (drawn, twice)]
+    bootstrap = position_repeatability(x, (1,)).interval_at(0.95)
+    twice = position_repeatability(np.hstack((x, x)), (1,)).interval_at(0.95)
+    widths = [(interval.upper or 0.0) - (interval.lower or 0.0) for interval in (bootstrap, twice)]
     assert twice.method == DELTA
-    assert width[0] / width[1] == pytest.approx(math.sqrt(2), rel=0.15)
+    assert widths[0] / widths[1] == pytest.approx(math.sqrt(2), rel=0.15)
 
 
 def test_repeatability_of_two_visits_and_of_none_that_scatter() -> None:
-    assert position_repeatability(np.array([[1.0, -1.0], [0, 0], [0, 0]]), (0,)).at(0.95).upper is None
+    assert position_repeatability(np.array([[1.0, -1.0], [0, 0], [0, 0]]), (0,)).interval_at(0.95).upper is None
     still = position_repeatability(np.zeros((3, 5)), (0,))
-    assert (still.value, still.at(0.95).upper) == (0.0, 0.0)
+    assert (still.value, still.interval_at(0.95).upper) == (0.0, 0.0)
 
 
 def test_change_of_two_estimates_is_theirs_in_quadrature() -> None:
     after, before = estimates.student(5.0, 3.0, math.inf), estimates.student(1.0, 4.0, math.inf)
-    found = estimates.change(after, before).at(0.95)
-    assert (found.lower, found.upper) == pytest.approx(tuple(stats.norm.interval(0.95, loc=4.0, scale=5.0)), rel=1e-6)
-    assert found.upper_bound == pytest.approx(4.0 + 5.0 * stats.norm.ppf(0.95), rel=1e-6)
-    missing = estimates.change(after, estimates.without_interval(1.0, "because")).at(0.95)
+    estimate = estimates.change(after, before).interval_at(0.95)
+    assert (estimate.lower, estimate.upper) == pytest.approx(
+        tuple(stats.norm.interval(0.95, loc=4.0, scale=5.0)), rel=1e-6
+    )
+    assert estimate.upper_bound == pytest.approx(4.0 + 5.0 * stats.norm.ppf(0.95), rel=1e-6)
+    missing = estimates.change(after, estimates.without_interval(1.0, "because")).interval_at(0.95)
     assert (missing.upper, missing.why) == (None, "because")
 
 
 def test_largest_has_the_greatest_upper_limit_and_a_corrected_lower_one() -> None:
     three = [estimates.student(value, 1.0, math.inf) for value in (5.0, 4.9, -8.0)]
-    best, figure = estimates.largest([estimates.size(one) for one in three], 0.95)
+    best, figure = estimates.largest_figure([estimates.magnitude(estimate) for estimate in three], 0.95)
     assert (best, figure.value) == (2, 8.0)
     assert figure.interval.upper == pytest.approx(8.0 + stats.norm.ppf(0.975))
     assert figure.interval.lower == pytest.approx(8.0 - stats.norm.ppf(1 - 0.025 / 3))
@@ -136,11 +138,11 @@ def visits(rng: np.random.Generator, scale: tuple[float, float, float], n: int, 
     return mean[:, None] + TURN @ (np.array(scale)[:, None] * rng.normal(size=(3, n)))
 
 
-def coverage(found: list[IntervalEstimate], truth: float) -> tuple[float, float]:
-    intervals = [one.at(0.95) for one in found]
+def coverage(distances: list[IntervalEstimate], truth: float) -> tuple[float, float]:
+    intervals = [estimate.interval_at(0.95) for estimate in distances]
     # 1e-9: a truth of zero is held by a lower limit of zero.
-    both = np.mean([i.lower - 1e-9 <= truth <= i.upper for i in intervals])  # type: ignore[operator]
-    return float(both), float(np.mean([truth <= i.upper_bound for i in intervals]))  # type: ignore[operator]
+    inside = np.mean([i.lower - 1e-9 <= truth <= i.upper for i in intervals])  # type: ignore[operator]
+    return float(inside), float(np.mean([truth <= i.upper_bound for i in intervals]))  # type: ignore[operator]
 
 
 @pytest.mark.slow
@@ -152,11 +154,11 @@ def test_coverage_of_a_distance(scale: tuple[float, float, float], away: float) 
     truth = away * float(np.linalg.norm(scale)) / math.sqrt(30)
     mean = truth * TURN @ np.array([1.0, 2.0, 2.0]) / 3.0
     runs = [visits(rng, scale, 30, mean) for _ in range(400)]
-    found = [distance(x.mean(axis=1), np.cov(x) / 30, 29) for x in runs]
-    both, bound = coverage(found, truth)
-    assert both > 0.925
-    assert bound > 0.925
-    assert both < 0.975 or away < 5.0
+    distances = [distance(x.mean(axis=1), np.cov(x) / 30, 29) for x in runs]
+    interval_coverage, bound_coverage = coverage(distances, truth)
+    assert interval_coverage > 0.925
+    assert bound_coverage > 0.925
+    assert interval_coverage < 0.975 or away < 5.0
 
 
 @pytest.mark.slow
@@ -166,10 +168,10 @@ def test_coverage_of_repeatability(scale: tuple[float, float, float], n: int) ->
     rng = np.random.default_rng(9283)
     length = np.linalg.norm(rng.normal(size=(2_000_000, 3)) * scale, axis=1)
     truth = float(length.mean() + 3 * length.std())
-    found = []
+    repeatabilities = []
     for run in range(400):
         x = visits(rng, scale, n, np.zeros(3))
-        found.append(position_repeatability(x - x.mean(axis=1, keepdims=True), (run,)))
-    both, bound = coverage(found, truth)
-    assert 0.925 < both < 0.995
-    assert bound > 0.92
+        repeatabilities.append(position_repeatability(x - x.mean(axis=1, keepdims=True), (run,)))
+    interval_coverage, bound_coverage = coverage(repeatabilities, truth)
+    assert 0.925 < interval_coverage < 0.995
+    assert bound_coverage > 0.92

@@ -30,33 +30,33 @@ def configured(name: str) -> Robot:
 @pytest.mark.parametrize("name", [*CONFIGURED, "urdf:ur10"])
 def test_inverse_kinematics_against_forward(name: str) -> None:
     """Poses that exist are found again, to 1e-9, and every answer stays within the limits."""
-    one = arm(name)
-    low, high = joint_ranges(one)
+    robot_arm = arm(name)
+    low, high = joint_ranges(robot_arm)
     rng = np.random.default_rng(1)
     ends = np.where(np.isfinite(low), low, -math.pi), np.where(np.isfinite(high), high, math.pi)
-    wanted = one.chain.forward(rng.uniform(*(end[:, None] for end in ends), (low.size, 20)))
-    found = inverse_kinematics(one, wanted)
-    assert found.converged.any(axis=1).all()
-    assert np.all((found.q >= low[:, None, None]) & (found.q <= high[:, None, None]))
-    there = one.chain.forward(found.q.reshape(low.size, -1))
-    apart = np.repeat(wanted.translation, 16, axis=1) - there.translation
-    turned = log_so3(compose(np.repeat(wanted.rotation, 16, axis=2), transpose(there.rotation)))
-    met = found.converged.ravel()
-    assert np.max(np.abs(apart[:, met])) < 1e-9
-    assert np.max(np.abs(turned[:, met])) < 1e-9
-    missed = np.linalg.norm(apart, axis=0) + np.linalg.norm(turned, axis=0)
-    assert np.all(missed[~met] > 1e-12)
+    targets = robot_arm.chain.forward(rng.uniform(*(end[:, None] for end in ends), (low.size, 20)))
+    solution = inverse_kinematics(robot_arm, targets)
+    assert solution.converged.any(axis=1).all()
+    assert np.all((solution.q >= low[:, None, None]) & (solution.q <= high[:, None, None]))
+    reached = robot_arm.chain.forward(solution.q.reshape(low.size, -1))
+    position_errors = np.repeat(targets.translation, 16, axis=1) - reached.translation
+    rotation_errors = log_so3(compose(np.repeat(targets.rotation, 16, axis=2), transpose(reached.rotation)))
+    converged = solution.converged.ravel()
+    assert np.max(np.abs(position_errors[:, converged])) < 1e-9
+    assert np.max(np.abs(rotation_errors[:, converged])) < 1e-9
+    missed_by = np.linalg.norm(position_errors, axis=0) + np.linalg.norm(rotation_errors, axis=0)
+    assert np.all(missed_by[~converged] > 1e-12)
 
 
 @pytest.mark.parametrize("name", ["panda", "scara", "urdf:puma560"])
 def test_jacobian_to_joints_against_a_difference(name: str) -> None:
-    one = arm(name)
-    q = spread_configurations(one, 5)
-    _, jacobian = pose_jacobian(one, q)
+    robot_arm = arm(name)
+    q = spread_configurations(robot_arm, 5)
+    _, jacobian = pose_jacobian(robot_arm, q)
     step = 1e-6
     for joint in range(q.shape[0]):
         moved = [q + sign * step * np.eye(q.shape[0])[:, [joint]] for sign in (1, -1)]
-        ahead, behind = (one.chain.forward(place) for place in moved)
+        ahead, behind = (robot_arm.chain.forward(place) for place in moved)
         linear = (ahead.translation - behind.translation) / (2 * step)
         angular = log_so3(compose(ahead.rotation, transpose(behind.rotation))) / (2 * step)
         assert jacobian[:3, joint] == pytest.approx(linear, abs=1e-8)
@@ -64,23 +64,23 @@ def test_jacobian_to_joints_against_a_difference(name: str) -> None:
 
 
 def test_out_of_reach_is_not_converged_and_limits_are_kept() -> None:
-    one = arm("ur10")
+    robot_arm = arm("ur10")
     far = Poses(np.eye(3)[..., None], np.array([[9.0], [0.0], [0.0]]))
-    found = inverse_kinematics(one, far)
-    assert not found.converged.any()
-    assert np.min(found.error) > 7.0
+    solution = inverse_kinematics(robot_arm, far)
+    assert not solution.converged.any()
+    assert np.min(solution.error) > 7.0
     free = inverse_kinematics(
-        one, dataclasses.replace(far, translation=np.array([[0.5], [0.1], [0.4]])), oriented=False
+        robot_arm, dataclasses.replace(far, translation=np.array([[0.5], [0.1], [0.4]])), oriented=False
     )
     assert free.converged.all()
 
 
 def test_own_starts_and_continuity() -> None:
     """A start next to the answer finds that answer and no other."""
-    one = arm("irb1600")
+    robot_arm = arm("irb1600")
     q = np.array([[0.2, 0.3, -0.4, 0.5, 0.6, 0.7]]).T
-    found = inverse_kinematics(one, one.chain.forward(q), starts=q + 0.02)
-    assert found.q[:, 0, 0] == pytest.approx(q[:, 0], abs=1e-9)
+    solution = inverse_kinematics(robot_arm, robot_arm.chain.forward(q), starts=q + 0.02)
+    assert solution.q[:, 0, 0] == pytest.approx(q[:, 0], abs=1e-9)
 
 
 def test_a_slide_without_limits_cannot_be_searched() -> None:
@@ -106,19 +106,19 @@ def test_five_points_by_hand() -> None:
 def test_a_cube_is_recognised_in_any_order(plane: str) -> None:
     points = five_points(np.array([0.3, -0.2, 0.9]), 0.63, plane)  # type: ignore[arg-type]
     mixed = np.array([3, 1, 4, 0, 2])
-    found = fit_cube(points[:, mixed])
-    assert isinstance(found, CubeFit)
-    assert (found.centre, found.plane) == (3, plane)
-    assert (found.edge, found.from_corner) == pytest.approx((0.63, 0.1))
+    fit = fit_cube(points[:, mixed])
+    assert isinstance(fit, CubeFit)
+    assert (fit.centre, fit.plane) == (3, plane)
+    assert (fit.edge, fit.from_corner) == pytest.approx((0.63, 0.1))
 
 
 def test_points_up_to_two_percent_off_are_still_of_a_preferred_cube() -> None:
-    found = fit_cube(five_points(np.zeros(3), 0.4, "y-") * (0.5 - 0.085) / 0.4)
-    assert isinstance(found, CubeFit)
-    assert (found.edge, found.from_corner) == pytest.approx((0.4, 0.085))
-    other = fit_cube(five_points(np.zeros(3), 0.5, "y-"))
-    assert isinstance(other, CubeFit)
-    assert (other.edge, other.from_corner) == pytest.approx((0.5, 0.1))
+    fit = fit_cube(five_points(np.zeros(3), 0.4, "y-") * (0.5 - 0.085) / 0.4)
+    assert isinstance(fit, CubeFit)
+    assert (fit.edge, fit.from_corner) == pytest.approx((0.4, 0.085))
+    other_fit = fit_cube(five_points(np.zeros(3), 0.5, "y-"))
+    assert isinstance(other_fit, CubeFit)
+    assert (other_fit.edge, other_fit.from_corner) == pytest.approx((0.5, 0.1))
 
 
 def test_what_is_no_cube_is_said() -> None:
@@ -129,8 +129,10 @@ def test_what_is_no_cube_is_said() -> None:
     off[0, 1] += 0.05
     assert fit_cube(off) == "no pose is the centre of the other four"
     flat = np.array([[0, 1, 1, -1, -1], [0, 2, -2, -2, 2], [0, 0, 0, 0, 0]]) * 0.1
-    assert fit_cube(flat) == "the outer poses are a rectangle of 200 mm by 400 mm, not of 1 : √2"
-    assert fit_cube(np.zeros((3, 5))) == "the five poses are one"
+    assert (
+        fit_cube(flat) == "the outer poses form a rectangle of 200 mm by 400 mm; a diagonal plane has sides of 1 : √2"
+    )
+    assert fit_cube(np.zeros((3, 5))) == "the five poses are at the same position"
     upright = fit_cube(np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.16)
     assert isinstance(upright, CubeFit)
     assert upright.plane is None
@@ -140,34 +142,37 @@ def test_what_is_no_cube_is_said() -> None:
 def test_five_poses_on_every_arm(name: str) -> None:
     """In the standard's cube, within the limits, met to 1e-9 by the robot's own kinematics, one orientation."""
     robot = configured(name)
-    found = propose(robot, edge=WITH_EDGE.get(name))
-    one = Arm.of(robot)
-    low, high = joint_ranges(one)
-    assert found.q.shape == (low.size, 5)
-    assert np.all((found.q >= low[:, None]) & (found.q <= high[:, None]))
-    there = one.chain.forward(found.q)
-    assert np.max(np.abs(there.translation - found.poses.translation)) < 1e-9
-    assert np.max(np.abs(log_so3(compose(found.poses.rotation, transpose(there.rotation))))) < 1e-9
-    assert found.poses.translation == pytest.approx(five_points(found.centre, found.edge, found.plane), abs=1e-12)
-    assert np.max(np.abs(found.poses.rotation - found.poses.rotation[..., :1])) < 1e-12
-    assert found.orientation in ("down", "own")
-    if found.orientation == "down":
-        assert found.poses.rotation[:, 2, 0] == pytest.approx([0, 0, -1], abs=1e-9)
+    proposal = propose(robot, edge=WITH_EDGE.get(name))
+    robot_arm = Arm.of(robot)
+    low, high = joint_ranges(robot_arm)
+    assert proposal.q.shape == (low.size, 5)
+    assert np.all((proposal.q >= low[:, None]) & (proposal.q <= high[:, None]))
+    reached = robot_arm.chain.forward(proposal.q)
+    assert np.max(np.abs(reached.translation - proposal.poses.translation)) < 1e-9
+    assert np.max(np.abs(log_so3(compose(proposal.poses.rotation, transpose(reached.rotation))))) < 1e-9
+    assert proposal.poses.translation == pytest.approx(
+        five_points(proposal.centre, proposal.edge, proposal.plane), abs=1e-12
+    )
+    assert np.max(np.abs(proposal.poses.rotation - proposal.poses.rotation[..., :1])) < 1e-12
+    assert proposal.orientation in ("down", "own")
+    if proposal.orientation == "down":
+        assert proposal.poses.rotation[:, 2, 0] == pytest.approx([0, 0, -1], abs=1e-9)
     span = high - low
     margins = (
-        np.minimum(found.q - low[:, None], high[:, None] - found.q)[np.isfinite(span)] / span[np.isfinite(span), None]
+        np.minimum(proposal.q - low[:, None], high[:, None] - proposal.q)[np.isfinite(span)]
+        / span[np.isfinite(span), None]
     )
-    assert found.margin == pytest.approx(margins.min(), abs=1e-6)
-    assert found.margin >= 0.01
-    assert bool(found.notes) == (name in WITH_EDGE or found.orientation == "own")
+    assert proposal.margin == pytest.approx(margins.min(), abs=1e-6)
+    assert proposal.margin >= 0.01
+    assert bool(proposal.notes) == (name in WITH_EDGE or proposal.orientation == "own")
 
 
 def test_a_urdf_has_the_same_poses() -> None:
     """The same arm as URDF: limits and kinematics are equal, so the cube is."""
     robot = configured("ur10")
-    found = propose(parse_urdf(robot_to_urdf(robot)[0], "ur10.urdf"), edge=0.4)
-    assert found.centre == pytest.approx(propose(robot, edge=0.4).centre)
-    assert np.max(np.abs(Arm.of(robot).chain.forward(found.q).translation - found.poses.translation)) < 1e-9
+    proposal = propose(parse_urdf(robot_to_urdf(robot)[0], "ur10.urdf"), edge=0.4)
+    assert proposal.centre == pytest.approx(propose(robot, edge=0.4).centre)
+    assert np.max(np.abs(Arm.of(robot).chain.forward(proposal.q).translation - proposal.poses.translation)) < 1e-9
 
 
 def test_the_cube_stands_in_the_axes_of_the_base() -> None:
@@ -182,10 +187,10 @@ def test_the_cube_stands_in_the_axes_of_the_base() -> None:
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS)
 def test_orientations_that_are_asked_for(orientation: str) -> None:
-    found = propose(configured("irb1600"), edge=0.25, orientation=orientation, plane="y+")  # type: ignore[arg-type]
-    assert (found.orientation, found.plane) == (orientation, "y+")
-    assert found.notes == ()
-    axis = found.poses.rotation[:, 2]
+    proposal = propose(configured("irb1600"), edge=0.25, orientation=orientation, plane="y+")  # type: ignore[arg-type]
+    assert (proposal.orientation, proposal.plane) == (orientation, "y+")
+    assert proposal.notes == ()
+    axis = proposal.poses.rotation[:, 2]
     if orientation == "forward":
         assert axis[2] == pytest.approx(np.zeros(5), abs=1e-9)
     if orientation == "free":
@@ -194,7 +199,8 @@ def test_orientations_that_are_asked_for(orientation: str) -> None:
 
 def test_an_arm_that_cannot() -> None:
     message = (
-        r"SCARA \(Adept One\): found no cube of 250 mm or more that the arm reaches with all corners and five poses"
+        r"SCARA \(Adept One\): found no cube of 250 mm or more whose corners and five poses the arm reaches; "
+        "give a smaller `edge`"
     )
     with pytest.raises(InputError, match=message):
         propose(configured("scara"))
@@ -202,7 +208,7 @@ def test_an_arm_that_cannot() -> None:
         propose(configured("scara"), edge=0.15, orientation="forward")
     with pytest.raises(InputError, match="no cube of 5000 mm with the plane x"):
         propose(configured("ur10"), edge=5.0, plane="x+")
-    with pytest.raises(UsageError, match="a length above zero"):
+    with pytest.raises(UsageError, match="a length above 0, not 0 m"):
         propose(configured("ur10"), edge=0.0)
 
 
@@ -214,22 +220,22 @@ def test_targets() -> None:
     assert set(planned_poses(second, 2).target) == {"b"}
     with pytest.raises(UsageError, match="no target 'c'; the robot file has a, b"):
         propose(robot, target="c")
-    with pytest.raises(UsageError, match="the robot file has one tool, unnamed"):
+    with pytest.raises(UsageError, match="the robot file has one tool without a name"):
         propose(configured("ur10"), target="c")
 
 
 def test_effects_are_left_out_and_said() -> None:
     robot = dataclasses.replace(configured("ur10"), effects=({"effect": "joint_offset"},))
     assert propose(robot, edge=0.25).notes == (
-        "joint angles are of the robot file's nominal kinematics, its effects left out",
+        "joint angles are those of the nominal kinematics; the robot file's effects are not applied",
     )
 
 
 def test_planned_poses_are_cycles_in_order() -> None:
-    found = propose(configured("ur10"), edge=0.25)
-    planned = planned_poses(found, 3, 5.0)
+    proposal = propose(configured("ur10"), edge=0.25)
+    planned = planned_poses(proposal, 3, 5.0)
     assert list(planned.pose) == ["P1", "P2", "P3", "P4", "P5"] * 3
     assert list(planned.cycle) == ["1"] * 5 + ["2"] * 5 + ["3"] * 5
     assert set(planned.payload) == {5.0}
-    once = planned_poses(found, 1)
+    once = planned_poses(proposal, 1)
     assert (once.cycle, once.payload, once.target) == (None, None, None)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.pose_errors import Commanded
-from robacc.iso_9283.collecting import absent
+from robacc.iso_9283.characteristics import missing_characteristic
 from robacc.iso_9283.cube import five_points
 from robacc.iso_9283.drift import drift
 from robacc.iso_9283.evaluation import iso9283
@@ -36,11 +36,13 @@ def cycles(n: int = 30, points: np.ndarray | None = None, **columns: Any) -> Mea
 
 def condition(name: str, data: Measurements, rated_load: float | None = None) -> Condition:
     """One condition, without the criteria that it does not look at."""
-    wanted = data.commanded_position
-    poses = visits_of(data, None if wanted is None else Commanded.at(wanted, None, "file"), "poses.csv", 0)
-    repeated = repeatability(poses, 0.95, 0) if name == "measuring uncertainty" else absent("RP", 0.95, "")
-    shift = drift(poses, 0.95, 0)[2] if name == "warm-up" else absent("shift", 0.95, "")
-    return next(one for one in protocol([data], poses, None, repeated, shift, rated_load) if one.name == name)
+    commanded = data.commanded_position
+    poses = visits_of(data, None if commanded is None else Commanded.at(commanded, None, "file"), "poses.csv", 0)
+    repeated = (
+        repeatability(poses, 0.95, 0) if name == "measuring uncertainty" else missing_characteristic("RP", 0.95, "")
+    )
+    shift = drift(poses, 0.95, 0)[2] if name == "warm-up" else missing_characteristic("shift", 0.95, "")
+    return next(entry for entry in protocol([data], poses, None, repeated, shift, rated_load) if entry.name == name)
 
 
 N = 150
@@ -52,66 +54,76 @@ ONES = np.ones(N)
     [
         ("temperature", {}, "unknown", "no column temperature_c"),
         ("temperature", {"temperature": np.linspace(19, 21, N)}, "met", "19.0 °C to 21.0 °C, within 20 °C ± 2 °C"),
-        ("temperature", {"temperature": np.linspace(24, 26, N)}, "met", "not about 20 °C, so to be stated"),
-        ("temperature", {"temperature": np.linspace(20, 25, N)}, "not met", "not held within ± 2 °C"),
+        (
+            "temperature",
+            {"temperature": np.linspace(24, 26, N)},
+            "met",
+            "constant within ± 2 °C but not at 20 °C; state it",
+        ),
+        ("temperature", {"temperature": np.linspace(20, 25, N)}, "not met", "varies by more than ± 2 °C"),
         ("measuring uncertainty", {}, "unknown", "no columns sigma_x"),
-        ("measuring uncertainty", {"sigma_position": np.full((3, N), 1e-6)}, "met", "at most 25 % are allowed"),
+        ("measuring uncertainty", {"sigma_position": np.full((3, N), 1e-6)}, "met", "at most 25 % is allowed"),
         ("measuring uncertainty", {"sigma_position": np.full((3, N), 2e-5)}, "not met", "of the smallest RP"),
         ("rated load", {}, "unknown", "no column payload_kg"),
-        ("rated load", {"payload": 5 * ONES}, "unknown", "5 kg throughout; --rated-load says"),
+        ("rated load", {"payload": 5 * ONES}, "unknown", "5 kg throughout; give `rated_load` to compare"),
         ("rated load", {"payload": np.linspace(1, 5, N)}, "not met", "varies from 1 kg to 5 kg"),
         ("rated velocity", {}, "unknown", "no speed columns"),
         ("rated velocity", {"speed": np.zeros((2, N))}, "unknown", "every speed is 0"),
         ("rated velocity", {"speed": np.vstack((-ONES, 0.3 * ONES))}, "met", "the fastest joint's last motion: 100 %"),
-        ("rated velocity", {"speed": np.full((2, N), 0.5)}, "met", "50 %, one of the optional steps"),
-        ("rated velocity", {"speed": np.full((2, N), 0.1)}, "met", "10 %, one of the optional steps"),
-        ("rated velocity", {"speed": np.full((2, N), 0.3)}, "not met", "30 %; the standard's is 100 %, and 50 %, 10 %"),
+        ("rated velocity", {"speed": np.full((2, N), 0.5)}, "met", "50 %, an optional step"),
+        ("rated velocity", {"speed": np.full((2, N), 0.1)}, "met", "10 %, an optional step"),
+        (
+            "rated velocity",
+            {"speed": np.full((2, N), 0.3)},
+            "not met",
+            "30 %; the standard requires 100 %; optional steps are 50 %, 10 %",
+        ),
         ("rated velocity", {"speed": np.linspace(0.2, 1, N)[None]}, "not met", "varies from 20 % to 100 %"),
         ("one approach", {}, "unknown", "approach directions are not known"),
-        ("one approach", {"direction": np.ones((2, N))}, "met", "the joints turning the same way"),
+        ("one approach", {"direction": np.ones((2, N))}, "met", "has the same approach direction"),
         ("five poses", {}, "met", "5 commanded poses"),
         ("diagonal plane", {}, "met", "P1 is the centre, and the plane rises at 45° towards x-"),
         ("10 % from the corners", {}, "met", "10.0 % in a cube of 630 mm"),
         ("30 cycles", {}, "met", "30 visits of each commanded pose"),
-        ("stabilisation", {}, "unknown", "how long after its arrival"),
-        ("warm-up", {}, "unknown", "whether the robot was warm"),
+        ("stabilisation", {}, "unknown", "the time between arrival and measurement is not recorded"),
+        ("warm-up", {}, "unknown", "the warm-up is not recorded"),
     ],
 )
 def test_conditions(name: str, columns: dict[str, Any], status: str, why: str) -> None:
-    found = condition(name, cycles(**columns))
-    assert found.status == status
-    assert why in found.why
+    result = condition(name, cycles(**columns))
+    assert result.status == status
+    assert why in result.why
 
 
 @pytest.mark.parametrize(
     ("rated", "status", "why"),
     [
         (5.0, "met", "5 kg of 5 kg: 100 %"),
-        (50.0, "met", "10 %, one of the optional steps; a test at 100 % load is needed beside it"),
-        (10.0, "not met", "50 %; the standard's is 100 %, and 10 % as an option"),
+        (50.0, "met", "10 %, an optional step; a test at 100 % load is needed too"),
+        (10.0, "not met", "50 %; the standard requires 100 %; optional steps are 10 %"),
     ],
 )
 def test_load_against_the_rated_one(rated: float, status: str, why: str) -> None:
-    found = condition("rated load", cycles(payload=5 * ONES), rated_load=rated)
-    assert found.status == status
-    assert why in found.why
+    result = condition("rated load", cycles(payload=5 * ONES), rated_load=rated)
+    assert result.status == status
+    assert why in result.why
 
 
 def test_speeds_from_the_order_of_rows_do_not_say_how_fast() -> None:
     q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
     direction, speed = motion_between_rows(q)
     data = cycles(q=q, direction=direction, speed=speed)
-    found = condition("rated velocity", data)
-    assert found.status == "unknown"
-    assert "shares among the joints, not how fast" in found.why
+    result = condition("rated velocity", data)
+    assert result.status == "unknown"
+    assert "they are relative, not absolute" in result.why
     assert condition("one approach", data).status == "met"
 
 
 def test_several_approaches_are_named() -> None:
     direction = np.where(np.arange(N) < 75, 1.0, -1.0)[None]
-    found = condition("one approach", cycles(direction=direction))
-    assert found.status == "not met"
-    assert found.why == "P1, P2, P3 … reached in several ways: AP and RP contain vAP"
+    result = condition("one approach", cycles(direction=direction))
+    assert result.status == "not met"
+    assert result.why == "P1, P2, P3 … approached from several directions: AP and RP include vAP"
 
 
 def test_too_few_cycles_and_other_poses() -> None:
@@ -126,12 +138,15 @@ def test_too_few_cycles_and_other_poses() -> None:
 
 def test_a_plane_that_stands_upright_and_a_cube_of_no_preferred_size() -> None:
     upright = np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2
-    found = condition("diagonal plane", cycles(3, points=upright))
-    assert found.status == "not met"
-    assert "an upright one" in found.why
-    other = condition("10 % from the corners", cycles(3, points=upright))
-    assert other.status == "unknown"
-    assert other.why == "10 % if a cube of 500 mm was meant; the preferred edges are 250, 400, 630, 1000 mm"
+    result = condition("diagonal plane", cycles(3, points=upright))
+    assert result.status == "not met"
+    assert "the diagonal plane is upright" in result.why
+    preferred_size = condition("10 % from the corners", cycles(3, points=upright))
+    assert preferred_size.status == "unknown"
+    assert (
+        preferred_size.why
+        == "10 % in a cube of 500 mm, not a preferred size; the preferred edges are 250, 400, 630, 1000 mm"
+    )
 
 
 def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
@@ -141,8 +156,10 @@ def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
     assert "not parallel to the axes of the base" in condition("diagonal plane", data).why
     robot = Robot("turned", "standard", (), base=Frame((0.1, 0.2, 0.3), (0, 0, 0.3)))
     poses = visits_of(data, Commanded.at(data.commanded_position, None, "file"), "poses.csv", 0)
-    conditions = protocol([data], poses, robot, absent("RP", 0.95, ""), absent("shift", 0.95, ""), None)
-    assert next(one for one in conditions if one.name == "diagonal plane").status == "met"
+    conditions = protocol(
+        [data], poses, robot, missing_characteristic("RP", 0.95, ""), missing_characteristic("shift", 0.95, ""), None
+    )
+    assert next(entry for entry in conditions if entry.name == "diagonal plane").status == "met"
 
 
 def test_commands_that_are_not_known() -> None:
@@ -155,18 +172,18 @@ def test_commands_that_are_not_known() -> None:
 def test_drift_is_told_beside_warm_up() -> None:
     data = cycles()
     drifting = data.position + np.linspace(0, 3e-4, N)
-    found = condition("warm-up", dataclasses.replace(data, position=drifting))
-    assert found.status == "unknown"
-    assert "moved 0.3" in found.why
+    result = condition("warm-up", dataclasses.replace(data, position=drifting))
+    assert result.status == "unknown"
+    assert "moved 0.3" in result.why
 
 
 def test_one_visit_has_no_repeatability_to_compare_the_instrument_with() -> None:
-    found = condition("measuring uncertainty", cycles(1, sigma_position=np.full((3, 5), 1e-6)))
-    assert (found.status, found.why) == ("unknown", "no RP to compare it with")
+    result = condition("measuring uncertainty", cycles(1, sigma_position=np.full((3, 5), 1e-6)))
+    assert (result.status, result.why) == ("unknown", "there is no RP to compare it with")
 
 
 def test_several_files_are_judged_together() -> None:
     warm, unknown = cycles(temperature=20 * ONES), cycles()
-    found = {one.name: one for one in iso9283([warm, unknown]).protocol}
-    assert found["temperature"].status == "unknown"
-    assert found["five poses"].status == "met"
+    conditions = {entry.name: entry for entry in iso9283([warm, unknown]).protocol}
+    assert conditions["temperature"].status == "unknown"
+    assert conditions["five poses"].status == "met"

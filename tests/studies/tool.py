@@ -1,0 +1,198 @@
+"""Running robacc, and the few figures that every study prints."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import re
+import shlex
+import subprocess
+import time
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from arm import TARGETS, Setup
+from least_squares import fit, identifiable
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one command returned: the JSON document, or why there is none."""
+
+    status: int
+    result: dict[str, Any] | None
+    error: str
+    seconds: float
+
+
+def run(command: Sequence[str], limit: float) -> Answer:
+    """Run one command with ``--format json`` on one thread."""
+    start = time.perf_counter()
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(
+            [*command, "--format", "json"], capture_output=True, text=True, timeout=limit, env=environment, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return Answer(124, None, f"no answer in {limit:.0f} s", limit)
+    seconds = time.perf_counter() - start
+    try:
+        return Answer(done.returncode, json.loads(done.stdout), done.stderr.strip(), seconds)
+    except json.JSONDecodeError:
+        return Answer(done.returncode, None, (done.stderr.strip() or "no JSON")[-300:], seconds)
+
+
+def generator(name: str) -> np.random.Generator:
+    """The random numbers of the set of this name: the same on every machine and whatever else is run."""
+    return np.random.default_rng(zlib.crc32(name.encode()))
+
+
+def arguments(description: str | None, seeds: int) -> argparse.ArgumentParser:
+    """Options that every study has."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robacc", default="robacc", help="command to run (default: %(default)s)")
+    parser.add_argument(
+        "--seeds", type=int, default=seeds, help="sets for each cell of the design (default: %(default)s)"
+    )
+    parser.add_argument("--first-seed", type=int, default=0, metavar="S")
+    parser.add_argument("--only", default="", help="regular expression on the names of sets; several with a space")
+    parser.add_argument("--sets", type=int, metavar="N", help="at most N sets, drawn evenly from those selected")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write summary and rows there")
+    parser.add_argument("--limit", type=float, default=600, metavar="S", help="seconds for one command")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the files of each set there")
+    parser.add_argument("--list", action="store_true", help="print the names of the sets and end")
+    parser.add_argument("-v", action="store_true", help="print a line for each set")
+    return parser
+
+
+def chosen(names: Sequence[str], options: argparse.Namespace) -> list[str]:
+    """The sets to run, in an order that does not depend on how many are asked for."""
+    patterns = [re.compile(part) for part in options.only.split()]
+    kept = [name for name in names if all(pattern.search(name) for pattern in patterns)]
+    if options.sets is not None and options.sets < len(kept):
+        kept = sorted(kept, key=lambda name: zlib.crc32(f"draw {name}".encode()))[: options.sets]
+    return kept
+
+
+def command(options: argparse.Namespace) -> list[str]:
+    """The tool's own words."""
+    return shlex.split(options.robacc)
+
+
+def intervals(
+    setup: Setup,
+    answer: Mapping[str, Any],
+    q: np.ndarray,
+    target: np.ndarray,
+    truth: np.ndarray,
+    mask: np.ndarray,
+    tolerance: float,
+) -> list[dict[str, Any]]:
+    """Each declared coefficient's estimate, standard error and truth, where the truth is well defined.
+
+    robacc holds coefficients that the poses cannot identify (``std`` null) at their value and the others make up for
+    them. Their truth is what noise-free measurements of the same poses give with the same ones held. Where
+    that leaves more than ``tolerance`` m, something identifiable was held: then only coefficients count that no
+    combination of the others can stand for, with their plain truth. Frames are reported as they stand, the rest as
+    differences from the robot file.
+    """
+    index = {name: i for i, name in enumerate(setup.names)}
+    nominal = {name: 0.0 for name in setup.names}
+    nominal |= dict(zip(setup.names[6 : 6 + 3 * setup.n_targets], TARGETS.ravel().tolist(), strict=False))
+    given = {p["name"]: p for p in answer["parameters"] if p["name"] in index and p.get("std") is not None}
+    free = np.zeros(len(truth), bool)
+    free[[index[name] for name in given]] = True
+    clean = setup.positions(truth, q, target)
+    twin = fit(setup, q, target, clean, free, cutoff=1e-12)
+    wanted = dict(zip(setup.names, twin.values, strict=True))
+    counted = set(given)
+    if twin.rms > tolerance:
+        wanted = dict(zip(setup.names, truth, strict=True))
+        names = np.array(setup.names)[mask]
+        counted &= set(names[identifiable(setup.jacobian(truth, q, target, mask))])
+    return [
+        {"name": name, "value": p["value"] - nominal[name], "std": p["std"], "truth": float(wanted[name])}
+        for name, p in given.items()
+        if name in counted and mask[index[name]]
+    ]
+
+
+def covered(rows: Sequence[Mapping[str, Any]]) -> list[bool]:
+    """Whether value ± 1.96 std holds the truth; 1e-12 stands for rounding in files."""
+    return [bool(abs(row["value"] - row["truth"]) <= 1.96 * row["std"] + 1e-12) for row in rows]
+
+
+def wilson(hits: int, n: int) -> tuple[float, float]:
+    """The 95 % score interval of a share."""
+    if not n:
+        return 0.0, 1.0
+    z, share = 1.96, hits / n
+    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def coverage(sets: Sequence[Sequence[bool]]) -> tuple[float, float, float, int]:
+    """Share of intervals that hold the truth, its 95 % bounds (the set is the unit, not the interval), their number."""
+    lists = [flags for flags in sets if flags]
+    n = sum(map(len, lists))
+    if not n:
+        return math.nan, 0.0, 1.0, 0
+    share = sum(map(sum, lists)) / n
+    if len(lists) < 2:
+        return share, 0.0, 1.0, n
+    spread = sum((sum(flags) - share * len(flags)) ** 2 for flags in lists) * len(lists) / (len(lists) - 1)
+    half = 1.96 * max(math.sqrt(spread) / n, math.sqrt(0.95 * 0.05 / n))
+    return share, share - half, share + half, n
+
+
+def claim(words: str, low: float, high: float, allowed: tuple[float, float]) -> str:
+    """Whether the bounds of a figure hold, refute or leave open a claim."""
+    if low > allowed[1] or high < allowed[0]:
+        outcome = "REFUTED"
+    elif low >= allowed[0] and high <= allowed[1]:
+        outcome = "holds"
+    else:
+        outcome = "open: more sets decide"
+    return f"{words}: {outcome}"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Columns padded to their widest cell."""
+    cells = [[str(cell) for cell in row] for row in (header, *rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    return "\n".join("  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in cells)
+
+
+def percent(share: float) -> str:
+    """A share in percent, or a dash."""
+    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
+
+
+def median(numbers: Sequence[float]) -> float:
+    """Median, or not a number where there is none."""
+    return float(np.median(numbers)) if len(numbers) else math.nan
+
+
+def groups(rows: Sequence[dict[str, Any]], key: Callable[[dict[str, Any]], str]) -> dict[str, list[dict[str, Any]]]:
+    """Rows by key, in the order of appearance."""
+    out: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        out.setdefault(key(row), []).append(row)
+    return out
+
+
+def finish(options: argparse.Namespace, summary: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> int:
+    """Write the JSON file; the exit status is 1 where a set gave no result."""
+    if options.json:
+        options.json.write_text(json.dumps({"summary": summary, "rows": rows}, indent=1, default=float))
+    failed = [row for row in rows if row.get("error")]
+    for row in failed:
+        print(f"no result: {row['name']}: {row['error']}")
+    return int(bool(failed))

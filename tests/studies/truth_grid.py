@@ -1,0 +1,161 @@
+#!/usr/bin/env python3
+"""A known arm on a lift, few postures, coarse noise: does `robacc calibrate` find the true model as well as others do.
+
+After FIGAROH's truth grid: an arm like TIAGo's (a lift and seven turning joints), 34 training postures, 184 fresh
+postures without noise over the joints' whole range, positions only, noise 0.5 or 2 mm per axis. The training postures
+span the same range (`wide`) or 60 % of it (`narrow`). The truth has wrong joint zeros alone (`offsets`: 20 mrad) or all
+geometry wrong (`full`: zeros and twists 10 mrad, lengths 3 mm, one standard deviation). Compared at the fresh postures:
+
+robacc     calibrate --fit base_frame,tool_frame,joint_offset,link_geometry
+plain      least squares over the same coefficients
+map        maximum a posteriori: zeros 20 mrad, twists 10 mrad, lengths 3 mm, whatever the truth is
+map true   maximum a posteriori with the very distribution that the truth was drawn from: the limit
+
+A set's name is its design: TRUTH-NOISE_MM-RANGE-sSEED.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tool
+from arm import TIAGO, Setup, write_poses
+from least_squares import fit
+from weak_data import EFFECTS, calibrated, rms
+
+TRAINING, FRESH = 34, 184
+KEYS = ("robacc", "plain", "map", "map_true")
+
+
+def all_names(options: argparse.Namespace) -> list[str]:
+    """The whole design."""
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    parts = (("offsets", "full"), ("0.5", "2"), ("wide", "narrow"), seeds)
+    return [f"{kind}-{mm}-{span}-s{s}" for kind, mm, span, s in itertools.product(*parts)]
+
+
+def prior(setup: Setup, kind: str) -> np.ndarray:
+    """One standard deviation of each coefficient of the true arm: rad, m; frames are free."""
+    angle, length, zero = {"offsets": (0.0, 0.0, 20e-3), "full": (10e-3, 3e-3, 10e-3), "map": (10e-3, 3e-3, 20e-3)}[
+        kind
+    ]
+    out = np.full(len(setup.names), np.inf)
+    for i, name in enumerate(setup.names):
+        joint, label = name.split(".")[1], name.split(".")[-1]
+        if name.startswith("joint_offset"):
+            out[i] = zero if setup.arm.joints.index(joint) not in setup.arm.prismatic else length
+        elif name.startswith("link_geometry"):
+            out[i] = length if label in ("d", "a") else angle
+    return out
+
+
+def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Draw, run and judge one set."""
+    match = re.fullmatch(r"(offsets|full)-([\d.]+)-(wide|narrow)-s\d+", name)
+    assert match, name
+    setup, kind, noise = Setup(TIAGO), match[1], 1e-3 * float(match[2])
+    rng = tool.generator(name)
+    mask = setup.declared(EFFECTS)
+    width = prior(setup, kind)
+    truth = np.where(np.isfinite(width) & mask, width, 0.0) * rng.standard_normal(len(width))
+    truth[:3], truth[3:6], truth[6:9] = rng.normal(0, 6e-3, 3), rng.normal(0, 3e-3, 3), rng.normal(0, 6e-3, 3)
+    q, fresh = (rng.uniform(*setup.arm.span.T, (n, setup.arm.n)) for n in (TRAINING, FRESH))
+    if match[3] == "narrow":
+        middle = setup.arm.span.mean(axis=1)
+        q = middle + 0.6 * (q - middle)
+    target, one = np.zeros(TRAINING, int), np.zeros(FRESH, int)
+    xyz = setup.positions(truth, q, target) + noise * rng.standard_normal((TRAINING, 3))
+    there = setup.positions(truth, fresh, one)
+    fits = {
+        "plain": fit(setup, q, target, xyz, mask),
+        "map": fit(setup, q, target, xyz, mask, prior(setup, "map"), noise),
+        "map_true": fit(setup, q, target, xyz, mask & (width > 0), width, noise),
+    }
+    errors = {key: 1e3 * rms(setup.positions(one_fit.values, fresh, one) - there) for key, one_fit in fits.items()}
+    row: dict[str, Any] = {
+        "name": name,
+        "nominal_mm": 1e3 * rms(setup.positions(0 * truth, fresh, one) - there),
+        **errors,
+    }
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = (options.keep / name) if options.keep else Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        setup.write(folder / "robot.yaml")
+        write_poses(folder / "poses.csv", q, xyz)
+        write_poses(folder / "test.csv", fresh, there)
+        answer, test = calibrated(folder, options)
+    row |= {"seconds": answer.seconds, "status": answer.status}
+    if answer.result is None or test.result is None:
+        return row | {"error": f"status {answer.status}: {answer.error[-200:]}; {test.error}"}
+    row |= {"robacc": 1e3 * test.result["position"]["rms_m"], "warnings": answer.result.get("warnings")}
+    found = tool.intervals(setup, answer.result, q, target, truth, mask, tolerance=0.05 * noise)
+    zeros = [one for one in found if one["name"].startswith("joint_offset")]
+    return row | {"covered": tool.covered(zeros), "covered_all": tool.covered(found), "zeros": zeros}
+
+
+def pooled(rows: list[dict[str, Any]], key: str) -> float:
+    """Root mean square over sets."""
+    return float(np.sqrt(np.mean([row[key] ** 2 for row in rows])))
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Print the table and the claims."""
+    good = [row for row in rows if not row.get("error")]
+    if not good:
+        return {"sets": len(rows)}
+    header = (
+        "",
+        "sets",
+        "nominal",
+        "robacc",
+        "plain",
+        "map",
+        "map true",
+        "wins over map",
+        "zeros hold",
+        "all hold",
+        "s",
+    )
+    lines, claims = [], []
+    for label, members in tool.groups(good, lambda row: row["name"].rsplit("-", 1)[0]).items():
+        wins = sum(row["robacc"] <= row["map"] for row in members)
+        figures = [f"{pooled(members, key):.2f}" for key in ("nominal_mm", *KEYS)]
+        shares = [tool.percent(tool.coverage([row[key] for row in members])[0]) for key in ("covered", "covered_all")]
+        seconds = f"{tool.median([row['seconds'] for row in members]):.1f}"
+        lines.append([label, str(len(members)), *figures, f"{wins}/{len(members)}", *shares, seconds])
+        ratio = np.log([row["robacc"] / row["map"] for row in members])
+        half = 1.96 * float(np.std(ratio, ddof=1)) / np.sqrt(len(ratio)) if len(ratio) > 1 else np.inf
+        middle, low, high = (float(np.exp(np.mean(ratio) + h)) for h in (0.0, -half, half))
+        claims.append(tool.claim(f"{label}: at least as good as map, ratio {middle:.2f}", low, high, (0.0, 1.0)))
+    print(tool.table(header, lines))
+    print("rms at fresh postures in mm, pooled over sets; hold: share of 95 % intervals that hold the truth")
+    print("\n".join(claims))
+    return {"sets": len(rows), "table": [header, *lines], "claims": claims}
+
+
+def main() -> int:
+    parser = tool.arguments(__doc__, seeds=5)
+    options = parser.parse_args()
+    names = tool.chosen(all_names(options), options)
+    if options.list:
+        print("\n".join(names))
+        return 0
+    rows = []
+    for name in names:
+        rows.append(run_set(name, options))
+        if options.v:
+            row = rows[-1]
+            figures = ", ".join(f"{key} {row[key]:.2f}" for key in KEYS if key in row)
+            print(name, f"{figures} mm, {row['seconds']:.1f} s", row.get("error", ""), flush=True)
+    return tool.finish(options, summary(rows), rows)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""What intervals of errors may rely on, and whether the data contradict it."""
+"""Assumptions that intervals of errors may rely on, and whether the data contradict them."""
 
 from __future__ import annotations
 
@@ -8,58 +8,58 @@ from robacc.statistics.intervals import PoseSampling
 from robacc.statistics.multivariate import AssumptionTests
 
 SIGNIFICANCE = 0.01
-"""Below this p-value an assumption is not relied on."""
+"""Significance level: an assumption with a smaller p-value is rejected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Assumption:
-    """What intervals may rely on."""
+    """Assumptions that intervals may rely on."""
 
     shape: bool
-    """The commanded poses' errors look Gaussian."""
+    """The errors of the commanded poses look Gaussian."""
     zero_mean: bool
     independent: bool
     """No commanded pose was repeated."""
     text: str
-    """The same in words."""
+    """The same as a sentence."""
 
 
-def with_imposed_mean(tests: AssumptionTests) -> AssumptionTests:
-    """The tests of errors whose mean a fit to them took out; a mean that outliers kept from zero is still told."""
-    found = tests.zero_mean
-    if found.p_value is None or found.p_value < SIGNIFICANCE:
+def without_mean_test(tests: AssumptionTests) -> AssumptionTests:
+    """Drop the test of a mean that an alignment to the same errors removed, unless the test rejects it all the same."""
+    test = tests.zero_mean
+    if test.p_value is None or test.p_value < SIGNIFICANCE:
         return tests
-    why = "the alignment made it so"
-    return replace(tests, zero_mean=replace(found, statistic=None, p_value=None, why=why, imposed=True))
+    why = "the alignment removed the mean"
+    return replace(tests, zero_mean=replace(test, statistic=None, p_value=None, why=why, imposed=True))
 
 
-def assumption_of(tests: AssumptionTests, sampling: PoseSampling) -> Assumption:
-    """What the tests leave standing; a test that could not be made leaves its assumption, and the text says so."""
-    of_shape = [test.p_value for test in (tests.skewness, tests.kurtosis)]
-    shape = all(p is None or p >= SIGNIFICANCE for p in of_shape)
+def interval_assumption(tests: AssumptionTests, sampling: PoseSampling) -> Assumption:
+    """Return the assumptions that the tests do not reject; the text names those that could not be tested."""
+    shape_p_values = [test.p_value for test in (tests.skewness, tests.kurtosis)]
+    shape = all(p is None or p >= SIGNIFICANCE for p in shape_p_values)
     zero_mean_p = tests.zero_mean.p_value
     imposed = tests.zero_mean.imposed
-    # Errors that do not scatter along their mean have no p-value, but that mean is no accident.
+    # Errors without scatter along their mean have no p-value, but such a mean is not due to chance.
     constant = zero_mean_p is None and sampling.n_groups > 3 and not imposed
     zero_mean = not constant if zero_mean_p is None else zero_mean_p >= SIGNIFICANCE
-    against = []
+    rejections = []
     if not shape:
-        against.append("the errors are not Gaussian (Mardia)")
+        rejections.append("the errors are not Gaussian (Mardia)")
     if not zero_mean:
-        against.append("their mean is not zero (Hotelling)")
+        rejections.append("their mean is not zero (Hotelling)")
     independent = sampling.groups is None
     if not independent:
-        against.append("commanded poses were repeated, and their repetitions are not independent")
-    untested = (zero_mean_p is None and not imposed) or None in of_shape
-    if against:
-        text = f"{'; '.join(against)}: intervals that equation (13)'s model would give are replaced by resampling"
+        rejections.append("commanded poses were repeated, and repetitions are not independent")
+    untested = (zero_mean_p is None and not imposed) or None in shape_p_values
+    level = f"{100 * SIGNIFICANCE:g} %"
+    if rejections:
+        text = f"{'; '.join(rejections)}: intervals come from resampling, not from the Gaussian model of equation (13)"
     elif untested:
-        text = "errors taken as Gaussian with zero mean, which so few poses cannot test"
+        text = "errors assumed Gaussian with zero mean; the poses are too few to test it"
     elif imposed:
         text = (
-            f"errors taken as Gaussian, which no test contradicts at {100 * SIGNIFICANCE:g} %, with zero mean, which "
-            "the alignment gave them"
+            f"errors assumed Gaussian (no test rejects it at {level}) with zero mean (the alignment removed the mean)"
         )
     else:
-        text = f"errors taken as Gaussian with zero mean, which no test contradicts at {100 * SIGNIFICANCE:g} %"
+        text = f"errors assumed Gaussian with zero mean; no test rejects it at {level}"
     return Assumption(shape, zero_mean, independent, text)

@@ -1,4 +1,4 @@
-"""What two fits to the same poses say of before and after, fitted and held out."""
+"""Comparison of two fits to the same poses: before and after, fitted and held out."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ def before_and_after(
     data: Measurements,
     before: Fit,
     after: Fit,
-    held: tuple[Array, Array] | None,
+    held_out: tuple[Array, Array] | None,
     holdout: Measurements | None = None,
 ) -> BeforeAfter:
-    """The stages of ``robot`` as delivered, of a fit before and of one after, on the rows that took part in the latter.
+    """Return the stages of the nominal ``robot``, of the fit before and of the fit after, on the latter's inliers.
 
-    ``held`` are residuals before and after by models that had no part of the poses: of the poses of ``data`` in turn,
-    or of those of ``holdout``; None where none was held out.
+    ``held_out`` are residuals before and after by models fitted without the poses: of each fold of ``data``, or of the
+    validation poses ``holdout``; None where no pose was held out.
     """
     nominal = residuals(data, predict(robot, data))
-    inside = [pose_metrics(one[:, after.kept]) for one in (nominal, before.residual, after.residual)]
-    fitted = Residuals(nominal, before.residual, after.residual)
-    if held is None:
-        delivered, registered, mended = (Stage(one, None) for one in inside)
-        return BeforeAfter(delivered, registered, mended, None, fitted, None)
+    fitted = [pose_metrics(residual[:, after.kept]) for residual in (nominal, before.residual, after.residual)]
+    calibration = Residuals(nominal, before.residual, after.residual)
+    if held_out is None:
+        stages = [Stage(metrics, None) for metrics in fitted]
+        return BeforeAfter(stages[0], stages[1], stages[2], None, calibration, None)
     if holdout is None:
-        fitted = dataclasses.replace(fitted, held_before=held[0], held_after=held[1])
-        apart, judged, groups = None, after.kept, data.groups()
+        calibration = dataclasses.replace(calibration, held_out_before=held_out[0], held_out_after=held_out[1])
+        validation, inliers, groups = None, after.kept, data.groups()
     else:
         nominal = residuals(holdout, predict(robot, holdout))
-        apart, judged, groups = Residuals(nominal, *held), np.ones(holdout.n, dtype=bool), holdout.groups()
-    outside = [pose_metrics(one[:, judged]) for one in (nominal, *held)]
-    delivered, registered, mended = (Stage(*both) for both in zip(inside, outside, strict=True))
-    gain = paired_gain(held[0][:, judged], held[1][:, judged], groups[judged])
-    return BeforeAfter(delivered, registered, mended, gain, fitted, apart)
+        validation, inliers, groups = Residuals(nominal, *held_out), np.ones(holdout.n, dtype=bool), holdout.groups()
+    outside = [pose_metrics(residual[:, inliers]) for residual in (nominal, *held_out)]
+    stages = [Stage(*metrics) for metrics in zip(fitted, outside, strict=True)]
+    gain = paired_gain(held_out[0][:, inliers], held_out[1][:, inliers], groups[inliers])
+    return BeforeAfter(stages[0], stages[1], stages[2], gain, calibration, validation)

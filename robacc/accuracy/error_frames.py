@@ -1,7 +1,7 @@
-"""The same errors in the axes of the tool and in those of the measuring frame: their first two moments in each.
+"""Position errors in the axes of the tool and of the measuring frame, with their mean and covariance in each.
 
-A cloud that is round in one frame may be long in the other: what the tool carries stays with the tool, what the base
-does stays with the room.
+A cloud that is round in one frame may be long in the other: errors of the tool turn with the tool, errors of the base
+stay fixed in the room.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from robacc.measurements import Measurements
 
 
 @dataclass(frozen=True, slots=True)
-class Moments:
-    """Of the position errors in one frame, and the errors themselves."""
+class FrameStatistics:
+    """Position errors in one frame, their mean and covariance."""
 
     errors: Array
     """``(3, N)`` m"""
@@ -29,13 +29,13 @@ class Moments:
     """``(3, 3)`` about the mean, divisor N, m²."""
 
 
-def position_moments(data: Measurements, commanded: Commanded) -> dict[ErrorFrame, Moments]:
-    """In the measuring frame, and in the tool's where its commanded orientation is known."""
+def position_statistics(data: Measurements, commanded: Commanded) -> dict[ErrorFrame, FrameStatistics]:
+    """Return the statistics in the measuring frame, and in the tool's where a commanded orientation is known."""
     frames: tuple[ErrorFrame, ...] = ("tool", "base") if commanded.oriented else ("base",)
-    found = {}
+    statistics = {}
     for frame in frames:
         errors = pose_errors(data, commanded, frame).position
         mean = errors.mean(axis=1)
         covariance = errors @ errors.T / data.n
-        found[frame] = Moments(errors, mean, covariance, covariance - np.outer(mean, mean))
-    return found
+        statistics[frame] = FrameStatistics(errors, mean, covariance, covariance - np.outer(mean, mean))
+    return statistics

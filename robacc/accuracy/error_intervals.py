@@ -1,4 +1,4 @@
-"""Intervals of the mean error, of its root mean square and of its 95th percentile, by model or by resampling."""
+"""Intervals of the mean error, the RMS and the 95th percentile, from the Gaussian model or by resampling."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from robacc.statistics.confidence_curves import PercentileCurve, Tail
 from robacc.statistics.covariance_intervals import ONE_POSE
 from robacc.statistics.distributions import student_quantile
 from robacc.statistics.intervals import Interval, PoseSampling, interpolated, percentile_levels, tails
-from robacc.statistics.radius95 import PROBABILITY, satterthwaite_rms
+from robacc.statistics.radius95 import GAUSSIAN_P95, PROBABILITY, satterthwaite_rms
 from robacc.statistics.records import Radius
 
 FEWEST_FOR_MODEL = 10
-"""With fewer poses nothing can be said against a Gaussian, so nothing may rest on its tail."""
+"""Fewer poses cannot contradict a Gaussian, so no interval relies on its tail."""
 
 
 def mean_intervals(
     errors: Array, centred: Array, gaussian: bool, sampling: PoseSampling, confidence: float
 ) -> tuple[Interval, Interval, Interval]:
-    """Intervals of the mean's components: Student's t, exact for Gaussian errors; else over resampled poses."""
+    """Return intervals of the mean's components: Student's t for Gaussian errors (exact), else the bootstrap."""
     n = sampling.n_groups
     if n < 2 or not gaussian:
         x, y, z = (sampling.mean_interval(component, confidence, positive=False) for component in errors)
@@ -40,7 +40,7 @@ def mean_intervals(
 def rms_interval(
     covariance: Array, squares: Array, zero_mean_gaussian: bool, sampling: PoseSampling, confidence: float
 ) -> Interval:
-    """Interval of the root mean square length, whose squares are ``squares`` ``(N,)``: by the model where it stands."""
+    """Return the interval of the RMS length of errors whose squared lengths are ``squares`` ``(N,)``."""
     if sampling.n_groups < 2:
         return Interval.missing(confidence, ONE_POSE)
     if zero_mean_gaussian:
@@ -56,42 +56,42 @@ def p95_interval(
     sampling: PoseSampling,
     confidence: float,
 ) -> Interval:
-    """Interval of the 95th percentile: by order statistics where poses suffice, else by the fitted Gaussian."""
+    """Return the interval of the 95th percentile: order statistics if there are enough poses, else a Gaussian fit."""
     n = sampling.n_groups
     levels = percentile_levels(n, 0.95, confidence)
     radius = about_zero if assumption.zero_mean else about_mean
-    # Repetitions count as one pose, however alike: the levels are then wider than they need be, never narrower.
+    # Repetitions count as one pose, however equal they are: the levels are then wider than needed, never narrower.
     by_model = levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL
     if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
         return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")
     curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, _tail(radius, lengths), by_model)
     if by_model:
-        method = f"95 % radius of the fitted Gaussian, which it relies on; {radius.interval.method}"
-        return dataclasses.replace(_holding(radius.interval, percentile95(lengths)), method=method, curve=curve)
+        method = f"{GAUSSIAN_P95}, valid only if the errors are Gaussian; {radius.interval.method}"
+        return dataclasses.replace(_widened_to(radius.interval, percentile95(lengths)), method=method, curve=curve)
     # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
     limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
     lower, upper, bound = (None if level is None else next(limits) for level in levels)
     why = None if upper is not None else f"{n} poses: too few for an upper limit without assuming a distribution"
     method = f"order statistics of {n} poses"
     if sampling.groups is not None:
-        method += ", all repetitions of a pose counted as one, so the confidence is at least the one stated"
+        method += "; all repetitions of a pose count as one, so the confidence is at least the stated one"
     return Interval(lower, upper, bound, confidence, method, why, curve)
 
 
 def percentile95(lengths: Array) -> float:
-    """The 95th percentile found, linear between order statistics (Hyndman and Fan's type 7)."""
+    """Return the sample's 95th percentile, linear between order statistics (Hyndman and Fan's type 7)."""
     return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
 
 
-def _holding(interval: Interval, value: float) -> Interval:
-    """A two-sided interval widened to hold the value found: one without it, though no less true, few would believe."""
+def _widened_to(interval: Interval, value: float) -> Interval:
+    """Widen a two-sided interval so that it contains the estimate ``value``."""
     if interval.lower is None or interval.upper is None:
         return interval
     return dataclasses.replace(interval, lower=min(interval.lower, value), upper=max(interval.upper, value))
 
 
 def _tail(radius: Radius, lengths: Array) -> Tail | None:
-    """Of lengths beyond the sample: as wide as the fitted Gaussian's, and of the shape of the sample's own squares."""
+    """Model the lengths beyond the sample: scaled to the fitted Gaussian, shaped like the sample's squares."""
     squares = np.square(lengths)
     variance = float(np.var(squares))
     if not radius.value or variance <= 0.0:

@@ -1,8 +1,8 @@
-"""Statistics of Cartesian errors: Wu and Lee's covariances (13), (14), and beside them what the assumption hides.
+"""Statistics of Cartesian errors: Wu and Lee's covariances (13), (14), with intervals and tests of their assumptions.
 
-Equation (13) takes the errors as independent draws of a Gaussian with zero mean. Where the data do not contradict
-that (Hotelling's and Mardia's tests at 1 %), intervals are chi-square ones; where they do, or where commanded poses
-were repeated, they come from resampling poses. Each interval says which.
+Equation (13) assumes that the errors are independent draws from a Gaussian with zero mean. Where the data do not
+contradict it (Hotelling's and Mardia's tests at 1 %), intervals are chi-square intervals. Where they do, or where
+commanded poses were repeated, intervals come from resampling poses. Each interval names its method.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.assumption import assumption_of, with_imposed_mean
+from robacc.accuracy.assumption import interval_assumption, without_mean_test
 from robacc.accuracy.error_intervals import mean_intervals, p95_interval, percentile95, rms_interval
 from robacc.errors import InputError
 from robacc.geometry import Array
@@ -35,28 +35,28 @@ def error_statistics(
     bootstrap: int = 2000,
     seed: int = 0,
 ) -> ErrorStatistics:
-    """Statistics of errors, each with its interval.
+    """Return the statistics of errors, each with its interval.
 
     Args:
         errors: ``(3, N)`` position errors in m or orientation errors (rotation vectors) in rad, all in one frame.
         unit: ``"m"`` or ``"rad"``.
         groups: ``(N,)`` id of each error's commanded pose, of any type; equal ids are repetitions of one pose and
-            are not counted as independent. None: each error is of a pose of its own.
-        aligned: An alignment to these errors took their mean out, so that there is nothing to test.
-        confidence: Of every interval.
+            do not count as independent. None: no pose was repeated.
+        aligned: An alignment to these errors removed their mean, which is then not tested.
+        confidence: Confidence of every interval.
         bootstrap: Number of resamples where an interval needs them.
-        seed: Of the resampling; the same seed gives the same limits.
+        seed: Seed of the resampling; the same seed gives the same limits.
 
     Raises:
-        InputError: No error at all, or one that is not finite.
+        InputError: There are no errors, or some are not finite.
         ValueError: The shape of ``errors`` or ``groups`` is wrong.
     """
     errors = _checked(errors)
     sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
     tests = assumption_tests(_pose_means(errors, sampling))
     if aligned:
-        tests = with_imposed_mean(tests)
-    assumption = assumption_of(tests, sampling)
+        tests = without_mean_test(tests)
+    assumption = interval_assumption(tests, sampling)
     zero_mean_gaussian = assumption.shape and assumption.zero_mean and assumption.independent
     gaussian = assumption.shape and assumption.independent
     mean, covariance = np.mean(errors, axis=1), second_moment(errors)
@@ -107,29 +107,31 @@ def length_intervals(
     bootstrap: int = 2000,
     seed: int = 0,
 ) -> tuple[Mapping[Statistic, Interval], ...]:
-    """Intervals of the error's length alone, as :func:`error_statistics` has them, at each of ``confidences``.
+    """Return the intervals of the error's length alone, at each of ``confidences``.
+
+    They are those of :func:`error_statistics`.
 
     Args:
-        errors: ``(3, N)``, as there.
-        confidences: Of the intervals; any between 0 and 1.
-        groups: As there.
-        bootstrap: As there.
-        seed: As there.
+        errors: ``(3, N)``, as in :func:`error_statistics`.
+        confidences: Confidences of the intervals, between 0 and 1.
+        groups: As in :func:`error_statistics`.
+        bootstrap: As in :func:`error_statistics`.
+        seed: As in :func:`error_statistics`.
 
     Raises:
-        InputError: No error at all, or one that is not finite.
+        InputError: There are no errors, or some are not finite.
         ValueError: The shape of ``errors`` or ``groups`` is wrong.
     """
     errors = _checked(errors)
     sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
-    assumption = assumption_of(assumption_tests(_pose_means(errors, sampling)), sampling)
+    assumption = interval_assumption(assumption_tests(_pose_means(errors, sampling)), sampling)
     gaussian = assumption.shape and assumption.independent
     mean, covariance = np.mean(errors, axis=1), second_moment(errors)
     centred = second_moment(errors - mean[:, None])
     squares = np.einsum("in,in->n", errors, errors)
     lengths = np.sqrt(squares)
 
-    def at(confidence: float) -> Mapping[Statistic, Interval]:
+    def intervals_at(confidence: float) -> Mapping[Statistic, Interval]:
         zero_mean = gaussian and assumption.zero_mean
         about_zero = radius95(errors, np.zeros(3), covariance, zero_mean, sampling, confidence)
         about_mean = radius95(errors, mean, centred, gaussian, sampling, confidence)
@@ -139,25 +141,25 @@ def length_intervals(
             "p95": p95_interval(lengths, assumption, about_zero, about_mean, sampling, confidence),
         }
 
-    return tuple(at(confidence) for confidence in confidences)
+    return tuple(intervals_at(confidence) for confidence in confidences)
 
 
 def _checked(errors: Array) -> Array:
-    """``errors`` as float64, of the right shape, finite and not empty."""
+    """Return ``errors`` as float64 after checking that they are ``(3, N)``, finite and not empty."""
     errors = np.asarray(errors, dtype=float)
     if errors.ndim != 2 or errors.shape[0] != 3:
         raise ValueError(f"errors must have the shape (3, N), not {errors.shape}")
     if errors.shape[1] == 0:
-        raise InputError("there are no poses, and statistics take at least one")
+        raise InputError("there are no poses; statistics need at least one")
     finite = np.all(np.isfinite(errors), axis=0)
     if not np.all(finite):
         first = int(np.argmin(finite)) + 1
-        raise InputError(f"{int(np.sum(~finite))} errors are not finite numbers, the first that of pose {first}")
+        raise InputError(f"{int(np.sum(~finite))} errors are not finite numbers; the first is that of pose {first}")
     return errors
 
 
 def _centred(errors: Array, mean: Array) -> Array:
-    """The errors about their mean; a component that is the same in all of them has no scatter, whatever rounds off."""
+    """Subtract the mean; a component that is equal in all errors becomes exactly zero, without rounding residue."""
     centred = errors - mean[:, None]
     low, high = np.min(errors, axis=1), np.max(errors, axis=1)
     centred[high - low <= 8 * np.finfo(float).eps * np.max(np.maximum(-low, high))] = 0.0
@@ -165,7 +167,7 @@ def _centred(errors: Array, mean: Array) -> Array:
 
 
 def _sampling(n: int, groups: NDArray[Any] | None, draws: int, seed: int) -> PoseSampling:
-    """Group ids as indices; None where no pose was repeated, which is the faster and exact case."""
+    """Turn group ids into indices; None where no pose was repeated, which is the faster and exact case."""
     if groups is None:
         return PoseSampling(n, None, draws, seed)
     groups = np.asarray(groups)
@@ -176,7 +178,7 @@ def _sampling(n: int, groups: NDArray[Any] | None, draws: int, seed: int) -> Pos
 
 
 def _pose_means(errors: Array, sampling: PoseSampling) -> Array:
-    """One error for each commanded pose, ``(3, n_groups)``."""
+    """Return the mean error of each commanded pose, ``(3, n_groups)``."""
     if sampling.groups is None:
         return errors
     return np.stack([sampling.sums(component) for component in errors]) / sampling.sizes()

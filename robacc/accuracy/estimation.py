@@ -1,7 +1,7 @@
-"""How far the arm was from where it was to be, and what the errors together say: equations (3)-(5), (13) and (14).
+"""Accuracy of measured poses: errors, statistics and grade, by equations (3)-(5), (13) and (14) of Wu and Lee.
 
-The error of each pose is :mod:`robacc.accuracy.pose_errors`', the statistics are
-:mod:`robacc.accuracy.error_statistics`'s.
+:mod:`robacc.accuracy.pose_errors` computes the error of each pose, :mod:`robacc.accuracy.error_statistics` the
+statistics.
 """
 
 from __future__ import annotations
@@ -38,37 +38,37 @@ if TYPE_CHECKING:
     from robacc.robots.description import Robot
 
 N_WORST = 5
-"""Poses listed by row: enough to look at, few enough to read."""
+"""Number of the worst poses that are listed."""
 
 _FAR = 0.05
-"""An error of more than this fraction of the poses' own spread is no arm's (some mm on a reach of a metre): frames that
-were not registered, or units, are."""
+"""Position error relative to the extent of the poses above which the cause is a frame or a unit, not the arm (whose
+errors are some mm on a reach of a metre)."""
 _STILL = 1e-6
-"""rad or m; commanded poses that differ by less are one."""
+"""rad or m; commanded poses that differ by less are equal."""
 _TURNED = np.deg2rad(5.0)
-"""The same for orientation: an uncalibrated arm's is a fraction of a degree."""
+"""Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorstPose:
-    """A pose to look at."""
+    """Pose with a large error."""
 
     line: int
-    """1-based line of the file."""
+    """1-based line in the file."""
     place: str
-    """The same in words, or its row where the file has no lines."""
+    """Line as text, or the row where the file has no lines."""
     pose: str | None
-    """Its id, where the file has one."""
+    """Id of the pose, where the file has ids."""
     target: str | None
     position: float
-    """Length of its error, m."""
+    """Length of the position error, m."""
     orientation: float | None
     """rad"""
 
 
 @dataclass(frozen=True, slots=True)
 class TargetErrors:
-    """The position errors of one of several targets."""
+    """Position errors of one of several targets."""
 
     name: str
     n_poses: int
@@ -77,7 +77,7 @@ class TargetErrors:
 
 @dataclass(frozen=True, slots=True)
 class EstimateResult:
-    """How far the arm was from where it was to be."""
+    """Errors, statistics and grade of measured poses."""
 
     n_poses: int
     commanded: CommandSource
@@ -87,16 +87,16 @@ class EstimateResult:
     grade: Grade
     alignment: Alignment | None
     unaligned: PoseMetrics | None
-    """Before the alignment, where there was one."""
+    """Metrics before the alignment; None without alignment."""
     worst_position: tuple[WorstPose, ...]
-    """The :data:`N_WORST` poses with the largest position errors, the largest first."""
+    """The :data:`N_WORST` poses with the largest position errors, descending."""
     worst_orientation: tuple[WorstPose, ...]
     targets: tuple[TargetErrors, ...]
-    """One for each, where more than one was measured."""
+    """Errors of each target, where several targets were measured."""
     notes: tuple[str, ...]
-    """What a reader must know to read the figures."""
+    """Information that is needed to read the result."""
     warnings: tuple[str, ...]
-    """What looks wrong."""
+    """Signs of mistakes in the data or the call."""
 
 
 def estimate(
@@ -104,35 +104,36 @@ def estimate(
     robot: Robot | None = None,
     *,
     frame: ErrorFrame | None = None,
-    what: Sequence[str] = (),
+    align: Sequence[str] = (),
     scale: Scale | None = None,
     confidence: float = 0.95,
     seed: int = 0,
 ) -> EstimateResult:
-    """The errors of measured poses against their commands, and their statistics.
+    """Compute the errors of measured poses against their commands, their statistics and the grade.
 
     Args:
-        data: The measured poses; with no robot they must carry their commanded poses.
-        robot: Commands the poses at ``data.q``, its effects included; goes before commanded poses in ``data``.
+        data: The measured poses; without a robot they need commanded poses.
+        robot: Model that predicts the commanded poses at ``data.q``, effects included; it takes precedence over the
+            commanded poses in ``data``.
         frame: Axes of the errors; None is "tool" where the commanded orientation is known, else "base".
-        what: Of :data:`robacc.fitting.registration.ALIGNABLE`: what is fitted to the poses first.
-        scale: Grade scale; None is the package's own.
-        confidence: Of every interval.
-        seed: Of the bootstrap.
+        align: Frames to fit to the poses first, from :data:`robacc.fitting.registration.ALIGNABLE`.
+        scale: Grade scale; None is the built-in scale.
+        confidence: Confidence of every interval.
+        seed: Seed of the bootstrap.
 
     Raises:
-        UsageError: the call does not fit the data, or itself.
-        InputError: the data lack what the call needs.
+        UsageError: The arguments do not fit the data or each other.
+        InputError: The data lack columns that the call needs.
     """
-    check_call(robot, what, confidence)
+    check_call(robot, align, confidence)
     commanded = commanded_poses(data, robot)
     chosen = _choose_frame(frame, commanded)
     alignment, unaligned = None, None
-    if robot is not None and what:
-        from robacc.fitting.registration import align
+    if robot is not None and align:
+        from robacc.fitting import registration
 
-        alignment = align(robot, data, what)
-        unaligned = pose_errors(data, commanded, chosen).figures()
+        alignment = registration.align(robot, data, align)
+        unaligned = pose_errors(data, commanded, chosen).metrics()
         commanded = commanded_poses(data, alignment.robot)
     errors = pose_errors(data, commanded, chosen)
     repetitions = data.repetitions()
@@ -142,7 +143,7 @@ def estimate(
     scale = scale or default_scale()
     graded = position, orientation
     if scale.confidence != confidence:
-        # A scale states the confidence it demonstrates at; the figures keep the one that was asked for.
+        # The scale has its own confidence; the reported statistics keep the requested confidence.
         graded = _statistics(groups, errors, aligned, scale.confidence, seed)
     return EstimateResult(
         n_poses=data.n,
@@ -153,15 +154,15 @@ def estimate(
         grade=grade(*graded, scale),
         alignment=alignment,
         unaligned=unaligned,
-        worst_position=_worst(data, errors, errors.position),
-        worst_orientation=() if errors.rotation is None else _worst(data, errors, errors.rotation),
+        worst_position=_worst_poses(data, errors, errors.position),
+        worst_orientation=() if errors.rotation is None else _worst_poses(data, errors, errors.rotation),
         targets=_by_target(data, errors),
         notes=_notes(data, robot, frame, chosen, commanded, alignment),
         warnings=(
             *data.warnings,
             *data.contradicted_ids(repetitions),
             *_warnings(data, errors, alignment),
-            *_beyond_learnt(data, robot),
+            *_corrections_outside_range(data, robot),
         ),
     )
 
@@ -169,24 +170,24 @@ def estimate(
 def _statistics(
     groups: NDArray[np.int64] | None, errors: PoseErrors, aligned: Sequence[str], confidence: float, seed: int
 ) -> tuple[ErrorStatistics, ErrorStatistics | None]:
-    def found(of: Array, unit: Unit, centred: bool) -> ErrorStatistics:
-        return error_statistics(of, unit, groups=groups, aligned=centred, confidence=confidence, seed=seed)
+    def statistics(vectors: Array, unit: Unit, centred: bool) -> ErrorStatistics:
+        return error_statistics(vectors, unit, groups=groups, aligned=centred, confidence=confidence, seed=seed)
 
-    # Moving a frame along its axes takes out the mean along them. Turning the target takes out that of its rotations;
-    # turning the base moves the target too, and leaves some of theirs.
-    own = "tool_frame" if errors.frame == "tool" else "base_frame"
-    position = found(errors.position, "m", own in aligned)
+    # Fitting a frame removes the mean position error in that frame. Fitting the tool frame also removes the mean
+    # rotation error; fitting the base frame does not, because turning the base moves the target too.
+    removing = "tool_frame" if errors.frame == "tool" else "base_frame"
+    position = statistics(errors.position, "m", removing in aligned)
     if errors.rotation is None:
         return position, None
-    return position, found(errors.rotation, "rad", own == "tool_frame" and own in aligned)
+    return position, statistics(errors.rotation, "rad", removing == "tool_frame" and removing in aligned)
 
 
-def check_call(robot: Robot | None, what: Sequence[str], confidence: float) -> None:
-    """Raise UsageError where an alignment has no robot to move, or the confidence is no probability of use."""
-    if what and robot is None:
-        raise UsageError("an alignment moves the robot's base or tool, so it needs --robot")
+def check_call(robot: Robot | None, align: Sequence[str], confidence: float) -> None:
+    """Raise UsageError if an alignment has no robot, or the confidence is not in [0.5, 1)."""
+    if align and robot is None:
+        raise UsageError("`align` fits the base and tool frames of a robot, so it needs `robot`")
     if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence is a probability of at least 0.5 and below 1, not {confidence:g}")
+        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
 
 
 def _choose_frame(frame: ErrorFrame | None, commanded: Commanded) -> ErrorFrame:
@@ -195,12 +196,12 @@ def _choose_frame(frame: ErrorFrame | None, commanded: Commanded) -> ErrorFrame:
     return "tool" if commanded.oriented else "base"
 
 
-def _worst(data: Measurements, errors: PoseErrors, by: Array) -> tuple[WorstPose, ...]:
-    """The poses with the largest of the errors ``by`` ``(3, N)``, the largest first; of equal ones the earlier row."""
-    size = lengths(by)
+def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:
+    """Return the poses with the longest ``vectors`` ``(3, N)``, descending; equal lengths in the order of rows."""
+    size = lengths(vectors)
     candidates = np.arange(size.size)
     if size.size > N_WORST:
-        # All that reach the last place's size, so that which of equal ones are listed does not hang on the sort.
+        # All poses that reach the last listed length, so that the choice among ties does not depend on the sort.
         candidates = np.flatnonzero(size >= np.partition(size, -N_WORST)[-N_WORST])
     order = candidates[np.argsort(-size[candidates], kind="stable")][:N_WORST]
     position = lengths(errors.position[:, order])
@@ -235,63 +236,64 @@ def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ..
 def _notes(
     data: Measurements,
     robot: Robot | None,
-    asked: ErrorFrame | None,
+    requested: ErrorFrame | None,
     frame: ErrorFrame,
     commanded: Commanded,
     alignment: Alignment | None,
 ) -> tuple[str, ...]:
     notes = []
     if robot is not None and data.commanded_position is not None:
-        notes.append("commanded poses are the robot's; the file's cmd_ columns were not used")
-    if asked is None and frame == "base":
-        notes.append("no commanded orientation, so the errors are in the measuring frame")
+        notes.append("commanded poses come from the robot model; the cmd_ columns of the file were not used")
+    if requested is None and frame == "base":
+        notes.append("no orientation was commanded, so the errors are in the measuring frame")
     if data.rotation is None:
-        notes.append("no orientation was measured, so there is no orientation error")
+        notes.append("no orientation was measured, so there are no orientation errors")
     elif not commanded.oriented:
-        notes.append("no orientation was commanded, so there is no orientation error")
+        notes.append("no orientation was commanded, so there are no orientation errors")
     if robot is not None and robot.effects:
         names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
-        notes.append(f"the robot file's effects are applied: {', '.join(names)}")
+        notes.append(f"effects of the robot file are applied: {', '.join(names)}")
     if alignment is not None:
-        notes.append(f"the alignment was fitted to these same poses, with {alignment.n_parameters} parameters")
+        notes.append(f"the alignment was fitted to the same poses, with {alignment.n_parameters} parameters")
         notes.extend(alignment.notes)
     if data.sigma_position is not None:
         sigma = rms_length(data.sigma_position) * 1e3
-        notes.append(f"the measuring uncertainty, {sigma:.2g} mm rms, is contained in the position figures")
+        notes.append(f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms")
     return tuple(notes)
 
 
 def _moves(data: Measurements) -> bool:
-    """Whether the robot was sent to more than one place; the scatter at one says nothing of frames."""
-    sent = data.q if data.q is not None else data.commanded_position
-    return sent is not None and float(np.max(np.ptp(sent, axis=1), initial=0.0)) > _STILL
+    """Return whether the robot was commanded to several places; scatter at a single place does not show frames."""
+    commands = data.commands
+    return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
 
 
-def _beyond_learnt(data: Measurements, robot: Robot | None) -> tuple[str, ...]:
-    """Which corrections of the robot file are used outside the range that they were learnt in."""
+def _corrections_outside_range(data: Measurements, robot: Robot | None) -> tuple[str, ...]:
+    """Warn of empirical corrections of the robot file that are used outside their validity range."""
     if robot is None or not robot.effects:
         return ()
     from robacc.effects.specification import known_effects
     from robacc.robots.arm import Arm
 
-    arm, found = Arm.of(robot), []
+    arm, warnings = Arm.of(robot), []
     for known in known_effects(robot):
         count = int(np.count_nonzero(known.effect.outside_range(arm, data)))
         if count:
-            found.append(
-                f"{count} of {data.n} poses are outside the range in which {known.effect} of the robot file was "
-                "learnt: it is held there as it is at the range's end, and says little of them"
+            warnings.append(
+                f"{count} of {data.n} poses are outside the validity range of {known.effect} in the robot file: "
+                "there the correction keeps its value at the end of the range and is not reliable"
             )
-    return tuple(found)
+    return tuple(warnings)
 
 
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:
-    """What errors too large for an arm suggest."""
-    spread = rms_length(data.position - data.position.mean(axis=1, keepdims=True))
-    far = _moves(data) and rms_length(errors.position) > _FAR * spread
+    """Warn of errors that are too large for an arm."""
+    extent = rms_length(data.position - data.position.mean(axis=1, keepdims=True))
+    far = _moves(data) and rms_length(errors.position) > _FAR * extent
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
     if not (far or turned):
         return ()
-    cause = "units, joint signs or the order of the joints" if alignment is not None else "frames that do not agree"
-    advice = "" if alignment is not None else "; try --align base_frame,tool_frame"
-    return (f"errors this large come from {cause} rather than from the arm{advice}",)
+    if alignment is not None:
+        return ("the errors are too large for an arm: check the units, the joint signs and the order of the joints",)
+    advice = 'register the frames with `align="base_frame,tool_frame"`'
+    return (f"the errors are too large for an arm and suggest frames that are not registered; {advice}",)

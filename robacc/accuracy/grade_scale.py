@@ -1,4 +1,4 @@
-"""Scales of accuracy grades: the record, and its reading from YAML with every problem found at its line."""
+"""Scales of accuracy grades: the record, and its reader from YAML, which reports every problem with its line."""
 
 from __future__ import annotations
 
@@ -24,42 +24,42 @@ _UNITS = {"length": {"m": 1.0, "mm": 1e-3}, "angle": {"rad": 1.0, "deg": math.pi
 
 @dataclass(frozen=True, slots=True)
 class GradeStep:
-    """One grade and the limits that its statistic must meet."""
+    """Grade and the limits that the statistic must meet."""
 
     grade: str
     position: float
     """m"""
     orientation: float | None
-    """rad; None leaves orientation free"""
+    """rad; None: no limit of orientation"""
 
     def limit(self, quantity: Quantity) -> float | None:
-        """Of that quantity, m or rad; None where it is free."""
+        """Return the limit of a quantity in m or rad; None where there is none."""
         return self.position if quantity == "position" else self.orientation
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Grades from the best to the widest, and the statistic of the error's length that they are judged by."""
+    """Grades from the best to the widest, and the statistic of the error's length that decides."""
 
     name: str
     statistic: Statistic
     confidence: float
-    """Of the upper bound that demonstrates a grade."""
+    """Confidence of the upper bound that confirms a grade."""
     steps: tuple[GradeStep, ...]
     otherwise: str
-    """Grade of errors that meet no step."""
+    """Name for errors that meet no step."""
 
     def name_of(self, rank: int) -> str:
-        """The grade of step ``rank``, the best being 0; of the number of steps, that of errors that meet none."""
+        """Return the grade of step ``rank``, 0 for the best; beyond the last step, the name for errors outside all."""
         return self.steps[rank].grade if rank < len(self.steps) else self.otherwise
 
 
 def default_scale() -> Scale:
-    """The scale that comes with the package: A within 0.1 mm and 0.1 degree, the CAD/CAM requirement of the paper."""
+    """Return the built-in scale: A within 0.1 mm and 0.1 degree, the CAD/CAM requirement of the paper."""
     import yaml
 
-    # Not importlib.resources, which loads zipfile and more: 3 ms of the 150 that an estimate may take. And libyaml, if
-    # it is there, takes a tenth of the time; but it ends the process where a file is nested too deeply.
+    # importlib.resources loads zipfile and more: 3 ms of the 150 that an estimate may take. libyaml, where available,
+    # takes a tenth of the time; a user's file is not read by it, because deep nesting makes it end the process.
     path = Path(__file__).parents[1] / "data" / "grades" / "default.yaml"
     text = path.read_text(encoding="utf-8")
     return _scale_of(yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), path.name)
@@ -70,10 +70,10 @@ def load_scale(text: str, file: str) -> Scale:
 
     Args:
         text: Content of the YAML file.
-        file: Its name, for messages.
+        file: Name of the file, for messages.
 
     Raises:
-        InputError: With every problem found, each with its line and key.
+        InputError: With every problem, its line and key.
     """
     from robacc.io.yaml_nodes import compose
 
@@ -90,24 +90,24 @@ def _scale_of(root: yaml.Node | None, file: str) -> Scale:
 
 @dataclass(frozen=True, slots=True)
 class _GradeScaleReader:
-    """Takes values from YAML nodes, which know their lines, and collects what is wrong with them."""
+    """Reader of values from YAML nodes, which know their lines; it collects the problems."""
 
     file: str
     problems: list[Problem] = field(default_factory=list)
 
     def report(self, node: yaml.Node | None, key: str, message: str, fix: str | None = None) -> None:
-        """Note a problem at a node's line."""
+        """Record a problem at a node's line."""
         line = 1 if node is None else node.start_mark.line + 1
         self.problems.append(Problem(message, self.file, line, key or None, fix))
 
     def mapping(self, node: yaml.Node | None, key: str, known: tuple[str, ...]) -> dict[str, yaml.Node]:
-        """The children of a mapping by name; unknown and repeated names are reported."""
+        """Return the children of a mapping by name; report unknown and repeated names."""
         from difflib import get_close_matches
 
         from yaml import MappingNode
 
         if not isinstance(node, MappingNode):
-            self.report(node, key, f"a mapping with the keys {', '.join(known)} is expected here")
+            self.report(node, key, f"expected a mapping with the keys {', '.join(known)}")
             return {}
         result: dict[str, yaml.Node] = {}
         for child, value in node.value:
@@ -115,20 +115,20 @@ class _GradeScaleReader:
             if name not in known:
                 near = get_close_matches(name, known, n=1)
                 fix = f"did you mean {near[0]}" if near else f"the keys are {', '.join(known)}"
-                self.report(child, _join(key, name), "this key is not known", fix)
+                self.report(child, _join(key, name), "unknown key", fix)
             elif name in result:
-                self.report(child, _join(key, name), "this key stands here twice", "remove one of them")
+                self.report(child, _join(key, name), "duplicate key", "remove one of them")
             result.setdefault(name, value)
         return result
 
     def text(self, node: yaml.Node | None, key: str, parent: yaml.Node | None) -> str | None:
-        """A word or number as text; None, reported, where there is none."""
+        """Return a word or number as text; report any other node and return None."""
         from yaml import ScalarNode
 
         if node is None:
-            self.report(parent, key, "this key is missing")
+            self.report(parent, key, "missing key")
         elif not isinstance(node, ScalarNode) or not node.value.strip() or not node.value.isprintable():
-            self.report(node, key, "a single word or number is expected here")
+            self.report(node, key, "expected a single word or number")
         else:
             return str(node.value).strip()
         return None
@@ -136,7 +136,7 @@ class _GradeScaleReader:
     def choice(
         self, node: yaml.Node | None, key: str, parent: yaml.Node | None, allowed: tuple[str, ...]
     ) -> str | None:
-        """One of ``allowed``."""
+        """Return one of the ``allowed`` words; report any other."""
         value = self.text(node, key, parent)
         if value is not None and value not in allowed:
             self.report(node, key, f"found {value!r}, expected one of {', '.join(allowed)}")
@@ -144,7 +144,7 @@ class _GradeScaleReader:
         return value
 
     def positive(self, node: yaml.Node | None, key: str, parent: yaml.Node | None) -> float | None:
-        """A finite number greater than zero."""
+        """Return a finite number greater than zero; report any other."""
         value = self.text(node, key, parent)
         if value is None:
             return None
@@ -177,16 +177,18 @@ def _read(reader: _GradeScaleReader, root: yaml.Node | None) -> Scale | None:
     steps = _read_steps(reader, top.get("steps"), root, factors)
     otherwise = reader.text(top.get("otherwise"), "otherwise", root)
     if otherwise in [step.grade for step in steps]:
-        reader.report(top["otherwise"], "otherwise", f"{otherwise!r} is a step's grade too", "give it its own name")
+        reader.report(
+            top["otherwise"], "otherwise", f"{otherwise!r} is also the grade of a step", "choose another name"
+        )
     if name is None or statistic is None or confidence is None or otherwise is None:
         return None
     return Scale(name, cast("Statistic", statistic), confidence, tuple(steps), otherwise)
 
 
 def _read_units(reader: _GradeScaleReader, node: yaml.Node | None, root: yaml.Node | None) -> tuple[float, float]:
-    """Metres and radians per unit of the file."""
+    """Return metres and radians per unit of the file."""
     if node is None:
-        reader.report(root, "units", "this key is missing", "for example units: {length: mm, angle: deg}")
+        reader.report(root, "units", "missing key", "add it, for example units: {length: mm, angle: deg}")
         return 1.0, 1.0
     units = reader.mapping(node, "units", tuple(_UNITS))
     length, angle = (
@@ -202,7 +204,7 @@ def _read_steps(
     from yaml import SequenceNode
 
     if not isinstance(node, SequenceNode) or not node.value:
-        reader.report(node or root, "steps", "a list of at least one step is expected here")
+        reader.report(node or root, "steps", "expected a list of at least one step")
         return []
     steps: list[GradeStep] = []
     for index, item in enumerate(node.value):
@@ -224,19 +226,25 @@ def _read_steps(
 
 
 def _compare(reader: _GradeScaleReader, node: yaml.Node, key: str, step: GradeStep, before: list[GradeStep]) -> None:
-    """Report a step that does not follow from the ones before it."""
-    if step.grade in [other.grade for other in before]:
-        reader.report(node, f"{key}.grade", f"the grade {step.grade!r} stands here twice")
+    """Report a step that contradicts the steps ``before`` it."""
+    if step.grade in [earlier.grade for earlier in before]:
+        reader.report(node, f"{key}.grade", f"the grade {step.grade!r} is listed twice")
     if not before:
         return
     last = before[-1]
     if step.position <= last.position:
         reader.report(
-            node, f"{key}.position", f"the limit is not wider than that of {last.grade}", "put the best first"
+            node,
+            f"{key}.position",
+            f"the limit is not wider than that of grade {last.grade}",
+            "list the best grade first",
         )
     if last.orientation is None and step.orientation is not None:
-        reader.report(node, f"{key}.orientation", f"{last.grade}, which is better, has no limit of orientation")
+        reader.report(node, f"{key}.orientation", f"the better grade {last.grade} has no limit of orientation")
     if last.orientation is not None and step.orientation is not None and step.orientation < last.orientation:
         reader.report(
-            node, f"{key}.orientation", f"the limit is narrower than that of {last.grade}", "put the best first"
+            node,
+            f"{key}.orientation",
+            f"the limit is narrower than that of grade {last.grade}",
+            "list the best grade first",
         )

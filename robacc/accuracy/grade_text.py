@@ -1,4 +1,4 @@
-"""A grade in words: what was found, what limits it, whether it is demonstrated, and what is missing to the next."""
+"""Sentences that explain a grade: the estimates, their limits, the confirmation, and the next better grade."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NAMES: dict[Statistic, str] = {
 }
 
 
-def reason_of(
+def grade_reason(
     scale: Scale,
     rank: int,
     quantities: dict[Quantity, QuantityGrade],
@@ -25,44 +25,47 @@ def reason_of(
     demonstrated: bool,
     demonstrated_grade: str | None,
 ) -> str:
-    """Why a grade is what it is, in sentences."""
+    """Explain a grade in sentences."""
     statistic = _NAMES[scale.statistic]
-    found = []
+    estimates = []
     for name, quantity in quantities.items():
-        value = f"{name}: {statistic} {_amount(quantity.value, quantity.unit)}"
+        text = f"{name}: {statistic} {_amount(quantity.value, quantity.unit)}"
         if quantity.limit is not None:
-            value += f", within {_amount(quantity.limit, quantity.unit)}"
+            text += f", within {_amount(quantity.limit, quantity.unit)}"
         elif rank == len(scale.steps) and name in limited_by:
             last = scale.steps[-1].limit(name)
-            value += f", beyond {_amount(last or math.inf, quantity.unit)} of {scale.steps[-1].grade}"
-        found.append(value)
-    sentences = ["; ".join(found)]
+            text += f", beyond the limit of {scale.steps[-1].grade}, {_amount(last or math.inf, quantity.unit)}"
+        estimates.append(text)
+    sentences = ["; ".join(estimates)]
     if "orientation" not in quantities:
-        sentences.append("orientation was not measured, so the grade is of position only")
+        sentences.append("orientation was not measured, so the grade covers position only")
     if following is not None:
         by_quantity: tuple[tuple[str, Unit, float | None], ...] = (
             ("position", "m", following.position),
             ("orientation", "rad", following.orientation),
         )
         missing = [f"{_amount(excess, unit)} less in {name}" for name, unit, excess in by_quantity if excess]
-        sentences.append(f"limited by {' and '.join(limited_by)}: {following.grade} takes {' and '.join(missing)}")
-    sentences.append(_demonstration(scale, rank, quantities, demonstrated, demonstrated_grade))
+        sentences.append(
+            f"limited by {' and '.join(limited_by)}: grade {following.grade} needs {' and '.join(missing)}"
+        )
+    sentences.append(_confirmation(scale, rank, quantities, demonstrated, demonstrated_grade))
     return ". ".join(sentences)
 
 
-def _demonstration(
-    scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade], demonstrated: bool, proven: str | None
+def _confirmation(
+    scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade], demonstrated: bool, confirmed: str | None
 ) -> str:
     confidence = f"{100 * scale.confidence:g} %"
+    at_confidence = f"at {confidence} confidence"
     if demonstrated:
-        return f"demonstrated: the upper {confidence} bound meets it ({_bounds(quantities)})"
-    unknown = [f"{name}: {quantity.why}" for name, quantity in quantities.items() if quantity.why]
-    if unknown:
-        return f"not demonstrated: no upper bound of {'; of '.join(unknown)}"
+        return f"confirmed {at_confidence}: the upper bound is within the limit ({_bounds(quantities)})"
+    missing = [f"{name} has no upper bound ({quantity.why})" for name, quantity in quantities.items() if quantity.why]
+    if missing:
+        return f"not confirmed {at_confidence}: {'; '.join(missing)}"
     if rank == len(scale.steps):
-        return "no step of the scale is met, so there is nothing to demonstrate"
-    shown = f"{proven} is demonstrated" if proven else "no grade is demonstrated"
-    return f"not demonstrated: the upper {confidence} bound is beyond a limit ({_bounds(quantities)}); {shown}"
+        return "no step of the scale is met, so no grade can be confirmed"
+    best = f"grade {confirmed} is confirmed" if confirmed else "no grade is confirmed"
+    return f"not confirmed {at_confidence}: the upper bound is beyond a limit ({_bounds(quantities)}); {best}"
 
 
 def _bounds(quantities: dict[Quantity, QuantityGrade]) -> str:
@@ -74,5 +77,5 @@ def _bounds(quantities: dict[Quantity, QuantityGrade]) -> str:
 
 
 def _amount(value: float, unit: Unit) -> str:
-    """In mm or degrees, three digits."""
+    """Format in mm or degrees with three digits."""
     return f"{1e3 * value:.3g} mm" if unit == "m" else f"{math.degrees(value):.3g}°"

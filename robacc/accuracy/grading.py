@@ -1,9 +1,9 @@
-"""The accuracy grade: which step of a scale the errors meet, and whether the data demonstrate it.
+"""Accuracy grade: the step of a scale that the errors meet, and whether the data confirm it.
 
-A grade is given by the estimate of one stated statistic of the error's length. It is demonstrated only where the
-one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can earn a grade, not
-prove it. The probability of each grade is the confidence that lies between its limits and the next better one's
-(:mod:`robacc.statistics.confidence_curves`), so a demonstrated grade, or a better one, has at least the scale's confidence.
+The estimate of a statistic of the error's length, named by the scale, decides the grade. The grade is confirmed where
+the one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can reach a grade without
+confirming it. The probability of each grade is the confidence between its limits and those of the next better grade
+(:mod:`robacc.statistics.confidence_curves`), so a confirmed grade or a better one has at least the scale's confidence.
 :mod:`robacc.accuracy.grade_scale` reads the scales.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from robacc.accuracy.grade import Grade, NextGrade, QuantityGrade, poses_needed
 from robacc.accuracy.grade_scale import Quantity, Scale
-from robacc.accuracy.grade_text import reason_of
+from robacc.accuracy.grade_text import grade_reason
 from robacc.errors import UsageError
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics
@@ -21,34 +21,35 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
     """Grade the errors on ``scale``; by position alone where no orientation was measured.
 
     Args:
-        position: Of the position errors, unit m.
-        orientation: Of the orientation errors, unit rad.
-        scale: The steps, and the statistic and confidence they are judged by.
+        position: Statistics of the position errors, unit m.
+        orientation: Statistics of the orientation errors, unit rad.
+        scale: The steps, and the statistic and confidence that decide.
 
     Raises:
-        UsageError: The statistics were computed at another confidence than the scale's.
+        UsageError: The confidence of the statistics differs from that of the scale.
     """
-    judged: list[tuple[Quantity, ErrorStatistics]] = [("position", position)]
+    graded: list[tuple[Quantity, ErrorStatistics]] = [("position", position)]
     if orientation is not None:
-        judged.append(("orientation", orientation))
-    for name, statistics in judged:
+        graded.append(("orientation", orientation))
+    for name, statistics in graded:
         if statistics.confidence != scale.confidence:
             raise UsageError(
-                f"the {name} statistics are at a confidence of {statistics.confidence:g}, "
-                f"the scale {scale.name} asks for {scale.confidence:g}"
+                f"the {name} statistics have a confidence of {statistics.confidence:g}, "
+                f"but the scale {scale.name} requires {scale.confidence:g}"
             )
-    ranks = {name: _rank(scale, name, statistics.estimate(scale.statistic)[0]) for name, statistics in judged}
-    proven = {
-        name: _rank(scale, name, statistics.estimate(scale.statistic)[1].upper_bound) for name, statistics in judged
+    ranks = {name: _rank(scale, name, statistics.estimate(scale.statistic)[0]) for name, statistics in graded}
+    confirmed_ranks = {
+        name: _rank(scale, name, statistics.estimate(scale.statistic)[1].upper_bound) for name, statistics in graded
     }
-    rank, proven_rank = max(ranks.values()), max(proven.values())
+    rank, confirmed_rank = max(ranks.values()), max(confirmed_ranks.values())
     quantities = {
-        name: _quantity(scale, name, statistics, rank, ranks[name], proven[name]) for name, statistics in judged
+        name: _quantity(scale, name, statistics, rank, ranks[name], confirmed_ranks[name])
+        for name, statistics in graded
     }
-    limited_by = tuple(name for name, _ in judged if ranks[name] == rank and rank > 0)
+    limited_by = tuple(name for name, _ in graded if ranks[name] == rank and rank > 0)
     following = _next(scale, rank, quantities)
-    demonstrated = rank < len(scale.steps) and proven_rank <= rank
-    demonstrated_grade = scale.steps[proven_rank].grade if proven_rank < len(scale.steps) else None
+    demonstrated = rank < len(scale.steps) and confirmed_rank <= rank
+    demonstrated_grade = scale.steps[confirmed_rank].grade if confirmed_rank < len(scale.steps) else None
     return Grade(
         grade=scale.name_of(rank),
         scale=scale,
@@ -60,12 +61,15 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
         next=following,
         probabilities=_probabilities(scale, quantities),
         poses_to_demonstrate=None if demonstrated else poses_needed(scale, rank, quantities),
-        reason=reason_of(scale, rank, quantities, limited_by, following, demonstrated, demonstrated_grade),
+        reason=grade_reason(scale, rank, quantities, limited_by, following, demonstrated, demonstrated_grade),
     )
 
 
 def _rank(scale: Scale, name: Quantity, value: float | None) -> int:
-    """Index of the best step that ``value`` meets, or the number of steps; an unknown value meets free limits only."""
+    """Return the index of the best step that ``value`` meets, or the number of steps if there is none.
+
+    An unknown value meets only steps without a limit.
+    """
     for rank, step in enumerate(scale.steps):
         limit = step.limit(name)
         if limit is None or (value is not None and value <= limit):
@@ -74,7 +78,7 @@ def _rank(scale: Scale, name: Quantity, value: float | None) -> int:
 
 
 def _quantity(
-    scale: Scale, name: Quantity, statistics: ErrorStatistics, rank: int, own_rank: int, proven_rank: int
+    scale: Scale, name: Quantity, statistics: ErrorStatistics, rank: int, quantity_rank: int, confirmed_rank: int
 ) -> QuantityGrade:
     value, interval = statistics.estimate(scale.statistic)
     return QuantityGrade(
@@ -82,8 +86,8 @@ def _quantity(
         value=value,
         upper_bound=interval.upper_bound,
         limit=scale.steps[rank].limit(name) if rank < len(scale.steps) else None,
-        grade=scale.name_of(own_rank),
-        demonstrated_grade=scale.steps[proven_rank].grade if proven_rank < len(scale.steps) else None,
+        grade=scale.name_of(quantity_rank),
+        demonstrated_grade=scale.steps[confirmed_rank].grade if confirmed_rank < len(scale.steps) else None,
         method=interval.method,
         why=interval.why if interval.upper_bound is None else None,
         within=_within(scale, name, interval),
@@ -96,7 +100,7 @@ def _within(scale: Scale, name: Quantity, interval: Interval) -> tuple[float, ..
     limits = [step.limit(name) for step in scale.steps]
     curve = interval.curve
     if curve is None:
-        # Without scatter every limit is met for certain or not at all; what is free is met in any case.
+        # Without scatter a limit is met with probability 0 or 1; a step without a limit is always met.
         bound = interval.upper_bound
         if bound is None:
             return (1.0,) * len(limits) if all(limit is None for limit in limits) else None
@@ -105,12 +109,12 @@ def _within(scale: Scale, name: Quantity, interval: Interval) -> tuple[float, ..
 
 
 def _probabilities(scale: Scale, quantities: dict[Quantity, QuantityGrade]) -> tuple[tuple[str, float], ...]:
-    """Of each grade: position and orientation are taken as independent, which is exact where one of them decides."""
+    """Return each grade's probability; position and orientation count as independent (exact if one decides)."""
     within = [1.0] * len(scale.steps)
     for quantity in quantities.values():
         if quantity.within is None:
             return ()
-        within = [one * other for one, other in zip(within, quantity.within, strict=True)]
+        within = [product * share for product, share in zip(within, quantity.within, strict=True)]
     shares = [high - low for low, high in zip([0.0, *within], [*within, 1.0], strict=True)]
     names = [*(step.grade for step in scale.steps), scale.otherwise]
     return tuple((name, max(share, 0.0)) for name, share in zip(names, shares, strict=True))

@@ -1,4 +1,4 @@
-"""The four figures of an error's length that every comparison uses."""
+"""RMS, mean, 95th percentile and maximum of the error's length: the metrics that every comparison uses."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from robacc.geometry import Array
 
 @dataclass(frozen=True, slots=True)
 class ErrorMetrics:
-    """Of the error's length over poses, m or rad."""
+    """Metrics of the error's length over poses, m or rad."""
 
     rms: float
     mean: float
     p95: float
-    """Linear interpolation between order statistics."""
+    """Interpolated linearly between order statistics."""
     max: float
 
 
 @dataclass(frozen=True, slots=True)
 class PoseMetrics:
-    """Of position and, where it was measured, orientation."""
+    """Metrics of position and, where it was measured, of orientation."""
 
     position: ErrorMetrics
     orientation: ErrorMetrics | None
 
 
 def pose_metrics(residual: Array) -> PoseMetrics:
-    """From residuals ``(3 or 6, N)``, m and rad."""
-    turned = _figures(residual[3:]) if residual.shape[0] == 6 else None
-    return PoseMetrics(_figures(residual[:3]), turned)
+    """Return the metrics of residuals ``(3 or 6, N)`` in m and rad."""
+    orientation = _error_metrics(residual[3:]) if residual.shape[0] == 6 else None
+    return PoseMetrics(_error_metrics(residual[:3]), orientation)
 
 
-def _figures(errors: Array) -> ErrorMetrics:
+def _error_metrics(errors: Array) -> ErrorMetrics:
     length = np.sqrt(np.sum(np.square(errors), axis=0))
     if length.size == 0:
         return ErrorMetrics(float("nan"), float("nan"), float("nan"), float("nan"))

@@ -1,4 +1,4 @@
-"""The error at each measured pose: equations (3)-(5) of Wu and Lee.
+"""Error at each measured pose: equations (3)-(5) of Wu and Lee.
 
 Source: C. H. Wu and C. C. Lee, "Estimation of the Accuracy of a Robot Manipulator" (IEEE TAC, 1985). Their attained
 pose is T + dT = T (I + δT) with δT built of the translation d and the rotation δ in the target's frame, to first order.
@@ -7,8 +7,8 @@ Here, with T_c = [R_c p_c] commanded and T_a = [R_a p_a] attained in the measuri
     frame "tool":  d = R_c^T (p_a - p_c),  δ = log(R_c^T R_a)
     frame "base":  d = p_a - p_c,          δ = log(R_a R_c^T)
 
-and log is the exact rotation vector, so that a large error is measured as truly as a small one. In "tool" both are
-written in the axes of the commanded target, in "base" in those of the measuring frame.
+and log is the exact rotation vector, so that large errors are exact too. "tool" gives both in the axes of the
+commanded target, "base" in those of the measuring frame.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ ErrorFrame = Literal["tool", "base"]
 CommandSource = Literal["robot", "file"]
 
 _BLOCK = 16384
-"""Poses done at a time: the working arrays of a block stay in the cache."""
+"""Poses per block: the working arrays of a block stay in the cache."""
 
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """Where the target was to be, handed out block by block so that a million poses are never held at once."""
+    """Commanded poses of the target, computed block by block so that a million poses never fill the memory."""
 
     source: CommandSource
-    """The robot's own kinematics at the commanded joints, or the ``cmd_`` columns."""
+    """The robot model at the commanded joints, or the ``cmd_`` columns."""
     oriented: bool
-    """Whether an orientation was commanded, and not only a position."""
+    """An orientation was commanded, not only a position."""
     block: Callable[[slice], tuple[Array, Array | None]]
     """Positions ``(3, n)`` in the measuring frame, m, and rotations ``(3, 3, n)`` of a slice of the poses."""
 
     @classmethod
     def at(cls, position: Array, rotation: Array | None, source: CommandSource) -> Commanded:
-        """From positions ``(3, N)`` and rotations ``(3, 3, N)`` as they stand."""
+        """Return the commanded poses of given positions ``(3, N)`` and rotations ``(3, 3, N)``."""
         return cls(
             source, rotation is not None, lambda b: (position[:, b], None if rotation is None else rotation[..., b])
         )
@@ -55,45 +55,43 @@ class Commanded:
 
 @dataclass(frozen=True, slots=True)
 class PoseErrors:
-    """The error vector of each pose."""
+    """Error vectors of all poses."""
 
     frame: ErrorFrame
     position: Array
     """``(3, N)`` d, m."""
     rotation: Array | None
-    """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is not known."""
+    """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is unknown."""
 
-    def figures(self) -> PoseMetrics:
-        """Root mean square, mean, 95th percentile and maximum of the lengths."""
+    def metrics(self) -> PoseMetrics:
+        """Return RMS, mean, 95th percentile and maximum of the lengths."""
         from robacc.accuracy.metrics import pose_metrics
 
         return pose_metrics(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
 
 
 def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
-    """Where the targets were to be: predicted by ``robot`` where there is one, else as the file says.
+    """Return the commanded poses: predicted by ``robot`` if given, else from the file.
 
     Raises:
-        UsageError: neither a robot nor commanded poses.
-        InputError: a robot, and no joint variables to command it.
+        UsageError: There are neither a robot nor commanded poses.
+        InputError: There is a robot, but the data have no joint variables.
     """
     if robot is not None:
         if data.q is None:
             fix = "add the commanded joints q1, q2, …"
             if data.commanded_position is not None:
-                fix += ", or leave out --robot to use the file's own cmd_ columns"
-            raise InputError(Problem("has no joint columns for the robot to be commanded by", data.source, fix=fix))
+                fix += ", or omit `robot` to use the cmd_ columns of the file"
+            raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
         return _predicted(robot, data, data.q)
     if data.commanded_position is None:
-        raise UsageError(
-            "the poses do not say where the target was to be: give --robot, or columns cmd_x, cmd_y, cmd_z"
-        )
+        raise UsageError("the poses have no commanded positions: give `robot`, or columns cmd_x, cmd_y, cmd_z")
     return Commanded.at(data.commanded_position, data.commanded_rotation, "file")
 
 
 def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
     if not robot.effects and not robot.targets and len(q) == len(robot.variables):
-        # An arm without effects is its chain, bit for bit; loading every effect would cost more than 10,000 poses.
+        # An arm without effects is its chain, bit for bit; loading all effects takes longer than 10,000 poses.
         from robacc.robots.assembly import build_chain
 
         chain = build_chain(robot)
@@ -110,35 +108,35 @@ def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
 
 
 def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> PoseErrors:
-    """Equations (3)-(5) in ``frame``; the formulas stand at the top of this module.
+    """Compute equations (3)-(5) in ``frame``, as written at the top of this module.
 
     Raises:
-        UsageError: frame "tool" without the commanded orientation.
+        UsageError: The frame is "tool", but no orientation was commanded.
     """
     if frame == "tool" and not commanded.oriented:
         raise UsageError(
-            "frame tool needs the commanded orientation (cmd_qw …, or --robot); frame base needs positions only"
+            "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
         )
     position = np.empty((3, data.n))
     rotation = np.empty((3, data.n)) if data.rotation is not None and commanded.oriented else None
     for start in range(0, data.n, _BLOCK):
         block = slice(start, start + _BLOCK)
-        wanted, turn = commanded.block(block)
-        difference = data.position[:, block] - wanted
+        target, turn = commanded.block(block)
+        difference = data.position[:, block] - target
         position[:, block] = rotate_back(turn, difference) if frame == "tool" and turn is not None else difference
         if rotation is not None and data.rotation is not None and turn is not None:
             attained = data.rotation[..., block]
-            tool = frame == "tool"
-            rotation[:, block] = log_between(*((transpose(turn), transpose(attained)) if tool else (attained, turn)))
+            pair = (transpose(turn), transpose(attained)) if frame == "tool" else (attained, turn)
+            rotation[:, block] = log_between(*pair)
     return PoseErrors(frame, position, rotation)
 
 
 def rms_length(errors: Array) -> float:
-    """Root mean square of the length of errors ``(3, N)``."""
+    """Return the RMS length of errors ``(3, N)``."""
     return float(np.sqrt(np.mean(lengths(errors) ** 2)))
 
 
 def lengths(errors: Array) -> Array:
-    """Length ``(N,)`` of each of the errors ``(3, N)``."""
+    """Return the lengths ``(N,)`` of errors ``(3, N)``."""
     result: Array = np.sqrt(np.einsum("in,in->n", errors, errors))
     return result

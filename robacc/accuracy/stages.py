@@ -1,4 +1,4 @@
-"""Before and after: figures and residuals of an arm as delivered, registered and mended, and what separates them."""
+"""Metrics and residuals of the nominal, registered and calibrated arm, and the improvement between them."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from robacc.statistics.distributions import normal_quantile
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One stage of before and after."""
+    """Metrics of one model: nominal, before or after."""
 
     fitted: PoseMetrics
     held_out: PoseMetrics | None
-    """None where there were too few poses to hold any out."""
+    """None where there are too few poses to hold any out."""
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Residuals ``(3 or 6, N)`` of the same poses at every stage: m, and rad, in the measuring frame."""
+    """Residuals ``(3 or 6, N)`` of the same poses at every stage, m and rad, in the measuring frame."""
 
     nominal: Array
     before: Array
     after: Array
-    held_before: Array | None = None
-    """By models that had no part of the pose; None where none was held out."""
-    held_after: Array | None = None
+    held_out_before: Array | None = None
+    """Residuals by models fitted without the pose; None where no pose was held out."""
+    held_out_after: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """How much the position's root mean square fell on poses held out, with an interval over poses."""
+    """Reduction of the position RMS on held-out poses, with an interval over poses."""
 
     value: float
     low: float
@@ -45,35 +45,35 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class BeforeAfter:
-    """All that is said of before and after."""
+    """Stages, gain and residuals of two fits to the same poses."""
 
     nominal: Stage
-    """As delivered."""
+    """The nominal model."""
     before: Stage
     after: Stage
     gain: Gain | None
     """None where no pose was held out."""
     residuals: Residuals
-    """Of every pose, those left out as outliers too."""
-    apart: Residuals | None
-    """Of poses of their own, where such were held out."""
+    """Residuals of every calibration pose, outliers included."""
+    holdout: Residuals | None
+    """Residuals of the validation poses, where there are any."""
 
 
 def paired_gain(before: Array, after: Array, groups: NDArray[np.int64], confidence: float = 0.95) -> Gain:
-    """Fall of the position's rms from ``before`` to ``after`` ``(M, N)`` on the same poses.
+    """Return the fall of the position RMS from ``before`` to ``after`` ``(M, N)`` on the same poses.
 
-    The interval is the delta method's over groups of repeats: both errors of a pose stay together, so what the stages
-    share cancels.
+    The interval is the delta method's over groups of repeats. Both errors of a pose stay together, so that what the
+    stages share cancels.
     """
-    squares = np.stack([np.sum(np.square(one[:3]), axis=0) for one in (before, after)])
+    squares = np.stack([np.sum(np.square(residual[:3]), axis=0) for residual in (before, after)])
     count = int(groups.max(initial=-1)) + 1
-    sums = np.stack([np.bincount(groups, weights=one, minlength=count) for one in squares])
+    sums = np.stack([np.bincount(groups, weights=square, minlength=count) for square in squares])
     n = squares.shape[1]
     rms = np.sqrt(sums.sum(axis=1) / n)
     value = float(rms[0] - rms[1])
     if count < 3 or rms.min() <= 0:
         return Gain(value, float("nan"), float("nan"), confidence)
     influence = (sums[0] - sums[0].mean()) / (2 * rms[0] * n) - (sums[1] - sums[1].mean()) / (2 * rms[1] * n)
-    spread = float(np.sqrt(np.sum(np.square(influence)) * count / (count - 1)))
-    reach = normal_quantile(0.5 + confidence / 2) * spread
-    return Gain(value, value - reach, value + reach, confidence)
+    gain_std = float(np.sqrt(np.sum(np.square(influence)) * count / (count - 1)))
+    half_width = normal_quantile(0.5 + confidence / 2) * gain_std
+    return Gain(value, value - half_width, value + half_width, confidence)

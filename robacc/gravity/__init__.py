@@ -1,1 +1,1 @@
-"""Weights and how they load the joints of an arm."""
+"""Weights of an arm and its payload, and the torques and forces that gravity exerts on the joints."""

@@ -1,4 +1,4 @@
-"""Weights that load the joints: the arm's own links, a payload, and unit loads where masses are unknown."""
+"""Loads on the joints: the arm's own links, a payload, and unit loads where masses are unknown."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from robacc.robots.arm import Arm
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """A weight behind motion ``after - 1``: mass (kg) and first moment mass x com (kg m) in the frame there."""
+    """Weight in the frame after motion ``after - 1``: mass (kg) and first moment of mass, mass x com (kg m)."""
 
     after: int
     mass: float | Array
-    """Scalar, or ``(N,)`` where it differs from pose to pose."""
-    moment: tuple[float | Array, float | Array, float | Array]
+    """Scalar, or ``(N,)`` where it differs between poses."""
+    first_moment: tuple[float | Array, float | Array, float | Array]
 
 
 def own_weight(arm: Arm) -> tuple[Load, ...]:
-    """The arm's own masses."""
+    """Return the loads of the arm's own links."""
     loads = []
     for body in arm.chain.bodies:
         x, y, z = body.com
@@ -28,16 +28,16 @@ def own_weight(arm: Arm) -> tuple[Load, ...]:
 
 
 def payload(arm: Arm, mass: Array) -> tuple[Load, ...]:
-    """A payload of ``mass`` ``(N,)`` kg at its centre of mass."""
+    """Return the load of a payload of ``mass`` ``(N,)`` kg at its centre of mass."""
     x, y, z = arm.payload_com
     return (Load(arm.flange, mass, (mass * x, mass * y, mass * z)),)
 
 
 def unit_loads(arm: Arm, first: int) -> dict[str, tuple[Load, ...]]:
-    """The base regressors of an unknown weight: a unit mass and unit first moments on each link from ``first`` on.
+    """Return the base regressors of unknown weights: unit mass and unit first moments of each link from ``first`` on.
 
     Keys are ``m3``, ``hx3``, ``hy3``, ``hz3`` for the link that joint 3 of the robot's list (counted from 1) moves.
-    What these poses cannot tell apart among them is found by the fit.
+    The fit determines which of them the poses identify.
     """
     loads: dict[str, tuple[Load, ...]] = {}
     ends: dict[int, int] = {}
@@ -47,7 +47,7 @@ def unit_loads(arm: Arm, first: int) -> dict[str, tuple[Load, ...]]:
     for owner in range(first, len(arm.robot.joints)):
         after = ends[owner]
         for axis, label in enumerate(("hx", "hy", "hz")):
-            moment = tuple(1.0 if i == axis else 0.0 for i in range(3))
-            loads[f"{label}{owner + 1}"] = (Load(after, 0.0, moment),)  # type: ignore[arg-type]
+            first_moment = tuple(1.0 if i == axis else 0.0 for i in range(3))
+            loads[f"{label}{owner + 1}"] = (Load(after, 0.0, first_moment),)  # type: ignore[arg-type]
         loads[f"m{owner + 1}"] = (Load(after, 1.0, (0.0, 0.0, 0.0)),)
     return loads

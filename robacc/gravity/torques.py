@@ -1,12 +1,12 @@
 """Gravity on a chain: generalised forces and their exact derivatives.
 
-For loads of total mass M and first moment S = sum m_i c_i behind a motion of spatial twist (v, w), the power of gravity
-per unit rate of the motion is
+For loads of total mass M and first moment of mass S = sum m_i c_i behind a motion of spatial twist (v, w), the power of
+gravity per unit rate of the motion is
 
     f = g . (M v + w x S),
 
-the moment about a rotation's axis or the force along a translation. Behind a motion k in front of it (v, w) turns with
-the chain; a motion behind it moves only the loads that lie further out. Both derivatives follow from the same twists:
+the torque about a rotation's axis or the force along a translation. A motion k in front of it turns (v, w) with the
+chain; a motion k behind it moves only the loads further out. Both derivatives follow from the same twists:
 
     k in front:  dv = w_k x v + v_k x w,  dw = w_k x w,  dS = w_k x S + M v_k
     k behind:    dS = w_k x S_k + M_k v_k   (loads behind k only).
@@ -30,41 +30,41 @@ from robacc.robots.arm import Arm
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """Loads of one kind placed in the measuring frame."""
+    """Loads of the same kind, placed in the measuring frame."""
 
     after: tuple[int, ...]
-    mass: tuple[Array, ...]
-    """Each ``(N,)`` or a scalar array."""
-    moment: tuple[Array, ...]
+    masses: tuple[Array, ...]
+    """Each ``(N,)`` or a scalar array, kg."""
+    first_moments: tuple[Array, ...]
     """Each ``(3, N)``: mass x position, kg m."""
 
     @classmethod
     def place(cls, loads: Sequence[Load], frames: dict[int, Poses]) -> Weights:
-        """Carry loads from the frames they stand in to the measuring frame."""
-        moments = []
+        """Transform loads from their link frames to the measuring frame."""
+        first_moments = []
         for load in loads:
             frame = frames[load.after]
             n = frame.translation.shape[-1]
-            local = np.stack([np.broadcast_to(component, (n,)) for component in load.moment])
-            moments.append(rotate(frame.rotation, local) + load.mass * frame.translation)
+            local = np.stack([np.broadcast_to(component, (n,)) for component in load.first_moment])
+            first_moments.append(rotate(frame.rotation, local) + load.mass * frame.translation)
         masses = tuple(np.asarray(load.mass, dtype=float) for load in loads)
-        return cls(tuple(load.after for load in loads), masses, tuple(moments))
+        return cls(tuple(load.after for load in loads), masses, tuple(first_moments))
 
-    def behind(self, motion: int) -> tuple[Any, Any]:
-        """Total mass and first moment of the loads that ``motion`` moves; zeros where it moves none."""
-        mass: Any = 0.0
-        moment: Any = np.zeros((3, 1))
-        for after, one_mass, one_moment in zip(self.after, self.mass, self.moment, strict=True):
+    def moved_by(self, motion: int) -> tuple[Any, Any]:
+        """Return total mass and first moment of the loads that ``motion`` moves; zeros where it moves none."""
+        total_mass: Any = 0.0
+        total_moment: Any = np.zeros((3, 1))
+        for after, mass, first_moment in zip(self.after, self.masses, self.first_moments, strict=True):
             if after > motion:
-                mass = mass + one_mass
-                moment = moment + one_moment
-        return mass, moment
+                total_mass = total_mass + mass
+                total_moment = total_moment + first_moment
+        return total_mass, total_moment
 
 
 def force(gravity: Array, weights: Weights, motion: int, linear: NDArray[Any], angular: NDArray[Any]) -> NDArray[Any]:
-    """Generalised force ``(N,)`` of gravity ``(3,)`` along ``motion`` of spatial twist ``(3, N)``, ``(3, N)``."""
-    mass, moment = weights.behind(motion)
-    power = mass * linear + cross(angular, moment + np.zeros_like(angular))
+    """Return the generalised force ``(N,)`` of gravity ``(3,)`` along ``motion`` of spatial twist ``(3, N)`` twice."""
+    mass, first_moment = weights.moved_by(motion)
+    power = mass * linear + cross(angular, first_moment + np.zeros_like(angular))
     result: NDArray[Any] = np.einsum("i,in->n", gravity, power)
     return result
 
@@ -72,7 +72,7 @@ def force(gravity: Array, weights: Weights, motion: int, linear: NDArray[Any], a
 def force_derivatives(
     gravity: Array, weights: Weights, motion: int, wanted: Sequence[int], linear: Array, angular: Array
 ) -> Array:
-    """``(W, N)``: derivative of :func:`force` along ``motion`` to the scalar of each wanted motion.
+    """Return the derivative ``(W, N)`` of :func:`force` along ``motion`` to the scalar of each wanted motion.
 
     ``linear`` and ``angular`` ``(3, W, N)`` are the twists of the wanted motions, of which ``motion`` must be one.
     """
@@ -82,29 +82,31 @@ def force_derivatives(
     result = np.empty(linear.shape[1:])
     if front.any():
         vk, wk = linear[:, front], angular[:, front]
-        mass, moment = weights.behind(motion)
-        moment = moment[:, None]
-        moved = mass * (cross(wk, v) + cross(vk, w)) + cross(cross(wk, w), moment) + cross(w, cross(wk, moment))
+        mass, first_moment = weights.moved_by(motion)
+        first_moment = first_moment[:, None]
+        moved = (
+            mass * (cross(wk, v) + cross(vk, w)) + cross(cross(wk, w), first_moment) + cross(w, cross(wk, first_moment))
+        )
         result[front] = np.einsum("i,ikn->kn", gravity, moved + cross(w, mass * vk))
-    # Behind the motion the loads change only where a body stands between, so equal ones are done together.
+    # Behind the motion the loads change only where a body is in between, so motions with equal loads are grouped.
     behind = [i for i, k in enumerate(wanted) if k >= motion]
     for after in sorted({_next_body(weights, wanted[i]) for i in behind}):
         at = [i for i in behind if _next_body(weights, wanted[i]) == after]
-        mass, moment = weights.behind(wanted[at[0]])
-        moved = cross(w, cross(angular[:, at], moment[:, None]) + mass * linear[:, at])
+        mass, first_moment = weights.moved_by(wanted[at[0]])
+        moved = cross(w, cross(angular[:, at], first_moment[:, None]) + mass * linear[:, at])
         result[at] = np.einsum("i,ikn->kn", gravity, moved)
     return result
 
 
 def _next_body(weights: Weights, motion: int) -> int:
-    """The first body that ``motion`` moves; motions with the same one move the same loads."""
+    """Return the first body that ``motion`` moves; motions with the same first body move the same loads."""
     return min((after for after in weights.after if after > motion), default=-1)
 
 
 def gravity_torques(arm: Arm, q: Array, loads: Sequence[Load] | None = None) -> Array:
-    """``(J, N)`` moment (N m), or force (N), of loads along each joint's axis at its nominal pose.
+    """Return the torque (N m) or force (N) ``(J, N)`` of loads along each joint's axis at its nominal pose.
 
-    The loads are the arm's own weight where none are given.
+    The default loads are the arm's own links.
     """
     loads = own_weight(arm) if loads is None else loads
     counts = sorted({load.after for load in loads})

@@ -1,8 +1,8 @@
-"""Confidence curves: with what confidence the true value lies within a limit, whatever the limit.
+"""Confidence curves: the confidence that the true value lies within a limit, as a function of the limit.
 
-An interval is two points of its curve; the curve is the interval's own method read the other way round, so its value
-at a one-sided upper bound is that bound's confidence (T. Schweder, N. L. Hjort, Confidence, Likelihood, Probability,
-2016, ch. 3). Each curve also says how much more data would carry its upper bound within a limit.
+An interval is two points of its curve. The curve inverts the interval's own method, so its value at a one-sided upper
+bound is that bound's confidence (T. Schweder, N. L. Hjort, Confidence, Likelihood, Probability, 2016, ch. 3). Each
+curve also computes how many poses would bring its upper bound within a limit.
 """
 
 from __future__ import annotations
@@ -27,29 +27,30 @@ from robacc.statistics.distributions import (
 )
 
 MOST_FOR_BINOMIAL = 5000
-"""With more poses the binomial distribution at 95 % is normal to within a hundredth of a standard deviation or so."""
+"""Number of poses above which the binomial distribution at 95 % is normal to a hundredth of a standard deviation."""
 ASSURANCE = 0.9
-"""Probability with which a planned number of poses is to be enough."""
+"""Probability that a planned number of poses suffices."""
 MOST_POSES = 1_000_000
-"""Nobody measures more, so no more are proposed."""
+"""Largest number of poses that is proposed."""
 
 
 class ConfidenceCurve(Protocol):
-    """Of one quantity, estimated from n poses."""
+    """Confidence curve of a quantity that is estimated from n poses."""
 
     def below(self, value: float) -> float:
-        """The confidence with which the true quantity lies at or below ``value``."""
+        """Return the confidence that the true quantity is at most ``value``."""
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
-        """Poses with which the upper bound meets ``limit`` with probability :data:`ASSURANCE`, now that there are n.
+        """Return how many poses make the upper bound meet ``limit`` with probability :data:`ASSURANCE`.
 
-        If the estimate is the truth. None where no number of poses below :data:`MOST_POSES` will do.
+        The estimate from the present ``n`` poses is taken as the truth. None where more than :data:`MOST_POSES` are
+        needed.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class ChiSquareCurve:
-    """Of a variance-like quantity with dof * ``value`` / truth ~ chi-square(dof)."""
+    """Confidence curve of a variance-like quantity with dof * ``value`` / truth ~ chi-square(dof)."""
 
     value: float
     dof: float
@@ -59,49 +60,50 @@ class ChiSquareCurve:
         return chi2_sf(self.dof * self.value / value, self.dof) if value > 0.0 else 0.0
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
-        """See :class:`ConfidenceCurve`: the bound, distributed as chi-square(dof) / its lower quantile, is within the limit."""
+        """See :class:`ConfidenceCurve`; the bound is distributed as chi-square(dof) over its lower quantile."""
         if limit <= self.value:
             return None
 
-        def enough(poses: int) -> bool:
+        def suffices(poses: int) -> bool:
             dof = self.dof * poses / n
             return chi2_quantile(ASSURANCE, dof) * self.value <= chi2_quantile(1.0 - confidence, dof) * limit
 
         z = normal_quantile(confidence) + normal_quantile(ASSURANCE)
-        return fewest(enough, 2.0 * (z / math.log(limit / self.value)) ** 2 * n / self.dof)
+        return smallest_sufficient(suffices, 2.0 * (z / math.log(limit / self.value)) ** 2 * n / self.dof)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudentCurve:
-    """Of a mean over ``size`` poses with a standard error, by Student's t and, where drawn, resampled t values."""
+    """Confidence curve of a mean over ``size`` poses, by Student's t and, where given, bootstrap t values."""
 
     mean: float
     error: float
     size: int
-    drawn: Array | None
-    """Resampled t, any order."""
+    bootstrap_t: Array | None
+    """Resampled t values, in any order."""
     positive: bool
-    """Studentised on the scale of the square root."""
+    """The mean is studentised on the scale of its square root."""
 
     def below(self, value: float) -> float:
-        """See :class:`ConfidenceCurve`; on either side the more cautious of the two distributions, as in the interval."""
+        """See :class:`ConfidenceCurve`; each side uses the more cautious distribution, as the interval does."""
         if self.positive and value <= 0.0:
             return 0.0
         t = (self._scaled(self.mean) - self._scaled(value)) / self._scaled_error()
         tail = 0.5 * f_sf(t * t, 1.0, self.size - 1.0)
         student = tail if t > 0.0 else 1.0 - tail
-        drawn = student if self.drawn is None else float(np.mean(self.drawn > t))
-        return max(0.5, min(student, drawn)) if t <= 0.0 else min(0.5, max(student, drawn))
+        resampled = student if self.bootstrap_t is None else float(np.mean(self.bootstrap_t > t))
+        return max(0.5, min(student, resampled)) if t <= 0.0 else min(0.5, max(student, resampled))
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
         """See :class:`ConfidenceCurve`; the error falls with the root of the number of poses."""
-        room = self._scaled(limit) - self._scaled(self.mean)
-        if room <= 0.0:
+        margin = self._scaled(limit) - self._scaled(self.mean)
+        if margin <= 0.0:
             return None
         bound = student_quantile(confidence, self.size - 1.0)
-        if self.drawn is not None:
-            bound = max(bound, -float(np.sort(self.drawn)[int((1.0 - confidence) * (self.drawn.size - 1))]))
-        poses = math.ceil(n * ((bound + normal_quantile(ASSURANCE)) * self._scaled_error() / room) ** 2)
+        if self.bootstrap_t is not None:
+            ordered = np.sort(self.bootstrap_t)
+            bound = max(bound, -float(ordered[int((1.0 - confidence) * (ordered.size - 1))]))
+        poses = math.ceil(n * ((bound + normal_quantile(ASSURANCE)) * self._scaled_error() / margin) ** 2)
         return max(poses, 2) if poses <= MOST_POSES else None
 
     def _scaled(self, value: float) -> float:
@@ -113,7 +115,7 @@ class StudentCurve:
 
 @dataclass(frozen=True, slots=True)
 class RootCurve:
-    """Of the square root of a quantity that cannot be negative."""
+    """Confidence curve of the square root of a quantity that cannot be negative."""
 
     square: ConfidenceCurve
 
@@ -128,32 +130,32 @@ class RootCurve:
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """Lengths beyond the sample: their squares as a multiple of chi-square with two moments and a quantile alike."""
+    """Distribution of lengths beyond the sample: their squares are a multiple of chi-square."""
 
     radius: float
-    """That holds ``p`` of all lengths."""
+    """The ``p`` quantile of all lengths."""
     dof: float
     p: float
 
     def share_within(self, limit: float) -> float:
-        """The share of all lengths within ``limit``."""
+        """Return the share of all lengths within ``limit``."""
         return chi2_cdf(chi2_quantile(self.p, self.dof) * (limit / self.radius) ** 2, self.dof)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PercentileCurve:
-    """Of the ``p`` quantile of lengths, by order statistics of n poses, and beyond the largest by a fitted Gaussian."""
+    """Confidence curve of the ``p`` quantile of lengths: order statistics, and beyond the largest a fitted Gaussian."""
 
     lengths: Array
-    """``(N,)``, repetitions included, any order."""
+    """``(N,)``, repetitions included, in any order."""
     n: int
     """Commanded poses."""
     p: float
     model: ConfidenceCurve | None
-    """Of the fitted Gaussian's quantile."""
+    """Curve of the fitted Gaussian's quantile."""
     tail: Tail | None
     by_model: bool
-    """The interval is the model's: there are too few poses for order statistics."""
+    """The interval is the Gaussian's, because the poses are too few for order statistics."""
 
     def below(self, value: float) -> float:
         """See :class:`ConfidenceCurve`."""
@@ -166,7 +168,7 @@ class PercentileCurve:
         return max(by_order, self.model.below(value))
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
-        """See :class:`ConfidenceCurve`; with the share of lengths that the sample, or beyond it the Gaussian, has within."""
+        """See :class:`ConfidenceCurve`; shares within the limit are the sample's, beyond its largest the Gaussian's."""
         if self.by_model and self.model is not None:
             poses = self.model.poses_for(limit, confidence, n)
             if poses is None or self.p**poses > 0.5 * (1.0 - confidence):
@@ -178,30 +180,30 @@ class PercentileCurve:
         if share <= self.p:
             return None
 
-        def enough(poses: int) -> bool:
-            # So many of the lengths must lie within the limit for the bound, which is one of them, to do so.
+        def suffices(poses: int) -> bool:
+            # The bound is the length of this rank, so at least as many lengths must be within the limit.
             rank = _bounding_rank(poses, self.p, confidence)
             return rank is not None and beta_cdf(share, float(rank), poses + 1.0 - rank) >= ASSURANCE
 
-        spread = normal_quantile(confidence) * math.sqrt(self.p * (1.0 - self.p))
-        spread += normal_quantile(ASSURANCE) * math.sqrt(share * (1.0 - share))
-        return fewest(enough, (spread / (share - self.p)) ** 2, close=0.01)
+        quantile_std = normal_quantile(confidence) * math.sqrt(self.p * (1.0 - self.p))
+        quantile_std += normal_quantile(ASSURANCE) * math.sqrt(share * (1.0 - share))
+        return smallest_sufficient(suffices, (quantile_std / (share - self.p)) ** 2, tolerance=0.01)
 
     def _level(self, value: float) -> float:
-        """Rank of ``value`` among the lengths as a fraction of N + 1, linear between neighbours."""
+        """Return the rank of ``value`` among the lengths as a fraction of N + 1, linear between neighbours."""
         within = self.lengths <= value
         count, size = int(np.count_nonzero(within)), self.lengths.size
         if count in (0, size) or size > MOST_FOR_BINOMIAL:
-            # Of so many, one neighbour is as good as the next.
+            # With so many lengths, interpolation between neighbours changes nothing.
             return count / (size + 1.0)
         low, high = float(np.max(self.lengths[within])), float(np.min(self.lengths[~within]))
         return (count + (value - low) / (high - low)) / (size + 1.0)
 
 
 def percentile_confidence(rank: float, n: int, p: float) -> float:
-    """The confidence with which the order statistic of ``rank`` of n, whole or between, is not below the quantile.
+    """Return the confidence that the order statistic of (possibly fractional) ``rank`` of n is not below the quantile.
 
-    Nyblom's interpolation, as in :func:`robacc.statistics.intervals.percentile_levels`, read the other way round.
+    Inverse of Nyblom's interpolation in :func:`robacc.statistics.intervals.percentile_levels`.
     """
     if n > MOST_FOR_BINOMIAL:
         return normal_cdf((rank / (n + 1.0) - p) / math.sqrt(p * (1.0 - p) / n))
@@ -219,7 +221,7 @@ def percentile_confidence(rank: float, n: int, p: float) -> float:
 
 
 def _bounding_rank(n: int, p: float, confidence: float) -> int | None:
-    """Rank of the first of n order statistics that bounds the ``p`` quantile from above; None where n is too small."""
+    """Return the lowest rank of n that bounds the ``p`` quantile from above; None if n is too small."""
     if p**n > 1.0 - confidence:
         return None
     rank = min(max(math.floor(p * n + normal_quantile(confidence) * math.sqrt(n * p * (1.0 - p))), 1), n)
@@ -230,26 +232,26 @@ def _bounding_rank(n: int, p: float, confidence: float) -> int | None:
     return rank
 
 
-def fewest(enough: Callable[[int], bool], guess: float, close: float = 0.0) -> int | None:
-    """The smallest number of poses that is enough, if more are never fewer; None above :data:`MOST_POSES`.
+def smallest_sufficient(suffices: Callable[[int], bool], guess: float, tolerance: float = 0.0) -> int | None:
+    """Return the smallest number of poses that suffices; None above :data:`MOST_POSES`.
 
     Args:
-        enough: Whether a number is.
-        guess: Where to look first.
-        close: The number found may be greater by this part of it.
+        suffices: Monotonic test of a number of poses.
+        guess: Number to try first.
+        tolerance: Relative excess that the returned number may have.
     """
     low, high = 1, min(max(math.ceil(guess), 2), MOST_POSES)
-    while not enough(high):
+    while not suffices(high):
         if high == MOST_POSES:
             return None
         low, high = high, min(math.ceil(1.3 * high), MOST_POSES)
     while low == 1 and high > 2:
         below = max(math.floor(high / 1.3), 2)
-        if enough(below):
+        if suffices(below):
             high = below
         else:
             low = below
-    while high - low > max(1.0, close * high):
+    while high - low > max(1.0, tolerance * high):
         middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle, high)
+        low, high = (low, middle) if suffices(middle) else (middle, high)
     return high

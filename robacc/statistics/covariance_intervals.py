@@ -11,23 +11,23 @@ from robacc.statistics.intervals import Interval, PoseSampling, chi2_interval, c
 from robacc.statistics.multivariate import principal_axes
 from robacc.statistics.records import Ellipsoid, MatrixInterval
 
-ONE_POSE = "one commanded pose shows no scatter between poses"
-_APART = 2.5
-"""Two neighbouring principal variances count as different if their logarithms differ by so many standard errors."""
+ONE_POSE = "one commanded pose: no scatter between poses to estimate from"
+_DISTINCT = 2.5
+"""Standard errors by which the logarithms of two neighbouring principal variances must differ to count as distinct."""
 
 
 def matrix_interval(
     errors: Array, covariance: Array, dof: float | None, sampling: PoseSampling, confidence: float
 ) -> MatrixInterval:
-    """Intervals of the elements of ``covariance``, the mean of d d^T over ``errors`` ``(3, N)``.
+    """Return intervals of the elements of ``covariance``, the mean of d d^T over ``errors`` ``(3, N)``.
 
     Args:
         errors: About zero or about their mean, as the covariance was.
         covariance: ``(3, 3)``, divisor N.
-        dof: N for Gaussian errors about their known mean, N - 1 about the estimated one; None where the errors are
+        dof: N for Gaussian errors about their known mean, N - 1 about the estimated mean; None where the errors are
             not Gaussian or poses were repeated.
-        sampling: Of the poses.
-        confidence: Of each interval.
+        sampling: Groups and resampling of the poses.
+        confidence: Confidence of each interval.
     """
     if sampling.n_groups < 2:
         return MatrixInterval(None, None, confidence, "none", ONE_POSE)
@@ -53,12 +53,12 @@ def _unbiased(value: float, n: int, dof: float) -> float:
 
 
 def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float) -> Ellipsoid:
-    """Principal axes of ``covariance`` about zero, with intervals of the standard deviations along them.
+    """Return the principal axes of ``covariance`` about zero and intervals of the standard deviations along them.
 
-    The estimated variances of two axes that are nearly alike are drawn apart by chance, and no interval around either
-    keeps its confidence; such axes share one, from the lower limit of the least to the upper limit of the greatest
-    of them, which holds each with at least the confidence. The interval of an axis that stands apart is freed of the
-    bias that all principal variances of a sample have, the smallest too small and the largest too large (D. N.
+    Sampling separates the estimated variances of nearly equal axes, and no interval around either keeps its
+    confidence. Such axes share an interval, from the lower limit of the smallest to the upper limit of the largest;
+    it contains each with at least the confidence. The interval of a distinct axis is corrected for the bias of a
+    sample's principal variances, of which the smallest are too small and the largest too large (D. N.
     Lawley, "Tests of significance for the latent roots of covariance and correlation matrices", Biometrika 43, 1956).
     """
     variances, axes = principal_axes(covariance)
@@ -66,7 +66,7 @@ def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSa
     if n < 2:
         missing = Interval.missing(confidence, ONE_POSE)
         return Ellipsoid(axes, np.sqrt(variances), (missing, missing, missing))
-    single, runs = [], _alike(variances, n)
+    single, runs = [], _indistinct_runs(variances, n)
     for k in range(3):
         unbias = _without_bias(variances, k, n) if [k] in runs else 1.0
         if gaussian:
@@ -79,14 +79,14 @@ def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSa
     return Ellipsoid(axes, np.sqrt(variances), (intervals[0], intervals[1], intervals[2]))
 
 
-def _alike(variances: Array, n: int) -> list[list[int]]:
-    """Runs of neighbouring axes whose variances the sample cannot tell apart."""
+def _indistinct_runs(variances: Array, n: int) -> list[list[int]]:
+    """Return runs of neighbouring axes whose variances the sample does not distinguish."""
     runs = [[0]]
     for k in (1, 2):
         large, small = float(variances[k - 1]), float(variances[k])
         # The logarithm of a variance estimated from n has a standard error of sqrt(2 / n).
-        apart = small <= 0.0 < large or (small > 0.0 and math.log(large / small) > _APART * math.sqrt(4.0 / n))
-        if apart:
+        distinct = small <= 0.0 < large or (small > 0.0 and math.log(large / small) > _DISTINCT * math.sqrt(4.0 / n))
+        if distinct:
             runs.append([k])
         else:
             runs[-1].append(k)
@@ -94,8 +94,8 @@ def _alike(variances: Array, n: int) -> list[list[int]]:
 
 
 def _without_bias(variances: Array, k: int, n: int) -> float:
-    """Factor that frees the k-th principal variance, which stands apart from the others, of its bias of order 1/n."""
-    # Below four the expansion in 1/n says nothing, and its factor could be of any sign.
+    """Return the factor that corrects a distinct, k-th principal variance for its bias of order 1/n."""
+    # Below four poses the expansion in 1/n is useless, and its factor could have any sign.
     if variances[k] == 0.0 or n < 4:
         return 1.0
     others = np.delete(variances, k)
@@ -103,11 +103,12 @@ def _without_bias(variances: Array, k: int, n: int) -> float:
 
 
 def _shared(intervals: list[Interval]) -> Interval:
-    """One interval for axes that cannot be told apart: a run is in falling order."""
+    """Combine the intervals of a run of axes, in falling order, that are not distinguishable."""
     first, last = intervals[0], intervals[-1]
     if len(intervals) == 1:
         return first
     method = (
-        f"{first.method}, one for the {len(intervals)} axes that cannot be told apart, with at least the confidence"
+        f"{first.method}, shared by {len(intervals)} axes that are not distinguishable on these poses, "
+        "with at least the confidence"
     )
     return Interval(last.lower, first.upper, first.upper_bound, first.confidence, method)

@@ -1,7 +1,7 @@
 """Normal, chi-square, Student, F and beta distributions in the standard library alone.
 
-scipy has all of them, but `import scipy.special` costs more start-up time than the whole of a 100-pose estimate, so
-the few that an estimate needs are written here from :mod:`math`; the tests hold them against scipy.
+scipy has all of them, but `import scipy.special` takes longer than a complete estimate of 100 poses. An estimate needs
+only these few, written here from :mod:`math`; the tests compare them with scipy.
 
 Sources: NIST Digital Library of Mathematical Functions, 8.7.1 (series of the incomplete gamma function), 8.9.2 (its
 continued fraction), 8.17.22 (continued fraction of the incomplete beta function), 5.11.1 (Stirling's series).
@@ -17,17 +17,17 @@ _EPS = 1e-16
 _TINY = 1e-300
 _MAX_TERMS = 200_000
 _STIRLING_FROM = 10.0
-"""From here on Stirling's series of four terms is exact to 1e-14."""
+"""Argument from which Stirling's series of four terms is exact to 1e-14."""
 
 
 def normal_cdf(x: float) -> float:
-    """P(Z <= x) of a standard normal Z."""
+    """Return P(Z <= x) of a standard normal Z."""
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
 @lru_cache(maxsize=256)
 def normal_quantile(probability: float) -> float:
-    """The x with P(Z <= x) = ``probability``, 0 < probability < 1."""
+    """Return the x with P(Z <= x) = ``probability``, 0 < probability < 1."""
     if probability > 0.5:
         return -normal_quantile(1.0 - probability)
     # Newton on log P, which is concave: from the left of the root every step stays on that side and none overshoots.
@@ -42,15 +42,15 @@ def normal_quantile(probability: float) -> float:
     return x
 
 
-def _stirling_rest(a: float) -> float:
-    """The rest log Gamma(a) - ((a - 1/2) log a - a + log(2 pi)/2) for a >= 10."""
+def _stirling_remainder(a: float) -> float:
+    """Return the remainder log Gamma(a) - ((a - 1/2) log a - a + log(2 pi)/2) for a >= 10."""
     inverse = 1.0 / a
     square = inverse * inverse
     return inverse * (1 / 12 - square * (1 / 360 - square * (1 / 1260 - square * (1 / 1680 - square / 1188))))
 
 
 def _log_ratio(x: float) -> float:
-    """log(1 + x) - x, without cancellation near zero."""
+    """Return log(1 + x) - x, without cancellation near zero."""
     if abs(x) > 0.1:
         return math.log1p(x) - x
     total, power = 0.0, -x
@@ -64,16 +64,16 @@ def _log_ratio(x: float) -> float:
 
 
 def _log_gamma_weight(a: float, x: float) -> float:
-    """log(x^a e^-x / Gamma(a)); for large a from the deviation of x from a, where the plain formula loses digits."""
+    """Return log(x^a e^-x / Gamma(a)); for large a from x - a, because the plain formula loses digits."""
     if a < _STIRLING_FROM:
         return a * math.log(x) - x - math.lgamma(a)
-    if x < 1e-3 * a:  # x / a - 1 would lose the digits of x, and all of them in the end
-        return a * (math.log(x / a) + 1.0) - x + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_rest(a)
-    return a * _log_ratio((x - a) / a) + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_rest(a)
+    if x < 1e-3 * a:  # x / a - 1 would lose the digits of x
+        return a * (math.log(x / a) + 1.0) - x + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
+    return a * _log_ratio((x - a) / a) + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
 
 
 def _lower_series(a: float, x: float) -> float:
-    """P(a, x) by its power series, for x < a + 1."""
+    """Return P(a, x) by its power series, for x < a + 1."""
     term = total = 1.0 / a
     denominator = a
     for _ in range(_MAX_TERMS):
@@ -86,7 +86,7 @@ def _lower_series(a: float, x: float) -> float:
 
 
 def _continued_fraction(first: float, terms: Callable[[int], tuple[float, float]]) -> float:
-    """``1 / (first + n_1 / (d_1 + n_2 / (d_2 + …)))`` with ``terms(i) = (n_i, d_i)``, by Lentz's algorithm."""
+    """Return ``1 / (first + n_1 / (d_1 + n_2 / (d_2 + …)))`` with ``terms(i) = (n_i, d_i)``, by Lentz's algorithm."""
     d = 1.0 / (first if first != 0.0 else _TINY)
     c = 1.0 / _TINY
     value = d
@@ -103,13 +103,13 @@ def _continued_fraction(first: float, terms: Callable[[int], tuple[float, float]
 
 
 def _upper_fraction(a: float, x: float) -> float:
-    """Q(a, x) by its continued fraction, for x >= a + 1."""
+    """Return Q(a, x) by its continued fraction, for x >= a + 1."""
     fraction = _continued_fraction(x + 1.0 - a, lambda i: (-i * (i - a), x + 2.0 * i + 1.0 - a))
     return fraction * math.exp(_log_gamma_weight(a, x))
 
 
 def chi2_cdf(x: float, dof: float) -> float:
-    """P(chi-square with ``dof`` degrees of freedom <= x)."""
+    """Return P(chi-square with ``dof`` degrees of freedom <= x)."""
     if x <= 0.0:
         return 0.0
     a, half = 0.5 * dof, 0.5 * x
@@ -117,7 +117,7 @@ def chi2_cdf(x: float, dof: float) -> float:
 
 
 def chi2_sf(x: float, dof: float) -> float:
-    """P(chi-square with ``dof`` degrees of freedom > x), exact in the far tail too."""
+    """Return P(chi-square with ``dof`` degrees of freedom > x), exact far in the tail too."""
     if x <= 0.0:
         return 1.0
     a, half = 0.5 * dof, 0.5 * x
@@ -126,7 +126,7 @@ def chi2_sf(x: float, dof: float) -> float:
 
 @lru_cache(maxsize=256)
 def chi2_quantile(probability: float, dof: float) -> float:
-    """The x with P(chi-square <= x) = ``probability``, 0 < probability < 1."""
+    """Return the x with P(chi-square <= x) = ``probability``, 0 < probability < 1."""
     # Wilson and Hilferty's cube is within a few percent; it fails only far in the lower tail, where P ~ x^a.
     cube = 1.0 - 2.0 / (9.0 * dof) + normal_quantile(probability) * math.sqrt(2.0 / (9.0 * dof))
     a = 0.5 * dof
@@ -146,17 +146,17 @@ def chi2_quantile(probability: float, dof: float) -> float:
 
 
 def _log_beta(a: float, b: float) -> float:
-    """The logarithm of B(a, b)."""
+    """Return log B(a, b)."""
     a, b = max(a, b), min(a, b)
     if a < _STIRLING_FROM:
         return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)
     # log Gamma(a) - log Gamma(a + b) from the difference of the Stirling forms.
     difference = b - (a - 0.5) * math.log1p(b / a) - b * math.log(a + b)
-    return math.lgamma(b) + difference + _stirling_rest(a) - _stirling_rest(a + b)
+    return math.lgamma(b) + difference + _stirling_remainder(a) - _stirling_remainder(a + b)
 
 
 def beta_cdf(x: float, a: float, b: float, *, complement: float | None = None) -> float:
-    """P(Beta(a, b) <= x), the regularised incomplete beta function; ``complement`` is 1 - x where known better."""
+    """Return P(Beta(a, b) <= x), the regularised incomplete beta function; ``complement`` is a more exact 1 - x."""
     y = 1.0 - x if complement is None else complement
     if x <= 0.0:
         return 0.0
@@ -168,7 +168,7 @@ def beta_cdf(x: float, a: float, b: float, *, complement: float | None = None) -
 
 
 def _beta_fraction(x: float, y: float, a: float, b: float) -> float:
-    """I_x(a, b) with y = 1 - x, for x below the mean or so, where the continued fraction converges fast."""
+    """Return I_x(a, b) with y = 1 - x, for x below about the mean, where the continued fraction converges fast."""
 
     def term(i: int) -> tuple[float, float]:
         m = i // 2
@@ -182,7 +182,7 @@ def _beta_fraction(x: float, y: float, a: float, b: float) -> float:
 
 
 def f_sf(x: float, dof1: float, dof2: float) -> float:
-    """P(F with ``dof1``, ``dof2`` degrees of freedom > x)."""
+    """Return P(F with ``dof1``, ``dof2`` degrees of freedom > x)."""
     if x <= 0.0:
         return 1.0
     ratio = dof1 * x / dof2
@@ -191,7 +191,7 @@ def f_sf(x: float, dof1: float, dof2: float) -> float:
 
 @lru_cache(maxsize=256)
 def student_quantile(probability: float, dof: float) -> float:
-    """The t with P(Student's t with ``dof`` degrees of freedom <= t) = ``probability``."""
+    """Return the t with P(Student's t with ``dof`` degrees of freedom <= t) = ``probability``."""
     if probability < 0.5:
         return -student_quantile(1.0 - probability, dof)
     tail = 2.0 * (1.0 - probability)

@@ -1,11 +1,11 @@
-"""Confidence intervals, each with the name of its method; where none can be had, the reason in its place.
+"""Confidence intervals with the name of their method, or the reason why there is none.
 
-Three kinds, used as the assumptions allow:
+The assumptions decide which of three kinds is used:
 
 - chi-square intervals, exact for variances of Gaussian errors (the diagonal of a Wishart matrix) and, with Welch and
-  Satterthwaite's effective degrees of freedom, very nearly so for sums of variances (RMS, radius);
+  Satterthwaite's effective degrees of freedom, nearly exact for sums of variances (RMS, radius);
 - the studentised bootstrap over poses (P. Hall, The Bootstrap and Edgeworth Expansion, 1992, ch. 3), for the mean of
-  anything over poses, whatever its distribution; repetitions of one commanded pose are drawn together;
+  any quantity over poses, whatever its distribution; repetitions of one commanded pose are resampled together;
 - interpolated order statistics for a percentile (J. Nyblom, "Note on interpolated order statistics", Statistics &
   Probability Letters 14, 1992), which assume no distribution.
 """
@@ -22,13 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.confidence_curves import MOST_FOR_BINOMIAL, ChiSquareCurve, ConfidenceCurve, RootCurve, StudentCurve
+from robacc.statistics.confidence_curves import (
+    MOST_FOR_BINOMIAL,
+    ChiSquareCurve,
+    ConfidenceCurve,
+    RootCurve,
+    StudentCurve,
+)
 from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
 
 FEWEST_FOR_BOOTSTRAP = 10
-"""With fewer poses the resamples are too few and too much alike for their quantiles to mean anything."""
+"""Fewer poses give too few distinct resamples for meaningful quantiles."""
 MOST_FOR_BOOTSTRAP = 1000
-"""With more poses the mean is Gaussian to within the bootstrap's own noise, and Student's t costs nothing."""
+"""With more poses the mean is Gaussian to within the bootstrap's own noise, and Student's t is cheaper."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,23 +43,23 @@ class Interval:
 
     lower: float | None
     upper: float | None
-    """Two-sided: the true value lies between ``lower`` and ``upper`` with ``confidence``."""
+    """Two-sided: the true value is between ``lower`` and ``upper`` with ``confidence``."""
     upper_bound: float | None
-    """One-sided: the true value lies below it with ``confidence``."""
+    """One-sided: the true value is below it with ``confidence``."""
     confidence: float
     method: str
     why: str | None = None
-    """Why a limit is missing."""
+    """Reason why a limit is missing."""
     curve: ConfidenceCurve | None = field(default=None, repr=False, compare=False)
-    """The confidence of every other limit; None where there is none, or nobody asks for it."""
+    """Confidence of any other limit; None where it is unknown or not needed."""
 
     @classmethod
     def missing(cls, confidence: float, why: str) -> Interval:
-        """No interval, and the reason."""
+        """Return an interval without limits, and the reason."""
         return cls(None, None, None, confidence, "none", why)
 
     def root(self) -> Interval:
-        """The interval of the square root of a quantity that cannot be negative."""
+        """Return the interval of the square root of a quantity that cannot be negative."""
         lower, upper, bound = (
             None if value is None else math.sqrt(max(value, 0.0))
             for value in (self.lower, self.upper, self.upper_bound)
@@ -63,14 +69,14 @@ class Interval:
 
 
 def tails(confidence: float) -> tuple[float, float, float]:
-    """Probabilities below the lower limit, the upper limit and the one-sided upper bound."""
+    """Return the probabilities below the lower limit, the upper limit and the one-sided upper bound."""
     return 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence), confidence
 
 
 def interpolated(values: Array, positions: Sequence[float]) -> list[float]:
-    """Order statistics of ``values`` ``(n,)`` at ``positions`` from 0 to n - 1, linear between whole ones.
+    """Return the order statistics of ``values`` ``(n,)`` at ``positions`` from 0 to n - 1, linear between integers.
 
-    ``np.quantile`` gives the same, but its first call imports numpy.ma, a tenth of the start-up an estimate may take.
+    ``np.quantile`` gives the same, but its first call imports numpy.ma, a tenth of the allowed start-up time.
     """
     last = values.size - 1
     inside = [min(max(position, 0.0), float(last)) for position in positions]
@@ -83,16 +89,16 @@ def interpolated(values: Array, positions: Sequence[float]) -> list[float]:
 
 
 def chi2_interval(value: float, dof: float, confidence: float, method: str) -> Interval:
-    """Interval of a variance-like quantity with dof * estimate / truth ~ chi-square(dof)."""
+    """Return the interval of a variance-like quantity with dof * estimate / truth ~ chi-square(dof)."""
     low, high, bound = (dof * value / chi2_quantile(1.0 - p, dof) for p in tails(confidence))
     return Interval(low, high, bound, confidence, method, curve=ChiSquareCurve(value, dof))
 
 
 def covariance_element(first: float, second: float, cross: float, dof: float, confidence: float) -> tuple[float, float]:
-    """Interval of a covariance from the variances and covariance of Gaussian data.
+    """Return the interval of a covariance from the variances and covariance of Gaussian data.
 
     The covariance of two variables scaled to unit variance is a quarter of the difference between the variances of
-    their sum and of their difference, which are uncorrelated; the two chi-square intervals are put together by the
+    their sum and of their difference, which are uncorrelated; the two chi-square intervals are combined by the
     method of variance estimates recovery (G. Y. Zou, A. Donner, "Construction of confidence limits about effect
     measures", Statistics in Medicine 27, 2008).
     """
@@ -110,32 +116,32 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
 
 
 def share_below_maximum(n: int, confidence: float) -> float:
-    """The share of all poses that lies below the largest of ``n`` with ``confidence``: (1 - confidence)^(1/n)."""
+    """Return the share of poses below the largest of ``n`` with ``confidence``: (1 - confidence)^(1/n)."""
     return float((1.0 - confidence) ** (1.0 / n))
 
 
 @lru_cache(maxsize=64)
 def percentile_levels(n: int, p: float, confidence: float) -> tuple[float | None, float | None, float | None]:
-    """Ranks, as fractions of n + 1, of the order statistics that bound the ``p`` quantile; None where n is too small.
+    """Return ranks, as fractions of n + 1, of order statistics that bound the ``p`` quantile; None if n is too small.
 
-    The k-th of n order statistics lies below the quantile with the binomial probability P(Beta(k, n + 1 - k) <= p);
-    between the two whose probabilities enclose the one wanted, by Nyblom's interpolation; above 5000 poses by the
-    normal approximation of the binomial distribution.
+    The k-th of n order statistics is below the quantile with the binomial probability P(Beta(k, n + 1 - k) <= p).
+    Nyblom's interpolation is used between the two ranks whose probabilities enclose the target, and above 5000 poses
+    the normal approximation of the binomial distribution.
     """
 
-    def below(rank: int) -> float:
+    def probability_below(rank: int) -> float:
         return beta_cdf(p, float(rank), float(n + 1 - rank))
 
-    def level(wanted: float) -> float | None:
+    def level(target: float) -> float | None:
         if n > MOST_FOR_BINOMIAL:
-            return p + normal_quantile(1.0 - wanted) * math.sqrt(p * (1.0 - p) / n)
-        if below(n) > wanted or below(1) < wanted:
+            return p + normal_quantile(1.0 - target) * math.sqrt(p * (1.0 - p) / n)
+        if probability_below(n) > target or probability_below(1) < target:
             return None
         low, high = 1, n
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (middle, high) if below(middle) >= wanted else (low, middle)
-        share = (below(low) - wanted) / (below(low) - below(high))
+            low, high = (middle, high) if probability_below(middle) >= target else (low, middle)
+        share = (probability_below(low) - target) / (probability_below(low) - probability_below(high))
         if share == 0.0:
             return low / (n + 1.0)
         between = 1.0 / (1.0 + low * (1.0 - p) * (1.0 - share) / ((n - low) * p * share))
@@ -147,11 +153,11 @@ def percentile_levels(n: int, p: float, confidence: float) -> tuple[float | None
 
 @dataclass(frozen=True)
 class PoseSampling:
-    """Which errors are repetitions of one commanded pose, and the resampling of poses that follows from it."""
+    """Groups of errors that are repetitions of one commanded pose, and the resampling of these groups."""
 
     n: int
     groups: NDArray[np.int64] | None
-    """``(n,)`` index of each error's commanded pose, or None where each error is of a pose of its own."""
+    """``(n,)`` index of each error's commanded pose, or None where no pose was repeated."""
     draws: int = 2000
     seed: int = 0
     _cache: dict[str, Any] = field(init=False, repr=False, compare=False, default_factory=dict)
@@ -162,7 +168,7 @@ class PoseSampling:
         return self.n if self.groups is None else int(self.sizes().size)
 
     def sizes(self) -> Array:
-        """Repetitions of each commanded pose, ``(n_groups,)``."""
+        """Return the number of repetitions of each commanded pose, ``(n_groups,)``."""
         if "sizes" not in self._cache:
             sizes = np.ones(self.n) if self.groups is None else np.bincount(self.groups).astype(float)
             self._cache["sizes"] = sizes
@@ -170,60 +176,60 @@ class PoseSampling:
         return result
 
     def sums(self, values: Array) -> Array:
-        """Sum of ``values`` ``(n,)`` over each commanded pose, ``(n_groups,)``."""
+        """Sum ``values`` ``(n,)`` over each commanded pose, ``(n_groups,)``."""
         if self.groups is None:
             return values
         return np.bincount(self.groups, weights=values).astype(float)
 
     def counts(self) -> Array:
-        """How often each pose was drawn, ``(draws, n_groups)``; the same draws for every quantity."""
-        return _drawn_counts(self.n_groups, self.draws, self.seed)
+        """Return how often each resample contains each pose, ``(draws, n_groups)``; every quantity shares them."""
+        return _resampled_counts(self.n_groups, self.draws, self.seed)
 
     def standard_error(self, values: Array) -> float:
-        """Standard error of the mean of ``values`` ``(n,)``, poses independent, repetitions of one pose not."""
+        """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""
         size, mean = self.n_groups, float(np.mean(values))
-        rest = self.sums(values - mean)
-        return math.sqrt(size / (size - 1.0) * float(rest @ rest)) / self.n
+        deviations = self.sums(values - mean)
+        return math.sqrt(size / (size - 1.0) * float(deviations @ deviations)) / self.n
 
     def mean_interval(self, values: Array, confidence: float, *, positive: bool) -> Interval:
-        """Interval of the mean of ``values`` ``(n,)`` over poses.
+        """Return the interval of the mean of ``values`` ``(n,)`` over poses.
 
         Args:
             values: One number for each error.
-            confidence: Of the interval.
-            positive: The quantity cannot be negative: studentised on the scale of its square root, which keeps the
-                limits from being negative and evens out the skewness of squares.
+            confidence: Confidence of the interval.
+            positive: The quantity cannot be negative. It is studentised on the scale of its square root, which keeps
+                the limits from being negative and reduces the skewness of squares.
         """
         size, mean = self.n_groups, float(np.mean(values))
         if size < 2:
-            return Interval.missing(confidence, "one commanded pose shows no scatter between poses")
+            return Interval.missing(confidence, "one commanded pose: no scatter between poses to estimate from")
         error = self.standard_error(values)
         if error <= 1e-13 * max(-float(np.min(values)), float(np.max(values))):
             return Interval(mean, mean, mean, confidence, "no scatter")
         below, above, bound = tails(confidence)
         t_above, t_bound = student_quantile(above, size - 1.0), -student_quantile(bound, size - 1.0)
-        t_below, method, drawn = -t_above, f"Student's t over {size} poses", None
+        t_below, method, resampled = -t_above, f"Student's t over {size} poses", None
         if FEWEST_FOR_BOOTSTRAP <= size <= MOST_FOR_BOOTSTRAP:
-            drawn = self._studentised(values, mean, positive)
-            positions = [p * (drawn.size - 1) for p in (below, above, 1.0 - bound)]
-            drawn_below, drawn_above, drawn_bound = interpolated(drawn, positions)
-            # Resampled standard errors vary less than true ones do where the tails are long; Student's t is a floor.
-            t_below, t_above, t_bound = min(t_below, drawn_below), max(t_above, drawn_above), min(t_bound, drawn_bound)
+            resampled = self._studentised(values, mean, positive)
+            quantiles = interpolated(resampled, [p * (resampled.size - 1) for p in (below, above, 1.0 - bound)])
+            # Resampled standard errors vary less than true ones if the tails are long; Student's t is a floor.
+            t_below, t_above = min(t_below, quantiles[0]), max(t_above, quantiles[1])
+            t_bound = min(t_bound, quantiles[2])
             method = f"studentised bootstrap over {size} poses, {self.draws} draws, no narrower than Student's t"
         if positive:
             root = math.sqrt(mean)
             low, high, top = (max(root - 0.5 * t * error / root, 0.0) ** 2 for t in (t_above, t_below, t_bound))
         else:
             low, high, top = (mean - t * error for t in (t_above, t_below, t_bound))
-        return Interval(low, high, top, confidence, method, curve=StudentCurve(mean, error, size, drawn, positive))
+        return Interval(low, high, top, confidence, method, curve=StudentCurve(mean, error, size, resampled, positive))
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
-        """(resampled mean - mean) / its own standard error, ``(draws,)``."""
+        """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""
         counts, sizes = self.counts(), self.sizes()
         sums = self.sums(values - mean)
         size = self.n_groups
-        drawn = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
-        total, squares, cross, square_sizes, number = drawn.T
+        totals = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
+        total, squares, cross, square_sizes, number = totals.T
         shift = total / number
         variance = squares - 2.0 * shift * cross + shift * shift * square_sizes
         error = np.sqrt(np.maximum(variance, 0.0) * (size / (size - 1.0))) / number
@@ -238,10 +244,10 @@ class PoseSampling:
 
 
 @lru_cache(maxsize=1)
-def _drawn_counts(size: int, draws: int, seed: int) -> Array:
-    """How often each of ``size`` poses was drawn, ``(draws, size)``, read-only; position and orientation share it."""
-    drawn = np.random.default_rng(seed).integers(size, size=(draws, size))
-    drawn += size * np.arange(draws)[:, None]
-    counts = np.bincount(drawn.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
+def _resampled_counts(size: int, draws: int, seed: int) -> Array:
+    """Return resampled counts of ``size`` poses, ``(draws, size)``, read-only; position and orientation share them."""
+    indices = np.random.default_rng(seed).integers(size, size=(draws, size))
+    indices += size * np.arange(draws)[:, None]
+    counts = np.bincount(indices.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
     counts.flags.writeable = False
     return counts

@@ -1,4 +1,6 @@
-"""Moments of error vectors, and the tests of what Wu and Lee's equation (13) assumes: zero mean and Gaussian.
+"""Second moments and principal axes of error vectors, and tests of equation (13)'s assumptions.
+
+Wu and Lee's equation (13) assumes Gaussian errors of zero mean: Hotelling's and Mardia's tests.
 
 Errors are ``(3, N)``, components first.
 """
@@ -15,7 +17,7 @@ from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf
 
 BLOCK = 16384
 NIL = 1e-12
-"""An eigenvalue smaller than this part of the largest is rounding: an axis a million times thinner than the longest."""
+"""Eigenvalues below this fraction of the largest are rounding: the axis is a million times thinner than the longest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,15 +28,15 @@ class AssumptionTest:
     statistic: float | None
     p_value: float | None
     dimension: int
-    """Number of directions in which the errors scatter, 3 unless they are flat or collinear."""
+    """Number of directions in which the errors scatter: 3 unless they are coplanar or collinear."""
     why: str | None = None
     imposed: bool = False
-    """A fit to these very errors made it so, and there was nothing to test."""
+    """A fit to the same errors imposes the hypothesis, so it is not tested."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssumptionTests:
-    """The assumptions of a zero-mean Gaussian, one test for each."""
+    """Tests of the assumptions of a zero-mean Gaussian."""
 
     zero_mean: AssumptionTest
     skewness: AssumptionTest
@@ -42,15 +44,15 @@ class AssumptionTests:
 
 
 def second_moment(errors: Array) -> Array:
-    """Mean of d d^T ``(3, 3)`` over errors ``(3, N)``: equations (13) and (14) of Wu and Lee."""
+    """Return the mean of d d^T ``(3, 3)`` over errors ``(3, N)``: equations (13) and (14) of Wu and Lee."""
     result: Array = errors @ errors.T / errors.shape[1]
     return result
 
 
 def principal_axes(matrix: Array) -> tuple[Array, Array]:
-    """Eigenvalues ``(3,)`` from large to small, none negative, and unit eigenvectors ``(3, 3)`` as columns.
+    """Return eigenvalues ``(3,)``, descending and not negative, and unit eigenvectors ``(3, 3)`` as columns.
 
-    Each axis points so that its largest component is positive, and they are the same on every machine.
+    The largest component of each axis is positive, so that every machine gives the same axes.
     """
     values, vectors = np.linalg.eigh(matrix)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
@@ -59,7 +61,7 @@ def principal_axes(matrix: Array) -> tuple[Array, Array]:
 
 
 def assumption_tests(errors: Array) -> AssumptionTests:
-    """Hotelling's and Mardia's tests on independent errors ``(3, N)``."""
+    """Apply Hotelling's and Mardia's tests to independent errors ``(3, N)``."""
     n = errors.shape[1]
     mean = np.mean(errors, axis=1)
     about_zero, _ = principal_axes(second_moment(errors))
@@ -73,11 +75,14 @@ def assumption_tests(errors: Array) -> AssumptionTests:
 
 
 def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> AssumptionTest:
-    """T^2 = n m' S^-1 m, S with divisor n - 1; (n - p) / (p (n - 1)) T^2 ~ F(p, n - p) (Hotelling 1931)."""
+    """Test the mean by T^2 = n m' S^-1 m, S with divisor n - 1 (Hotelling 1931).
+
+    (n - p) / (p (n - 1)) T^2 ~ F(p, n - p).
+    """
     method = "Hotelling's T-squared: the mean is zero"
     p = values.size
     if n <= rank or n < 2:
-        return AssumptionTest(method, None, None, p, f"{_poses(n)} cannot show scatter in {_directions(rank)}")
+        return AssumptionTest(method, None, None, p, f"{_poses(n)}: too few for scatter in {_directions(rank)}")
     if rank == 0:
         return AssumptionTest(method, None, None, 0, "every error is zero")
     if p < rank:
@@ -87,7 +92,7 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
 
 
 def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[AssumptionTest, AssumptionTest]:
-    """Mardia's b1 and b2, with his small-sample corrections.
+    """Test by Mardia's b1 and b2, with his small-sample corrections.
 
     Sources: K. V. Mardia, "Measures of multivariate skewness and kurtosis with applications", Biometrika 57 (1970);
     "Applications of some measures of multivariate skewness and kurtosis in testing normality and robustness studies",
@@ -96,7 +101,11 @@ def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[Ass
     methods = "Mardia's skewness: the errors are Gaussian", "Mardia's kurtosis: the errors are Gaussian"
     n, p = errors.shape[1], values.size
     if p == 0 or n < p + 2:
-        why = "the errors do not scatter" if p == 0 and n > 1 else f"{_poses(n)} cannot show a distribution's shape"
+        why = (
+            "the errors do not scatter"
+            if p == 0 and n > 1
+            else f"{_poses(n)}: too few to test the shape of the distribution"
+        )
         return AssumptionTest(methods[0], None, None, p, why), AssumptionTest(methods[1], None, None, p, why)
     skewness, kurtosis = _standardised_moments(errors, mean, axes / np.sqrt(values))
     correction = (p + 1) * (n + 1) * (n + 3) / (n * ((n + 1) * (p + 1) - 6))
@@ -104,17 +113,17 @@ def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[Ass
     expected = p * (p + 2) * (n - 1) / (n + 1)
     variance = 8 * p * (p + 2) * (n - 3) / (n + 1) ** 2 * (n - p - 1) / (n + 3) * (n - p + 1) / (n + 5)
     if variance <= 0.0:
-        why = f"{_poses(n)} cannot show a distribution's shape"
+        why = f"{_poses(n)}: too few to test the shape of the distribution"
         return AssumptionTest(methods[0], skewness, p_skewness, p), AssumptionTest(methods[1], None, None, p, why)
     p_kurtosis = 2.0 * normal_cdf(-abs(kurtosis - expected) / math.sqrt(variance))
     return AssumptionTest(methods[0], skewness, p_skewness, p), AssumptionTest(methods[1], kurtosis, p_kurtosis, p)
 
 
 def _standardised_moments(errors: Array, mean: Array, whiten: Array) -> tuple[float, float]:
-    """b1 and b2 of Mardia.
+    """Return Mardia's b1 and b2.
 
-    b1, the mean of (z_i . z_j)^3 over all pairs, is the squared norm of the mean of z (x) z (x) z, so it takes one
-    pass over the poses and not one over their pairs.
+    b1, the mean of (z_i . z_j)^3 over all pairs, is the squared norm of the mean of z (x) z (x) z: a pass over the
+    poses replaces a pass over their pairs.
     """
     p = whiten.shape[1]
     third = np.zeros((p, p * p))

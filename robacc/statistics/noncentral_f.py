@@ -1,4 +1,4 @@
-"""The noncentral F distribution: how often a test finds an effect of a given size.
+"""Noncentral F distribution: the probability that a test finds an effect of a given size.
 
 Source: N. L. Johnson, S. Kotz, N. Balakrishnan, Continuous Univariate Distributions, volume 2 (1995), chapter 30: a
 Poisson mixture of beta distributions; the recurrence of the incomplete beta function is NIST DLMF 8.17.20.
@@ -13,13 +13,13 @@ from functools import lru_cache
 from robacc.statistics.distributions import f_sf
 
 _LARGEST = 1e9
-"""No test needs a noncentrality beyond it."""
+"""Largest noncentrality that is searched."""
 
 
 def noncentral_f_sf(x: float, dof1: float, dof2: float, noncentrality: float) -> float:
-    """P(F > x) of the noncentral F distribution: the power of the F test with critical value ``x``.
+    """Return P(F > x) of the noncentral F distribution: the power of the F test with critical value ``x``.
 
-    ``noncentrality`` is the whitened sum of squares of the effect itself, freed of what the rest of the model mimics.
+    ``noncentrality`` is the whitened sum of squares of the effect, orthogonal to the other coefficients of the model.
     Every term is positive, so that small probabilities keep their digits too.
     """
     if x <= 0.0:
@@ -44,25 +44,25 @@ def noncentral_f_sf(x: float, dof1: float, dof2: float, noncentrality: float) ->
 
 @lru_cache(maxsize=256)
 def f_critical(tail: float, dof1: float, dof2: float) -> float:
-    """The x with P(F > x) = ``tail``, 0 < ``tail`` < 1."""
+    """Return the x with P(F > x) = ``tail``, 0 < ``tail`` < 1."""
     low, high = 0.0, 1.0
     while f_sf(high, dof1, dof2) > tail:
         low, high = high, 2.0 * high
-    return _halved(lambda x: f_sf(x, dof1, dof2) > tail, low, high)
+    return _bisected(lambda x: f_sf(x, dof1, dof2) > tail, low, high)
 
 
 @lru_cache(maxsize=256)
 def needed_noncentrality(power: float, level: float, dof1: float, dof2: float) -> float:
-    """The noncentrality at which the F test of ``level`` finds an effect with probability ``power`` > ``level``."""
+    """Return the noncentrality at which the F test of ``level`` finds an effect with probability ``power``."""
     critical = f_critical(level, dof1, dof2)
     low, high = 0.0, 8.0
     while noncentral_f_sf(critical, dof1, dof2, high) < power and high < _LARGEST:
         low, high = high, 2.0 * high
-    return _halved(lambda x: noncentral_f_sf(critical, dof1, dof2, x) < power, low, high)
+    return _bisected(lambda x: noncentral_f_sf(critical, dof1, dof2, x) < power, low, high)
 
 
-def _halved(below: Callable[[float], bool], low: float, high: float) -> float:
-    """Where ``below`` turns false between ``low`` and ``high``, to nine digits: bisection cannot fail."""
+def _bisected(below: Callable[[float], bool], low: float, high: float) -> float:
+    """Bisect, to nine digits, for the point between ``low`` and ``high`` from which ``below`` is false."""
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if below(middle) else (low, middle)

@@ -1,4 +1,4 @@
-r"""The length of a Gaussian vector: the exact distribution of a weighted sum of noncentral chi-squares.
+r"""Length of a Gaussian vector: the exact distribution of a weighted sum of noncentral chi-squares.
 
 For independent Z_i ~ N(m_i, v_i), Q = sum Z_i^2 has the Laplace transform
 
@@ -6,8 +6,8 @@ For independent Z_i ~ N(m_i, v_i), Q = sum Z_i^2 has the Laplace transform
 
 and P(Q <= q) is the integral of e^(sq) M(s) / s along a path to the right of the pole at 0, divided by 2 pi i; a path
 between the pole and the first branch point -1/(2 max v) gives minus P(Q > q) instead. The path goes through the
-saddle point of the integrand, where it is as small as the answer (so nothing cancels, in either tail), and bends to
-the left as a parabola; the trapezoidal rule on it converges exponentially.
+saddle point of the integrand, where it is as small as the result (so that nothing cancels, in either tail), and bends
+to the left as a parabola; the trapezoidal rule on it converges exponentially.
 
 Imhof's formula (Biometrika 48, 1961) is the same integral along the imaginary axis, where it converges slowly for the
 two or three terms of a position error. Source of the path: S. O. Rice, "Distribution of quadratic forms in normal
@@ -29,52 +29,52 @@ from robacc.geometry import Array
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 _DROP = 42.0
-"""e^-42 = 6e-19: where the integrand has fallen by that much from the saddle point, the path may end."""
+"""Fall of the integrand's exponent from the saddle point at which the path ends: e^-42 = 6e-19."""
 _ROUNDING = 1e-14
 _MAX_NODES = 8192
 _FEWEST_NODES = 32
 _RISE = 0.5
-"""The integrand may rise by e^0.5 above its value at the saddle point; what cancels then is no digit."""
+"""Rise of the exponent above the saddle point that is allowed: a factor of e^0.5 cancels less than a digit."""
 _ABREAST = np.linspace(0.0, 5.0, 21)[:, None]
-"""Horizontal over vertical distances from a singularity at which the path is looked at."""
+"""Ratios of horizontal to vertical distance from a singularity at which the path is checked."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Path:
-    """Contour integrals of e^(sq) M(s)/s times the weights asked for, at one q."""
+    """Contour integrals of e^(sq) M(s)/s times the requested weights, at a value q."""
 
     cdf: float
     sf: float
     uncertainty: float
-    """Of both, by rounding: the exponent's own size times a few units of the last place."""
+    """Rounding error of both: the size of the exponent times a few units of the last place."""
     density: float
     """dP/dq"""
     gradient: Array
-    """``(12,)`` dP/dm_i and dP/dC_ij, with C_ij and C_ji counted as separate variables; empty unless asked for"""
+    """``(12,)`` dP/dm_i and dP/dC_ij, with C_ij and C_ji counted as separate variables; empty unless requested"""
 
 
 def length_probability(radius: float, mean: Array, variance: Array) -> float:
-    """P(|Z| <= radius) for Z_i ~ N(mean[i], variance[i]) independent, each ``(3,)``; absolute error about 1e-13."""
+    """Return P(|Z| <= radius) for independent Z_i ~ N(mean[i], variance[i]), i < 3; absolute error about 1e-13."""
     return _probability(radius * radius, np.asarray(mean, dtype=float), np.asarray(variance, dtype=float)).cdf
 
 
 def length_quantile(probability: float, mean: Array, variance: Array) -> float:
-    """The radius with P(|Z| <= radius) = ``probability``, in the unit of the square root of ``variance``.
+    """Return the radius with P(|Z| <= radius) = ``probability``, in the unit of the square root of ``variance``.
 
     Args:
         probability: Between 0 and 1, both excluded.
         mean: ``(3,)`` in principal axes.
-        variance: ``(3,)`` of the same axes; zeros allowed.
+        variance: ``(3,)`` along the same axes; zeros are allowed.
     """
     mean, variance = np.asarray(mean, dtype=float), np.asarray(variance, dtype=float)
     power = float(np.sum(variance) + np.sum(np.square(mean)))
     if power == 0.0 or float(np.max(variance)) <= 1e-24 * power:
         return math.sqrt(power)
-    # Everything in units of the mean square length, so that micrometres and metres are solved alike.
+    # Everything in units of the mean square length, so that the solution does not depend on the unit.
     m, v = mean / math.sqrt(power), variance / power
-    spread = math.sqrt(2.0 * float(np.sum(v * v)) + 4.0 * float(np.sum(m * m * v)))
+    length_std = math.sqrt(2.0 * float(np.sum(v * v)) + 4.0 * float(np.sum(m * m * v)))
     low = float(np.sum(np.square(m[v == 0.0])))
-    high = 1.0 + 2.0 * spread
+    high = 1.0 + 2.0 * length_std
     while _probability(high, m, v).cdf < probability:
         low, high = high, high + 2.0 * (high - low)
     q = max(0.5 * (low + high), low)
@@ -84,19 +84,19 @@ def length_quantile(probability: float, mean: Array, variance: Array) -> float:
         if abs(error) <= path.uncertainty or high - low <= 1e-15 * high:
             break
         low, high = (q, high) if error < 0.0 else (low, q)
-        # A step that would leave the bracket is not computed: far out the density may be next to nothing.
+        # A step that would leave the bracket is not computed: far out the density may be almost zero.
         following = q - error / path.density if abs(error) < path.density * (high - low) else low
         q = following if low < following < high else 0.5 * (low + high)
     return math.sqrt(q * power)
 
 
 def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tuple[Array, Array]:
-    """How the squared quantile radius r^2 moves with the mean and the covariance, the probability held.
+    """Return the gradient of the squared quantile radius r^2 at constant probability.
 
     Args:
-        radius: A quantile, as :func:`length_quantile` gives it.
+        radius: Quantile from :func:`length_quantile`.
         mean: ``(3,)`` in principal axes.
-        variance: ``(3,)`` of the same axes.
+        variance: ``(3,)`` along the same axes.
 
     Returns:
         d(r^2)/dm ``(3,)`` and d(r^2)/dC ``(3, 3)``, symmetric, in principal axes; the first has the unit of ``mean``.
@@ -108,7 +108,7 @@ def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tu
 
 
 def _probability(q: float, mean: Array, variance: Array, *, gradient: bool = False) -> _Path:
-    """The contour integrals at ``q``; zero below what directions without scatter contribute."""
+    """Return the contour integrals at ``q``; zero below the contribution of directions without scatter."""
     if q <= float(np.sum(np.square(mean[variance == 0.0]))):
         return _Path(0.0, 1.0, 0.0, 0.0, np.zeros(12 if gradient else 0))
     upper = q > float(np.sum(variance) + np.sum(np.square(mean)))
@@ -130,7 +130,7 @@ def _probability(q: float, mean: Array, variance: Array, *, gradient: bool = Fal
 
 
 def _saddle_point(q: float, mean: Array, variance: Array, upper: bool) -> tuple[float, float]:
-    """Minimum along the real axis of log(e^(sq) M(s) / |s|), which is convex there, and its second derivative."""
+    """Return the minimum over real s of log(e^(sq) M(s) / |s|), convex there, and its second derivative."""
     terms = [(float(m) ** 2, float(v)) for m, v in zip(mean, variance, strict=True)]
 
     def slopes(s: float) -> tuple[float, float]:
@@ -156,10 +156,10 @@ def _saddle_point(q: float, mean: Array, variance: Array, upper: bool) -> tuple[
         following = s - first / second
         if not low < following < high:
             following = 0.5 * (low + high)
-        # The path need only pass near the saddle point, as distances to the singularities on its either side go (near
-        # one of these Newton's steps are short however far the root is).
-        room = min(abs(following), following - branch) if upper else following
-        if abs(following - s) <= 1e-3 * room:
+        # The path only needs to pass near the saddle point, relative to the distance to the nearest singularity (close
+        # to a singularity Newton's steps are short even far from the root).
+        distance = min(abs(following), following - branch) if upper else following
+        if abs(following - s) <= 1e-3 * distance:
             s = following
             break
         s = following
@@ -167,7 +167,7 @@ def _saddle_point(q: float, mean: Array, variance: Array, upper: bool) -> tuple[
 
 
 def _exponent(s: Complex, q: float, mean: Array, variance: Array) -> tuple[Complex, Complex]:
-    """log(e^(sq) M(s) / s) ``(n,)`` and w = 1 + 2 v s ``(3, n)`` at complex ``s`` ``(n,)``."""
+    """Return log(e^(sq) M(s) / s) ``(n,)`` and w = 1 + 2 v s ``(3, n)`` at complex ``s`` ``(n,)``."""
     w = 1.0 + 2.0 * variance[:, None] * s
     value: Complex = (
         s * q - np.log(s) - 0.5 * np.sum(np.log(w), axis=0) - np.sum(np.square(mean)[:, None] * s / w, axis=0)
@@ -176,22 +176,22 @@ def _exponent(s: Complex, q: float, mean: Array, variance: Array) -> tuple[Compl
 
 
 def _shape_of_path(
-    q: float, mean: Array, variance: Array, saddle: float, curvature: float, most: float = math.inf
+    q: float, mean: Array, variance: Array, saddle: float, curvature: float, max_bend: float = math.inf
 ) -> tuple[float, float, float]:
-    """The path's bend b in saddle + i t - b t^2, at ``most`` as given, its end, and the exponent it should not exceed.
+    """Return the bend b of the path saddle + i t - b t^2, its end and the exponent that it should not exceed.
 
-    At its end, a t, the integrand has become negligible.
+    The bend is at most ``max_bend``. At the end, a value of t, the integrand is negligible.
     """
     grid = 2.0 ** np.arange(-2.0, 60.0, 0.5) / math.sqrt(curvature)
     distance = saddle + 0.5 / variance[variance > 0.0]
     at_saddle = _exponent(np.array([complex(saddle)]), q, mean, variance)[0].real[0]
-    # First a parabola whose focus is the first branch point: from its vertex the exponent of that axis falls
-    # steadily. Where the mean lies along an axis of less scatter the path may come near that axis's own singularity,
-    # and is straightened; along a straight line the integrand never exceeds its value at the saddle point.
-    bend = min(0.25 / float(np.min(distance)), most)
+    # Start with a parabola whose focus is the first branch point: the exponent of that axis falls steadily from the
+    # vertex. Where the mean lies along an axis of less scatter, the path may come near the singularity of that axis
+    # and is straightened: along a straight line the integrand never exceeds its value at the saddle point.
+    bend = min(0.25 / float(np.min(distance)), max_bend)
     while True:
-        # Where the path passes a singularity a peak may be narrower than the grid: it is looked at more closely from
-        # where the singularity lies five times as far to the left as below, to where it lies straight below.
+        # Near a singularity a peak may be narrower than the grid: extra points cover the path from where it lies five
+        # times as far to the left as below, to where it lies straight below.
         near = (np.sqrt(np.square(_ABREAST) + 4.0 * bend * distance) - _ABREAST) / (2.0 * bend)
         t = np.sort(np.concatenate((grid, near.ravel())))
         s: Complex = saddle + 1j * t - bend * np.square(t)
@@ -214,9 +214,9 @@ def _trapezoid(
     top: float,
     gradient: bool,
 ) -> Array | None:
-    """The integrals for weights 1, s (density) and, for the gradient, d log M/dm_i and d log M/dC_ij: ``(2 or 14,)``.
+    """Return the integrals ``(2 or 14,)`` for weights 1, s (density) and d log M/dm_i, d log M/dC_ij (gradient).
 
-    None where a node's exponent is above ``top``: the path crosses a peak that its shape was to avoid.
+    None where a node's exponent exceeds ``top``: the path crosses a peak that its shape should avoid.
     """
     t = np.linspace(0.0, end, nodes + 1)
     s: Complex = saddle + 1j * t - bend * np.square(t)

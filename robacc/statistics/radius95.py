@@ -1,4 +1,4 @@
-"""The radius that holds 95 % of poses under a fitted Gaussian, and its interval."""
+"""Radius of the sphere that contains 95 % of poses under a fitted Gaussian, and its interval."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from robacc.statistics.quadratic_form import length_quantile, squared_quantile_g
 from robacc.statistics.records import Radius
 
 PROBABILITY = 0.95
+GAUSSIAN_P95 = "95 % radius of the fitted Gaussian"
+"""Start of the method of a 95th percentile's interval that relies on the fitted Gaussian."""
 _METHOD = "chi-square, effective degrees of freedom (Satterthwaite)"
 
 
 def satterthwaite_rms(covariance: Array, n: int, confidence: float) -> Interval:
-    """Interval of the RMS length of Gaussian errors with zero mean.
+    """Return the interval of the RMS length of Gaussian errors with zero mean.
 
     n rms^2 is a sum of chi-squares weighted by the principal variances; a chi-square with (tr V)^2 n / tr(V^2)
-    degrees of freedom has its mean and variance. (tr V)^2 and tr(V^2) are estimated without the bias that a sample's
-    own traces have, which at ten poses is a quarter of the second.
+    degrees of freedom has its mean and variance. (tr V)^2 and tr(V^2) are estimated without the bias of a sample's
+    traces, which at ten poses is a quarter of the second.
 
     Source: F. E. Satterthwaite, "An approximate distribution of estimates of variance components", Biometrics
     Bulletin 2, 1946; moments of the Wishart distribution as in R. J. Muirhead (1982), 3.2.
@@ -32,48 +34,48 @@ def satterthwaite_rms(covariance: Array, n: int, confidence: float) -> Interval:
 
 
 def _concentration(ratio: float, n: int) -> float:
-    """tr(S^2) / (tr S)^2, from 1/3 (all alike) to 1 (one direction), from that ``ratio`` of the estimate of S.
+    """Estimate tr(S^2) / (tr S)^2, from 1/3 (equal axes) to 1 (one direction), from the ``ratio`` of the sample.
 
-    Of nV ~ W(n, S): E[(tr V)^2] = t + 2 s / n and E[tr(V^2)] = (1 + 1/n) s + t / n, with t = (tr S)^2, s = tr(S^2).
+    For nV ~ W(n, S): E[(tr V)^2] = t + 2 s / n and E[tr(V^2)] = (1 + 1/n) s + t / n, with t = (tr S)^2, s = tr(S^2).
     """
     s = (n * ratio - 1.0) / (n + 1.0 - 2.0 / n)
     t = 1.0 - 2.0 * s / n
     return min(max(s / t, 1.0 / 3.0), 1.0)
 
 
-def _without_spread_of_chance(variances: Array, n: int) -> Array:
-    """Principal variances of the same sum, as much less apart as a sample of n draws them apart by chance.
+def _shrunk_to_mean(variances: Array, n: int) -> Array:
+    """Shrink principal variances towards their mean by the dispersion that sampling n poses adds; the sum stays.
 
-    A radius grows as the same trace goes into fewer axes, so a sample's own, of axes that are alike, is too large.
+    A radius grows as the same trace goes into fewer axes, so a sample's own radius is too large for equal axes.
     """
     mean = float(np.mean(variances))
     ratio = float(np.sum(np.square(variances))) / (3.0 * mean) ** 2
-    apart = ratio - 1.0 / 3.0
-    if apart <= 0.0:
+    dispersion = ratio - 1.0 / 3.0
+    if dispersion <= 0.0:
         return variances
-    shrink = min((_concentration(ratio, n) - 1.0 / 3.0) / apart, 1.0) ** 0.5
-    closer: Array = mean + shrink * (variances - mean)
-    return closer
+    shrink = min((_concentration(ratio, n) - 1.0 / 3.0) / dispersion, 1.0) ** 0.5
+    shrunk: Array = mean + shrink * (variances - mean)
+    return shrunk
 
 
 def radius95(
     errors: Array, mean: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float
 ) -> Radius:
-    """The radius about zero that holds 95 % of N(``mean``, ``covariance``).
+    """Return the radius about zero that contains 95 % of N(``mean``, ``covariance``).
 
     Args:
         errors: ``(3, N)``.
         mean: ``(3,)``, zero for the fit about zero.
         covariance: ``(3, 3)`` of the errors about ``mean``.
-        gaussian: Whether the interval may rest on Gaussian, independent errors; otherwise it is had by resampling
-            the poses' first-order influence on the squared radius.
-        sampling: Of the poses.
-        confidence: Of the interval.
+        gaussian: Whether the errors are Gaussian and independent. If not, the interval comes from resampling the
+            poses' first-order influence on the squared radius.
+        sampling: Groups and resampling of the poses.
+        confidence: Confidence of the interval.
     """
     n, about_zero = sampling.n_groups, not np.any(mean)
     fewest = 3 if about_zero else 4
     if n < fewest:
-        why = f"{n} {'pose' if n == 1 else 'poses'} cannot show scatter in three directions; it takes {fewest}"
+        why = f"{n} {'pose' if n == 1 else 'poses'}: scatter in three directions needs at least {fewest}"
         return Radius(None, Interval.missing(confidence, why), why)
     variances, axes = principal_axes(covariance)
     along = axes.T @ mean
@@ -82,7 +84,7 @@ def radius95(
     if not np.any(variances):
         return Radius(radius, Interval(radius, radius, radius, confidence, "no scatter"))
     if gaussian:
-        return Radius(radius, _gaussian_interval(along, _without_spread_of_chance(variances, n), n, confidence))
+        return Radius(radius, _gaussian_interval(along, _shrunk_to_mean(variances, n), n, confidence))
     by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     influence = np.empty(errors.shape[1])
     for start in range(0, influence.size, BLOCK):
@@ -94,7 +96,7 @@ def radius95(
 
 
 def _gaussian_interval(along: Array, variances: Array, n: int, confidence: float) -> Interval:
-    """Interval of the radius from the variance of its square to first order, of mean and covariance together."""
+    """Return the radius's interval from the first-order variance of its square, over mean and covariance."""
     radius = length_quantile(PROBABILITY, along, variances)
     by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     weighted = by_covariance * variances

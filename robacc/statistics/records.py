@@ -1,4 +1,4 @@
-"""Statistics of errors, their intervals and how they were had: what :mod:`robacc.accuracy.error_statistics` returns."""
+"""Records of error statistics and their intervals, filled by :mod:`robacc.accuracy.error_statistics`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Ellipsoid:
 
 @dataclass(frozen=True, slots=True)
 class Radius:
-    """The radius of the sphere about zero that holds 95 % of poses under a fitted Gaussian."""
+    """Radius of the sphere about zero that contains 95 % of poses under a fitted Gaussian."""
 
     value: float | None
     interval: Interval
@@ -74,13 +74,13 @@ class ErrorStatistics:
     centred_covariance: Array
     """``(3, 3)`` about the mean, divisor N"""
     rms: float
-    """Of the error's length, as the next three: the root of the covariance's trace."""
+    """RMS of the error's length: the root of the covariance's trace. The next three are of the length too."""
     mean_error: float
     p95: float
     """95th percentile of the sample, interpolated linearly at (N - 1) p: Hyndman and Fan's type 7, numpy's default."""
     max: float
     share_below_max: float
-    """Share of all poses whose error lies below ``max`` with ``confidence``; no interval holds for ``max`` itself."""
+    """Share of all poses whose error is below ``max`` with ``confidence``; ``max`` itself has no interval."""
     intervals: Intervals
     ellipsoid: Ellipsoid
     radius95_zero_mean: Radius
@@ -90,14 +90,14 @@ class ErrorStatistics:
     tests: AssumptionTests
     structure: PoseStructure
     assumption: str
-    """Which assumptions the intervals make, and why."""
+    """Assumptions of the intervals, and the reasons."""
 
     def estimate(self, statistic: Statistic) -> tuple[float, Interval]:
-        """The value and interval of the named statistic of the error's length."""
+        """Return the value and interval of the named statistic of the error's length."""
         if statistic == "max":
             why = (
-                f"no interval holds for the largest of all errors: with {100 * self.confidence:g} % confidence "
-                f"{100 * self.share_below_max:.3g} % of poses lie below the largest of {self.n_poses}"
+                f"the largest error of all poses has no interval: with {100 * self.confidence:g} % confidence, "
+                f"{100 * self.share_below_max:.3g} % of poses are below the largest of these {self.n_poses}"
             )
             return self.max, Interval.missing(self.confidence, why)
         values = {

@@ -1,7 +1,7 @@
-"""Are the errors independent draws? Repetitions of one commanded pose are not; different poses share one robot.
+"""Variance between and within commanded poses: the dependence of errors that equation (13) ignores.
 
-Wu and Lee's equation (13) sums over errors as if each were drawn anew. Errors of one robot come from one set of
-parameter errors, so they vary with the pose but not by chance; only repetitions show what is chance.
+Wu and Lee's equation (13) sums over errors as if they were independent draws. Errors of one robot come from one set of
+parameter errors, so they vary with the pose and not at random; only repetitions of a pose show the random part.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 
 SHARED = (
-    "all poses are of one robot and share its parameter errors: they are not independent draws, and the intervals "
-    "speak of other poses of this robot, chosen as these were, not of other robots"
+    "all poses share the parameter errors of one robot, so they are not independent draws: the intervals hold for "
+    "other poses of this robot, chosen in the same manner, not for other robots"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class PoseStructure:
-    """How the errors' variance (sum over the three components) divides between and within commanded poses."""
+    """Components of the errors' variance (sum over x, y, z) between and within commanded poses."""
 
     n: int
     n_poses: int
     """Commanded poses."""
     between: float | None
-    """Variance of a commanded pose's own error over poses, about the mean, m^2 or rad^2."""
+    """Variance over poses of a commanded pose's mean error, m^2 or rad^2."""
     within: float | None
-    """Variance of one repetition about its pose's own error."""
+    """Variance of one repetition about the mean error of its pose."""
     intraclass_correlation: float | None
     """between / (between + within)"""
     effective_poses: float | None
-    """Independent poses that would fix the mean as well: n / (1 + (k - 1) ICC), k repetitions a pose."""
+    """Independent poses with the same uncertainty of the mean: n / (1 + (k - 1) ICC), k repetitions a pose."""
     text: str
     why: str | None = None
 
 
 def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStructure:
-    """One-way random-effects analysis of variance of errors ``(3, N)`` over commanded poses ``groups`` ``(N,)``.
+    """Analyse the variance of errors ``(3, N)`` over commanded poses ``groups`` ``(N,)``, one-way random effects.
 
     Source: S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 3.6 (unequal numbers); effective
     number by L. Kish, Survey Sampling (1965), 5.4.
@@ -50,10 +50,10 @@ def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStruc
     if groups is None or number == n or number == 1:
         if number == 1 and n > 1:
             why = "all rows are of one commanded pose"
-            text = f"{why}: this is repeatability, and says nothing of other poses"
+            text = f"{why}: the scatter is repeatability and does not describe other poses"
         else:
             why = "no commanded pose was repeated"
-            text = f"{why}, so chance and pose cannot be told apart; {SHARED}"
+            text = f"{why}, so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
         return PoseStructure(n, number, None, None, None, None, text, why)
     centred = errors - np.mean(errors, axis=1)[:, None]
     sums = np.stack([np.bincount(groups, weights=component) for component in centred])
@@ -66,10 +66,10 @@ def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStruc
         why = "the errors do not scatter"
         return PoseStructure(n, number, between, within, None, None, f"{why}; {SHARED}", why)
     correlation = between / (between + within)
-    # Kish's mean number of repetitions weighs each pose by its own number of rows.
+    # Kish's mean number of repetitions weights each pose by its number of rows.
     effective = n / (1.0 + (float(np.sum(np.square(sizes))) / n - 1.0) * correlation)
     text = (
         f"{n} rows of {number} commanded poses: {100 * correlation:.1f} % of the variance is between poses and "
-        f"{100 * (1 - correlation):.1f} % within, so the rows are worth {effective:.3g} independent poses; {SHARED}"
+        f"{100 * (1 - correlation):.1f} % within, equivalent to {effective:.3g} independent poses; {SHARED}"
     )
     return PoseStructure(n, number, between, within, correlation, effective, text)

@@ -23,45 +23,45 @@ def gaussian(n: int, seed: int = 0) -> np.ndarray:
 
 def test_sample_figures_against_numpy() -> None:
     errors = gaussian(50) + 5e-5
-    found = error_statistics(errors, "m")
+    result = error_statistics(errors, "m")
     lengths = np.linalg.norm(errors, axis=0)
-    assert found.covariance == pytest.approx(np.mean([np.outer(d, d) for d in errors.T], axis=0))
-    assert found.centred_covariance == pytest.approx(np.cov(errors, bias=True))
-    assert found.mean == pytest.approx(errors.mean(axis=1))
-    assert found.rms == pytest.approx(np.sqrt(np.mean(lengths**2)))
-    assert found.mean_error == pytest.approx(lengths.mean())
-    assert found.p95 == pytest.approx(np.percentile(lengths, 95))
-    assert found.max == lengths.max()
-    assert (found.n, found.n_poses, found.unit, found.confidence) == (50, 50, "m", 0.95)
-    values = np.linalg.eigvalsh(found.covariance)[::-1]
-    assert found.ellipsoid.sd == pytest.approx(np.sqrt(values))
-    axes = found.ellipsoid.axes
-    assert axes @ np.diag(values) @ axes.T == pytest.approx(found.covariance)
+    assert result.covariance == pytest.approx(np.mean([np.outer(d, d) for d in errors.T], axis=0))
+    assert result.centred_covariance == pytest.approx(np.cov(errors, bias=True))
+    assert result.mean == pytest.approx(errors.mean(axis=1))
+    assert result.rms == pytest.approx(np.sqrt(np.mean(lengths**2)))
+    assert result.mean_error == pytest.approx(lengths.mean())
+    assert result.p95 == pytest.approx(np.percentile(lengths, 95))
+    assert result.max == lengths.max()
+    assert (result.n, result.n_poses, result.unit, result.confidence) == (50, 50, "m", 0.95)
+    values = np.linalg.eigvalsh(result.covariance)[::-1]
+    assert result.ellipsoid.sd == pytest.approx(np.sqrt(values))
+    axes = result.ellipsoid.axes
+    assert axes @ np.diag(values) @ axes.T == pytest.approx(result.covariance)
 
 
 def test_intervals_of_gaussian_errors_are_the_chi_square_ones() -> None:
     errors = gaussian(40)
-    found = error_statistics(errors, "m")
-    assert "no test contradicts" in found.assumption
-    covariance, centred = found.intervals.covariance, found.intervals.centred_covariance
+    result = error_statistics(errors, "m")
+    assert "no test rejects it" in result.assumption
+    covariance, centred = result.intervals.covariance, result.intervals.centred_covariance
     assert covariance.method == centred.method == "Wishart (chi-square)"
     for i in range(3):
         assert covariance.lower[i, i] == pytest.approx(np.sum(errors[i] ** 2) / stats.chi2.ppf(0.975, 40))
         assert covariance.upper[i, i] == pytest.approx(np.sum(errors[i] ** 2) / stats.chi2.ppf(0.025, 40))
         assert centred.upper[i, i] == pytest.approx(39 * np.var(errors[i], ddof=1) / stats.chi2.ppf(0.025, 39))
         expected = stats.t.interval(0.95, 39, errors[i].mean(), stats.sem(errors[i]))
-        assert (found.intervals.mean[i].lower, found.intervals.mean[i].upper) == pytest.approx(expected)
-    assert np.all(covariance.lower <= found.covariance)
-    assert np.all(found.covariance <= covariance.upper)
+        assert (result.intervals.mean[i].lower, result.intervals.mean[i].upper) == pytest.approx(expected)
+    assert np.all(covariance.lower <= result.covariance)
+    assert np.all(result.covariance <= covariance.upper)
     assert np.array_equal(covariance.lower, covariance.lower.T)
 
 
 def test_radius_against_simulation() -> None:
-    found = error_statistics(gaussian(60) + np.array([[2e-4], [1e-4], [0]]), "m")
+    result = error_statistics(gaussian(60) + np.array([[2e-4], [1e-4], [0]]), "m")
     rng = np.random.default_rng(1)
     for radius, mean, covariance in (
-        (found.radius95_zero_mean, np.zeros(3), found.covariance),
-        (found.radius95_fitted_mean, found.mean, found.centred_covariance),
+        (result.radius95_zero_mean, np.zeros(3), result.covariance),
+        (result.radius95_fitted_mean, result.mean, result.centred_covariance),
     ):
         draws = rng.multivariate_normal(mean, covariance, 400_000, method="cholesky")
         # Four standard errors of the simulated share.
@@ -70,37 +70,37 @@ def test_radius_against_simulation() -> None:
 
 
 def test_an_offset_is_noticed_and_the_intervals_rest_on_resampling() -> None:
-    found = error_statistics(gaussian(60) + 2e-4, "m")
-    assert found.tests.zero_mean.p_value < 1e-6
-    assert "their mean is not zero (Hotelling)" in found.assumption
-    assert "studentised bootstrap" in found.intervals.rms.method
-    assert "studentised bootstrap" in found.intervals.covariance.method
-    assert found.intervals.centred_covariance.method == "Wishart (chi-square)"
+    result = error_statistics(gaussian(60) + 2e-4, "m")
+    assert result.tests.zero_mean.p_value < 1e-6
+    assert "their mean is not zero (Hotelling)" in result.assumption
+    assert "studentised bootstrap" in result.intervals.rms.method
+    assert "studentised bootstrap" in result.intervals.covariance.method
+    assert result.intervals.centred_covariance.method == "Wishart (chi-square)"
 
 
 def test_errors_that_are_not_gaussian_are_noticed() -> None:
-    found = error_statistics(1e-4 * np.random.default_rng(0).standard_t(2, size=(3, 100)), "m")
-    assert "the errors are not Gaussian (Mardia)" in found.assumption
-    assert "studentised bootstrap" in found.intervals.centred_covariance.method
-    assert found.intervals.p95.method == "order statistics of 100 poses"
+    result = error_statistics(1e-4 * np.random.default_rng(0).standard_t(2, size=(3, 100)), "m")
+    assert "the errors are not Gaussian (Mardia)" in result.assumption
+    assert "studentised bootstrap" in result.intervals.centred_covariance.method
+    assert result.intervals.p95.method == "order statistics of 100 poses"
 
 
 def test_a_constant_error_is_an_offset() -> None:
-    found = error_statistics(np.full((3, 20), 1e-4), "m")
-    assert "their mean is not zero (Hotelling)" in found.assumption
-    assert found.intervals.rms.lower == pytest.approx(found.rms)
-    assert found.intervals.rms.upper == pytest.approx(found.rms)
-    assert found.radius95_fitted_mean.value == pytest.approx(found.rms)
+    result = error_statistics(np.full((3, 20), 1e-4), "m")
+    assert "their mean is not zero (Hotelling)" in result.assumption
+    assert result.intervals.rms.lower == pytest.approx(result.rms)
+    assert result.intervals.rms.upper == pytest.approx(result.rms)
+    assert result.radius95_fitted_mean.value == pytest.approx(result.rms)
 
 
 @pytest.mark.parametrize("unit", ["m", "rad"])
 def test_the_scale_of_errors_does_not_matter(unit: str) -> None:
-    one = error_statistics(gaussian(30), unit)
-    other = error_statistics(gaussian(30) * 1e-6, unit)
-    assert other.intervals.p95.upper == pytest.approx(1e-6 * one.intervals.p95.upper)
-    assert other.intervals.mean_error.lower == pytest.approx(1e-6 * one.intervals.mean_error.lower)
-    assert other.tests.skewness.p_value == pytest.approx(one.tests.skewness.p_value)
-    assert other.radius95_fitted_mean.value == pytest.approx(1e-6 * one.radius95_fitted_mean.value)
+    plain = error_statistics(gaussian(30), unit)
+    scaled = error_statistics(gaussian(30) * 1e-6, unit)
+    assert scaled.intervals.p95.upper == pytest.approx(1e-6 * plain.intervals.p95.upper)
+    assert scaled.intervals.mean_error.lower == pytest.approx(1e-6 * plain.intervals.mean_error.lower)
+    assert scaled.tests.skewness.p_value == pytest.approx(plain.tests.skewness.p_value)
+    assert scaled.radius95_fitted_mean.value == pytest.approx(1e-6 * plain.radius95_fitted_mean.value)
 
 
 def test_p95_by_poses() -> None:
@@ -129,19 +129,19 @@ def test_the_maximum_has_a_statement_and_no_interval() -> None:
     assert value == np.linalg.norm(gaussian(100), axis=0).max()
     assert interval.upper_bound is None
     assert interval.why == (
-        "no interval holds for the largest of all errors: with 95 % confidence 97 % of poses lie below the largest "
-        "of 100"
+        "the largest error of all poses has no interval: with 95 % confidence, 97 % of poses are below the largest "
+        "of these 100"
     )
 
 
-def test_axes_that_cannot_be_told_apart_share_an_interval() -> None:
+def test_indistinguishable_axes_share_an_interval() -> None:
     rng = np.random.default_rng(2)
-    alike = error_statistics(rng.standard_normal((3, 50)), "m").ellipsoid
-    assert len({(interval.lower, interval.upper) for interval in alike.intervals}) == 1
-    assert "3 axes that cannot be told apart" in alike.intervals[0].method
-    apart = error_statistics(np.array([[9.0], [3.0], [1.0]]) * rng.standard_normal((3, 50)), "m").ellipsoid
-    assert len({interval.lower for interval in apart.intervals}) == 3
-    for sd, interval in zip(apart.sd, apart.intervals, strict=True):
+    equal = error_statistics(rng.standard_normal((3, 50)), "m").ellipsoid
+    assert len({(interval.lower, interval.upper) for interval in equal.intervals}) == 1
+    assert "3 axes that are not distinguishable on these poses" in equal.intervals[0].method
+    distinct = error_statistics(np.array([[9.0], [3.0], [1.0]]) * rng.standard_normal((3, 50)), "m").ellipsoid
+    assert len({interval.lower for interval in distinct.intervals}) == 3
+    for sd, interval in zip(distinct.sd, distinct.intervals, strict=True):
         assert interval.lower < sd < interval.upper
 
 
@@ -162,10 +162,10 @@ def test_repeated_poses_count_once() -> None:
 
 
 def test_percentile_of_repeated_poses_is_of_the_poses() -> None:
-    found = error_statistics(np.repeat(gaussian(80), 3, axis=1), "m", groups=np.repeat(np.arange(80), 3))
-    assert found.intervals.p95.method == (
-        "order statistics of 80 poses, all repetitions of a pose counted as one, "
-        "so the confidence is at least the one stated"
+    result = error_statistics(np.repeat(gaussian(80), 3, axis=1), "m", groups=np.repeat(np.arange(80), 3))
+    assert result.intervals.p95.method == (
+        "order statistics of 80 poses; all repetitions of a pose count as one, "
+        "so the confidence is at least the stated one"
     )
 
 
@@ -200,18 +200,18 @@ def numbers(record: object) -> Iterator[float]:
         yield record
 
 
-def missing_without_reason(found: ErrorStatistics) -> list[str]:
-    intervals = found.intervals
+def missing_without_reason(result: ErrorStatistics) -> list[str]:
+    intervals = result.intervals
     named = {
         "rms": intervals.rms,
         "mean_error": intervals.mean_error,
         "p95": intervals.p95,
         "covariance": intervals.covariance,
         "centred": intervals.centred_covariance,
-        "radius zero mean": found.radius95_zero_mean.interval,
-        "radius fitted mean": found.radius95_fitted_mean.interval,
+        "radius zero mean": result.radius95_zero_mean.interval,
+        "radius fitted mean": result.radius95_fitted_mean.interval,
         **{f"mean {i}": intervals.mean[i] for i in range(3)},
-        **{f"sd {i}": found.ellipsoid.intervals[i] for i in range(3)},
+        **{f"sd {i}": result.ellipsoid.intervals[i] for i in range(3)},
     }
     return [name for name, interval in named.items() if interval.upper is None and not interval.why]
 
@@ -222,46 +222,46 @@ def missing_without_reason(found: ErrorStatistics) -> list[str]:
 def test_awkward_errors_are_handled_and_said(kind: str, n: int, repeated: bool) -> None:
     """No warning (they are errors here), no NaN; what is missing has its reason."""
     errors = AWKWARD[kind](n)
-    found = error_statistics(errors, "m", groups=np.arange(n) // 3 if repeated else None, bootstrap=200)
-    assert all(np.isfinite(value) for value in numbers(found))
-    assert missing_without_reason(found) == []
-    assert found.rms == pytest.approx(np.sqrt(np.mean(np.sum(errors**2, axis=0))))
+    result = error_statistics(errors, "m", groups=np.arange(n) // 3 if repeated else None, bootstrap=200)
+    assert all(np.isfinite(value) for value in numbers(result))
+    assert missing_without_reason(result) == []
+    assert result.rms == pytest.approx(np.sqrt(np.mean(np.sum(errors**2, axis=0))))
 
 
 def test_one_pose() -> None:
-    found = error_statistics(np.array([[3e-4], [0.0], [4e-4]]), "m")
-    assert (found.rms, found.mean_error, found.p95, found.max) == pytest.approx((5e-4,) * 4)
-    assert found.intervals.rms.why == "one commanded pose shows no scatter between poses"
-    assert found.intervals.covariance.why == "one commanded pose shows no scatter between poses"
-    assert found.ellipsoid.intervals[0].why == "one commanded pose shows no scatter between poses"
-    assert found.intervals.p95.why == "1 pose: too few for a 95th percentile"
-    assert found.radius95_zero_mean.value is None
-    assert found.radius95_zero_mean.why == "1 pose cannot show scatter in three directions; it takes 3"
-    assert found.assumption == "errors taken as Gaussian with zero mean, which so few poses cannot test"
+    result = error_statistics(np.array([[3e-4], [0.0], [4e-4]]), "m")
+    assert (result.rms, result.mean_error, result.p95, result.max) == pytest.approx((5e-4,) * 4)
+    assert result.intervals.rms.why == "one commanded pose: no scatter between poses to estimate from"
+    assert result.intervals.covariance.why == "one commanded pose: no scatter between poses to estimate from"
+    assert result.ellipsoid.intervals[0].why == "one commanded pose: no scatter between poses to estimate from"
+    assert result.intervals.p95.why == "1 pose: too few for a 95th percentile"
+    assert result.radius95_zero_mean.value is None
+    assert result.radius95_zero_mean.why == "1 pose: scatter in three directions needs at least 3"
+    assert result.assumption == "errors assumed Gaussian with zero mean; the poses are too few to test it"
 
 
 def test_two_poses() -> None:
-    found = error_statistics(gaussian(2), "m")
-    assert found.radius95_fitted_mean.why == "2 poses cannot show scatter in three directions; it takes 4"
-    assert found.intervals.rms.upper > 2 * found.rms
+    result = error_statistics(gaussian(2), "m")
+    assert result.radius95_fitted_mean.why == "2 poses: scatter in three directions needs at least 4"
+    assert result.intervals.rms.upper > 2 * result.rms
 
 
 def test_one_commanded_pose_measured_often_is_one_pose() -> None:
-    found = error_statistics(gaussian(30), "m", groups=np.zeros(30, dtype=int))
-    assert found.n_poses == 1
-    assert found.intervals.rms.upper is None
-    assert found.structure.why == "all rows are of one commanded pose"
+    result = error_statistics(gaussian(30), "m", groups=np.zeros(30, dtype=int))
+    assert result.n_poses == 1
+    assert result.intervals.rms.upper is None
+    assert result.structure.why == "all rows are of one commanded pose"
 
 
 def test_no_pose_is_an_input_error() -> None:
-    with pytest.raises(InputError, match="there are no poses, and statistics take at least one"):
+    with pytest.raises(InputError, match="there are no poses; statistics need at least one"):
         error_statistics(np.zeros((3, 0)), "m")
 
 
 def test_an_error_that_is_not_finite_is_an_input_error() -> None:
     errors = gaussian(5)
     errors[1, 3], errors[0, 4] = np.nan, np.inf
-    with pytest.raises(InputError, match="2 errors are not finite numbers, the first that of pose 4"):
+    with pytest.raises(InputError, match="2 errors are not finite numbers; the first is that of pose 4"):
         error_statistics(errors, "m")
 
 
@@ -274,9 +274,9 @@ def test_wrong_shapes() -> None:
 
 def test_same_seed_same_document() -> None:
     errors = gaussian(40) + 3e-4
-    one, two, other = (error_statistics(errors, "m", seed=seed).intervals.rms for seed in (0, 0, 1))
-    assert one == two
-    assert one != other
+    first, repeated, reseeded = (error_statistics(errors, "m", seed=seed).intervals.rms for seed in (0, 0, 1))
+    assert first == repeated
+    assert first != reseeded
 
 
 def test_confidence_widens_intervals() -> None:
@@ -284,26 +284,26 @@ def test_confidence_widens_intervals() -> None:
     assert wide.lower < narrow.lower < narrow.upper < wide.upper
 
 
-def test_the_interval_of_a_percentile_holds_the_percentile_found() -> None:
+def test_the_interval_of_a_percentile_contains_the_percentile() -> None:
     outside = 0
     for seed in range(200):
-        found = error_statistics(gaussian(30, seed), "m")
-        interval, model = found.intervals.p95, found.radius95_zero_mean.interval
+        result = error_statistics(gaussian(30, seed), "m")
+        interval, model = result.intervals.p95, result.radius95_zero_mean.interval
         if interval.lower is None or interval.upper is None or model.lower is None or model.upper is None:
             continue
-        assert interval.lower <= found.p95 <= interval.upper
-        outside += not model.lower <= found.p95 <= model.upper
+        assert interval.lower <= result.p95 <= interval.upper
+        outside += not model.lower <= result.p95 <= model.upper
     assert outside > 0
 
 
-def test_a_mean_that_an_alignment_took_out_is_not_tested() -> None:
+def test_a_mean_that_an_alignment_removed_is_not_tested() -> None:
     errors = gaussian(60)
     centred = errors - errors.mean(axis=1, keepdims=True)
     free, aligned = error_statistics(centred, "m"), error_statistics(centred, "m", aligned=True)
     assert free.tests.zero_mean.p_value == pytest.approx(1.0)
     assert aligned.tests.zero_mean.p_value is None
-    assert aligned.tests.zero_mean.why == "the alignment made it so"
-    assert aligned.assumption.endswith("with zero mean, which the alignment gave them")
+    assert aligned.tests.zero_mean.why == "the alignment removed the mean"
+    assert aligned.assumption.endswith("with zero mean (the alignment removed the mean)")
     assert aligned.intervals.rms == free.intervals.rms
     # Rows that an alignment left out may keep the mean from zero, and that is told.
     offset = error_statistics(errors + 3e-4, "m", aligned=True)

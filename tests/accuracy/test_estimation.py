@@ -95,7 +95,7 @@ def test_large_orientation_error_is_the_exact_logarithm() -> None:
     np.testing.assert_allclose(errors.rotation, vector, atol=1e-14)
 
 
-def test_blocks_do_not_show(
+def test_blocks_do_not_change_the_errors(
     monkeypatch: pytest.MonkeyPatch, known: tuple[Measurements, np.ndarray, np.ndarray]
 ) -> None:
     data = known[0]
@@ -117,7 +117,7 @@ def test_the_robot_commands_the_pose_and_wins_over_the_file() -> None:
     result = estimate(data, robot)
     assert result.commanded == "robot"
     assert result.orientation is None
-    assert any("cmd_ columns were not used" in note for note in result.notes)
+    assert any("cmd_ columns of the file were not used" in note for note in result.notes)
     assert any("no orientation was measured" in note for note in result.notes)
     np.testing.assert_allclose(result.errors.position, d, atol=3e-15)
     np.testing.assert_allclose(estimate(data).errors.position, 0, atol=0)
@@ -132,7 +132,7 @@ def test_an_arm_without_effects_is_its_chain_bit_for_bit() -> None:
     np.testing.assert_array_equal(rotation, predicted.rotation)
 
 
-def test_repeated_poses_are_told_to_the_statistics() -> None:
+def test_statistics_know_repeated_poses() -> None:
     position = np.random.default_rng(7).normal(scale=1e-4, size=(3, 20))
     data = Measurements(
         position=position, commanded_position=np.zeros((3, 20)), pose=np.repeat([f"p{i}" for i in range(10)], 2)
@@ -151,7 +151,7 @@ def test_worst_poses_and_ties() -> None:
     assert {(pose.pose, pose.target, pose.orientation) for pose in worst} == {(None, None, None)}
 
 
-def test_targets_are_told_apart() -> None:
+def test_each_target_has_its_own_metrics() -> None:
     position = np.array([[1e-3, -1e-3, 3e-3, 4e-3], [0, 0, 0, 0], [0, 0, 0, 0]])
     data = Measurements(position=position, commanded_position=np.zeros((3, 4)), target=np.array(["a", "a", "b", "b"]))
     a, b = estimate(data).targets
@@ -162,7 +162,7 @@ def test_targets_are_told_apart() -> None:
     assert (b.position.mean, b.position.p95, b.position.max) == pytest.approx((3.5e-3, 3.95e-3, 4e-3))
 
 
-def test_alignment_takes_out_what_it_may_and_shows_the_rest() -> None:
+def test_alignment_removes_the_frames_and_keeps_the_noise() -> None:
     rng = np.random.default_rng(8)
     robot = dh_robot()
     q = rng.uniform(-2, 2, size=(3, N))
@@ -175,8 +175,8 @@ def test_alignment_takes_out_what_it_may_and_shows_the_rest() -> None:
         q=q,
     )
     unaligned = estimate(data, robot)
-    aligned = estimate(data, robot, what=("base_frame",))
-    assert any("frames that do not agree" in warning for warning in unaligned.warnings)
+    aligned = estimate(data, robot, align=("base_frame",))
+    assert any("frames that are not registered" in warning for warning in unaligned.warnings)
     assert aligned.alignment is not None
     assert aligned.alignment.n_parameters == 6
     assert aligned.warnings == ()
@@ -187,13 +187,13 @@ def test_alignment_takes_out_what_it_may_and_shows_the_rest() -> None:
     assert np.sqrt(np.mean(aligned.errors.position**2)) == pytest.approx(1e-5, rel=0.15)
 
 
-def test_frame_follows_what_is_known() -> None:
+def test_frame_follows_the_commanded_orientation() -> None:
     zero = np.zeros((3, 2))
     eye = np.repeat(np.eye(3)[..., None], 2, axis=2)
     bare = estimate(Measurements(position=zero + 1e-3, rotation=eye, commanded_position=zero))
     assert bare.errors.frame == "base"
     assert bare.orientation is None
-    assert any("no commanded orientation, so the errors are in the measuring frame" in note for note in bare.notes)
+    assert any("no orientation was commanded, so the errors are in the measuring frame" in note for note in bare.notes)
     assert any("no orientation was commanded" in note for note in bare.notes)
     full = Measurements(position=zero + 1e-3, rotation=eye, commanded_position=zero, commanded_rotation=eye)
     assert estimate(full).errors.frame == "tool"
@@ -212,39 +212,39 @@ def test_measuring_uncertainty_is_mentioned() -> None:
 def test_effects_of_the_robot_file_are_named() -> None:
     robot = dh_robot(effects=({"effect": "joint_offset", "joints": ["j1"], "values": {"j1": 0.01}},))
     data = Measurements(position=np.ones((3, 2)), q=np.zeros((3, 2)))
-    assert any("effects are applied: joint_offset" in note for note in estimate(data, robot).notes)
+    assert any("effects of the robot file are applied: joint_offset" in note for note in estimate(data, robot).notes)
 
 
 def test_usage_errors() -> None:
     data = Measurements(position=np.zeros((3, 2)), commanded_position=np.zeros((3, 2)))
     with pytest.raises(UsageError, match="frame tool needs the commanded orientation"):
         estimate(data, frame="tool")
-    with pytest.raises(UsageError, match="do not say where the target was to be"):
+    with pytest.raises(UsageError, match="the poses have no commanded positions: give `robot`"):
         estimate(Measurements(position=np.zeros((3, 2))))
     with pytest.raises(UsageError, match="cannot align backlash; choose among base_frame, tool_frame"):
-        estimate(dataclasses.replace(data, q=np.zeros((3, 2))), dh_robot(), what=("backlash",))
-    with pytest.raises(UsageError, match="needs --robot"):
-        estimate(data, what=("base_frame",))
+        estimate(dataclasses.replace(data, q=np.zeros((3, 2))), dh_robot(), align=("backlash",))
+    with pytest.raises(UsageError, match="so it needs `robot`"):
+        estimate(data, align=("base_frame",))
     for wrong in (0.3, 1.0, float("nan")):
-        with pytest.raises(UsageError, match=r"at least 0\.5 and below 1"):
+        with pytest.raises(UsageError, match=r"at least 0\.5 and less than 1"):
             estimate(data, confidence=wrong)
-    with pytest.raises(InputError, match=r"no joint columns .* leave out --robot"):
+    with pytest.raises(InputError, match=r"no columns of commanded joints .* omit `robot`"):
         estimate(data, dh_robot())
 
 
-def test_a_correction_used_outside_the_range_it_was_learnt_in_is_warned_of() -> None:
-    one = arm("puma560")
+def test_a_correction_used_outside_its_validity_range_gives_a_warning() -> None:
+    puma = arm("puma560")
     correction = {"effect": "joint_correction", "joints": ["j3"], "drivers": ["j2"], "degree": 2}
     correction |= {"range": [[-1.0, 1.0]], "values": {"j3.j2.T2": 1e-4}}
-    robot = dataclasses.replace(one.robot, effects=(correction,))
+    robot = dataclasses.replace(puma.robot, effects=(correction,))
     q = np.zeros((6, 5))
     q[1] = [-1.5, -1.01, 0.0, 1.0, 1.2]
     data = Measurements(position=np.zeros((3, 5)), q=q)
     data = dataclasses.replace(data, position=predict(robot, data).translation)
-    found = [text for text in estimate(data, robot).warnings if "was learnt" in text]
-    assert found == [
-        "2 of 5 poses are outside the range in which joint_correction[j3] of the robot file was learnt: it is held "
-        "there as it is at the range's end, and says little of them"
+    warnings = [text for text in estimate(data, robot).warnings if "validity range" in text]
+    assert warnings == [
+        "2 of 5 poses are outside the validity range of joint_correction[j3] in the robot file: "
+        "there the correction keeps its value at the end of the range and is not reliable"
     ]
-    assert not any("learnt" in text for text in estimate(data.subset(np.arange(1, 4)), robot).warnings)
-    assert not any("learnt" in text for text in estimate(data, one.robot).warnings)
+    assert not any("validity range" in text for text in estimate(data.subset(np.arange(1, 4)), robot).warnings)
+    assert not any("validity range" in text for text in estimate(data, puma.robot).warnings)

@@ -43,9 +43,9 @@ otherwise: C
 
 def errors_of(value: float, bound: float | None, unit: str = "m", why: str | None = None) -> ErrorStatistics:
     """Statistics whose RMS and its upper bound are as given."""
-    found = error_statistics(np.random.default_rng(0).normal(size=(3, 30)), unit)
+    result = error_statistics(np.random.default_rng(0).normal(size=(3, 30)), unit)
     interval = Interval(None, None, bound, 0.95, "given", why)
-    return dataclasses.replace(found, rms=value, intervals=dataclasses.replace(found.intervals, rms=interval))
+    return dataclasses.replace(result, rms=value, intervals=dataclasses.replace(result.intervals, rms=interval))
 
 
 def graded(
@@ -63,7 +63,7 @@ def test_grade_by_the_estimate(value: float, letter: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "bound", "demonstrated", "proven"),
+    ("value", "bound", "demonstrated", "confirmed"),
     [
         (0.9e-4, 1e-4, True, "A"),
         (0.9e-4, 1.1e-4, False, "B"),
@@ -74,92 +74,92 @@ def test_grade_by_the_estimate(value: float, letter: str) -> None:
         (9e-4, 1e-3, False, None),
     ],
 )
-def test_demonstrated_only_where_the_upper_bound_meets_the_limit(
-    value: float, bound: float | None, demonstrated: bool, proven: str | None
+def test_confirmed_only_where_the_upper_bound_meets_the_limit(
+    value: float, bound: float | None, demonstrated: bool, confirmed: str | None
 ) -> None:
-    found = graded(value, bound)
-    assert found.demonstrated is demonstrated
-    assert found.demonstrated_grade == proven
+    result = graded(value, bound)
+    assert result.demonstrated is demonstrated
+    assert result.demonstrated_grade == confirmed
 
 
 def test_the_worse_of_position_and_orientation_decides() -> None:
-    found = graded(0.5e-4, 0.9e-4, 3e-3, 6e-3)
-    assert (found.grade, found.limited_by, found.demonstrated) == ("C", ("orientation",), False)
-    assert (found.position.grade, found.position.demonstrated_grade, found.position.limit) == ("A", "A", 5e-4)
-    assert found.orientation is not None
-    assert (found.orientation.grade, found.orientation.demonstrated_grade) == ("C", None)
-    assert found.next is not None
-    assert (found.next.grade, found.next.position, found.next.orientation) == ("B", 0.0, pytest.approx(1e-3))
+    result = graded(0.5e-4, 0.9e-4, 3e-3, 6e-3)
+    assert (result.grade, result.limited_by, result.demonstrated) == ("C", ("orientation",), False)
+    assert (result.position.grade, result.position.demonstrated_grade, result.position.limit) == ("A", "A", 5e-4)
+    assert result.orientation is not None
+    assert (result.orientation.grade, result.orientation.demonstrated_grade) == ("C", None)
+    assert result.next is not None
+    assert (result.next.grade, result.next.position, result.next.orientation) == ("B", 0.0, pytest.approx(1e-3))
     both = graded(1.5e-4, 1.6e-4, 1.5e-3, 1.6e-3)
     assert both.limited_by == ("position", "orientation")
 
 
-def test_the_best_grade_is_limited_by_nothing() -> None:
-    found = graded(0.5e-4, 0.9e-4, 0.5e-3, 0.6e-3)
-    assert (found.grade, found.limited_by, found.next, found.demonstrated) == ("A", (), None, True)
+def test_nothing_limits_the_best_grade() -> None:
+    result = graded(0.5e-4, 0.9e-4, 0.5e-3, 0.6e-3)
+    assert (result.grade, result.limited_by, result.next, result.demonstrated) == ("A", (), None, True)
 
 
 def test_beyond_the_last_step() -> None:
-    found = graded(9e-4, 1e-3)
-    assert (found.grade, found.demonstrated, found.position.limit) == ("D", False, None)
-    assert found.next is not None
-    assert (found.next.grade, found.next.position) == ("C", pytest.approx(4e-4))
+    result = graded(9e-4, 1e-3)
+    assert (result.grade, result.demonstrated, result.position.limit) == ("D", False, None)
+    assert result.next is not None
+    assert (result.next.grade, result.next.position) == ("C", pytest.approx(4e-4))
 
 
 def test_reasons_in_words() -> None:
     assert graded(1.234e-4, 1.5e-4).reason == (
         "position: RMS error 0.123 mm, within 0.2 mm. "
-        "orientation was not measured, so the grade is of position only. "
-        "limited by position: A takes 0.0234 mm less in position. "
-        "demonstrated: the upper 95 % bound meets it (position 0.15 mm)"
+        "orientation was not measured, so the grade covers position only. "
+        "limited by position: grade A needs 0.0234 mm less in position. "
+        "confirmed at 95 % confidence: the upper bound is within the limit (position 0.15 mm)"
     )
     assert graded(0.9e-4, 1.5e-4, 0.5e-3, 0.6e-3).reason == (
         "position: RMS error 0.09 mm, within 0.1 mm; orientation: RMS error 0.0286°, within 0.0573°. "
-        "not demonstrated: the upper 95 % bound is beyond a limit (position 0.15 mm, orientation 0.0344°); "
-        "B is demonstrated"
+        "not confirmed at 95 % confidence: the upper bound is beyond a limit (position 0.15 mm, orientation 0.0344°); "
+        "grade B is confirmed"
     )
-    assert graded(0.9e-4, 9e-4).reason.endswith("(position 0.9 mm); no grade is demonstrated")
+    assert graded(0.9e-4, 9e-4).reason.endswith("(position 0.9 mm); no grade is confirmed")
     assert graded(0.9e-4, None, why="one pose").reason.endswith(
-        "not demonstrated: no upper bound of position: one pose"
+        "not confirmed at 95 % confidence: position has no upper bound (one pose)"
     )
-    assert "beyond 0.5 mm of C" in graded(9e-4, 1e-3).reason
-    assert graded(9e-4, 1e-3).reason.endswith("no step of the scale is met, so there is nothing to demonstrate")
+    assert "beyond the limit of C, 0.5 mm" in graded(9e-4, 1e-3).reason
+    assert graded(9e-4, 1e-3).reason.endswith("no step of the scale is met, so no grade can be confirmed")
 
 
-def test_one_pose_earns_a_grade_and_demonstrates_nothing() -> None:
-    found = grade(error_statistics(np.full((3, 1), 1e-5), "m"), None, default_scale())
-    assert (found.grade, found.demonstrated, found.demonstrated_grade) == ("A", False, None)
-    assert found.position.why == "1 pose: too few for a 95th percentile"
-    assert "1 pose: too few for a 95th percentile" in found.reason
+def test_one_pose_gives_a_grade_and_confirms_nothing() -> None:
+    result = grade(error_statistics(np.full((3, 1), 1e-5), "m"), None, default_scale())
+    assert (result.grade, result.demonstrated, result.demonstrated_grade) == ("A", False, None)
+    assert result.position.why == "1 pose: too few for a 95th percentile"
+    assert "1 pose: too few for a 95th percentile" in result.reason
 
 
-def test_many_good_poses_demonstrate_the_papers_requirement() -> None:
+def test_many_good_poses_confirm_the_papers_requirement() -> None:
     rng = np.random.default_rng(0)
     position = error_statistics(2e-5 * rng.standard_normal((3, 100)), "m")
     orientation = error_statistics(math.radians(0.02) * rng.standard_normal((3, 100)), "rad")
-    found = grade(position, orientation, default_scale())
-    assert (found.grade, found.demonstrated) == ("A", True)
+    result = grade(position, orientation, default_scale())
+    assert (result.grade, result.demonstrated) == ("A", True)
 
 
-def test_the_maximum_is_never_demonstrated() -> None:
+def test_the_maximum_is_never_confirmed() -> None:
     scale = dataclasses.replace(SCALE, statistic="max")
-    found = grade(error_statistics(1e-6 * np.random.default_rng(0).normal(size=(3, 500)), "m"), None, scale)
-    assert (found.grade, found.demonstrated) == ("A", False)
-    assert "no interval holds for the largest of all errors" in found.reason
+    result = grade(error_statistics(1e-6 * np.random.default_rng(0).normal(size=(3, 500)), "m"), None, scale)
+    assert (result.grade, result.demonstrated) == ("A", False)
+    assert "the largest error of all poses has no interval" in result.reason
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
 def test_the_scale_says_which_statistic(statistic: str) -> None:
     statistics = error_statistics(1e-4 * np.random.default_rng(0).normal(size=(3, 100)), "m")
-    found = grade(statistics, None, dataclasses.replace(SCALE, statistic=statistic))
-    assert found.position.value == getattr(statistics, statistic)
-    assert found.position.upper_bound == getattr(statistics.intervals, statistic).upper_bound
+    result = grade(statistics, None, dataclasses.replace(SCALE, statistic=statistic))
+    assert result.position.value == getattr(statistics, statistic)
+    assert result.position.upper_bound == getattr(statistics.intervals, statistic).upper_bound
 
 
 def test_confidence_must_agree() -> None:
     statistics = error_statistics(np.random.default_rng(0).normal(size=(3, 20)), "m", confidence=0.9)
     with pytest.raises(
-        UsageError, match=r"the position statistics are at a confidence of 0.9, the scale test asks for"
+        UsageError, match=r"the position statistics have a confidence of 0.9, but the scale test requires"
     ):
         grade(statistics, None, SCALE)
 
@@ -189,10 +189,10 @@ def test_a_scale_of_ones_own() -> None:
 
 def test_a_free_orientation_limits_nothing() -> None:
     scale = dataclasses.replace(load_scale(GOOD, "mine.yaml"), confidence=0.95)
-    found = grade(errors_of(2e-4, 2.5e-4), errors_of(0.5, None, "rad", "few"), scale)
-    assert (found.grade, found.demonstrated, found.demonstrated_grade) == ("B", True, "B")
-    assert found.orientation is not None
-    assert found.orientation.limit is None
+    result = grade(errors_of(2e-4, 2.5e-4), errors_of(0.5, None, "rad", "few"), scale)
+    assert (result.grade, result.demonstrated, result.demonstrated_grade) == ("B", True, "B")
+    assert result.orientation is not None
+    assert result.orientation.limit is None
 
 
 def problems(text: str) -> list[str]:
@@ -205,9 +205,9 @@ def problems(text: str) -> list[str]:
     ("old", "new", "message"),
     [
         ("robacc: 1", "robacc: 2", "s.yaml:1, robacc: found '2', expected one of 1"),
-        ("name: mine\n", "", "s.yaml:1, name: this key is missing"),
-        ("name: mine", "name:", "s.yaml:2, name: a single word or number is expected here"),
-        ("name: mine", "name: [a]", "s.yaml:2, name: a single word or number is expected here"),
+        ("name: mine\n", "", "s.yaml:1, name: missing key"),
+        ("name: mine", "name:", "s.yaml:2, name: expected a single word or number"),
+        ("name: mine", "name: [a]", "s.yaml:2, name: expected a single word or number"),
         (
             "statistic: rms",
             "statistic: p99",
@@ -218,30 +218,42 @@ def problems(text: str) -> list[str]:
         (
             "units: {length: m, angle: rad}\n",
             "",
-            "s.yaml:1, units: this key is missing; for example units: {length: mm, angle: deg}",
+            "s.yaml:1, units: missing key; add it, for example units: {length: mm, angle: deg}",
         ),
         ("length: m,", "length: inch,", "s.yaml:5, units.length: found 'inch', expected one of m, mm"),
-        (", angle: rad", "", "s.yaml:5, units.angle: this key is missing"),
+        (", angle: rad", "", "s.yaml:5, units.angle: missing key"),
         ("position: 3e-4", "position: -3e-4", "s.yaml:8, steps[1].position: found '-3e-4', expected a number greater"),
         ("position: 3e-4", "position: .inf", "s.yaml:8, steps[1].position: found '.inf', expected a number greater"),
-        ("position: 3e-4", "postion: 3e-4", "s.yaml:8, steps[1].postion: this key is not known; did you mean position"),
-        ("position: 3e-4", "position: 1e-4", "s.yaml:8, steps[1].position: the limit is not wider than that of A"),
-        ("{grade: B,", "{grade: A,", "s.yaml:8, steps[1].grade: the grade 'A' stands here twice"),
-        ("{grade: B,", "{", "s.yaml:8, steps[1].grade: this key is missing"),
-        ("3e-4}", "3e-4, orientation: 1e-3}", "s.yaml:8, steps[1].orientation: the limit is narrower than that of A"),
+        ("position: 3e-4", "postion: 3e-4", "s.yaml:8, steps[1].postion: unknown key; did you mean position"),
+        (
+            "position: 3e-4",
+            "position: 1e-4",
+            "s.yaml:8, steps[1].position: the limit is not wider than that of grade A",
+        ),
+        ("{grade: B,", "{grade: A,", "s.yaml:8, steps[1].grade: the grade 'A' is listed twice"),
+        ("{grade: B,", "{", "s.yaml:8, steps[1].grade: missing key"),
+        (
+            "3e-4}",
+            "3e-4, orientation: 1e-3}",
+            "s.yaml:8, steps[1].orientation: the limit is narrower than that of grade A",
+        ),
         (", orientation: 2e-3}", "}", None),
-        ("otherwise: C", "otherwise: A", "s.yaml:9, otherwise: 'A' is a step's grade too; give it its own name"),
+        ("otherwise: C", "otherwise: A", "s.yaml:9, otherwise: 'A' is also the grade of a step; choose another name"),
         (
             "otherwise: C",
             "otherwise: C\nname: twice",
-            "s.yaml:10, name: this key stands here twice; remove one of them",
+            "s.yaml:10, name: duplicate key; remove one of them",
         ),
         (
             "otherwise: C",
             "otherwise: C\nxyzzy: 1",
-            "s.yaml:10, xyzzy: this key is not known; the keys are robacc, name",
+            "s.yaml:10, xyzzy: unknown key; the keys are robacc, name",
         ),
-        ("  - {grade: B, position: 3e-4}", "  - B", "s.yaml:8, steps[1]: a mapping with the keys grade, position"),
+        (
+            "  - {grade: B, position: 3e-4}",
+            "  - B",
+            "s.yaml:8, steps[1]: expected a mapping with the keys grade, position",
+        ),
         ("name: mine", "name: [", "s.yaml:4: cannot be read as YAML: "),
         ("name: mine", "name: \x07", "s.yaml:2: cannot be read as YAML: "),
     ],
@@ -257,11 +269,11 @@ def test_every_message_of_a_scale(old: str, new: str, message: str | None) -> No
 
 def test_an_orientation_limit_after_none() -> None:
     text = GOOD.replace(", orientation: 2e-3}", "}").replace("3e-4}", "3e-4, orientation: 1e-3}")
-    assert problems(text) == ["s.yaml:8, steps[1].orientation: A, which is better, has no limit of orientation"]
+    assert problems(text) == ["s.yaml:8, steps[1].orientation: the better grade A has no limit of orientation"]
 
 
 def test_a_file_without_a_mapping() -> None:
-    assert problems("- a\n")[0].startswith("s.yaml:1: a mapping with the keys robacc, name, statistic")
+    assert problems("- a\n")[0].startswith("s.yaml:1: expected a mapping with the keys robacc, name, statistic")
     assert problems("") == problems("# nothing\n") == ["s.yaml: the file is empty"]
 
 
@@ -272,14 +284,14 @@ def test_a_scale_is_read_as_carefully_as_a_robot_file() -> None:
         "s.yaml:8: cannot be read as YAML: anchors (&) and aliases (*) are not supported"
     ]
     assert "found '3_00', expected a number greater than zero" in problems(GOOD.replace("3e-4", "3_00"))[0]
-    assert "a single word or number is expected here" in problems(GOOD.replace("mine", '"\\e[2J"'))[0]
+    assert "expected a single word or number" in problems(GOOD.replace("mine", '"\\e[2J"'))[0]
 
 
 @pytest.mark.parametrize("steps", ["steps: []", "steps: A", ""])
 def test_a_scale_without_steps(steps: str) -> None:
     head, tail = GOOD.split("steps:")
     text = head + steps + "\notherwise" + tail.split("otherwise")[1]
-    assert any("a list of at least one step is expected here" in problem for problem in problems(text))
+    assert any("expected a list of at least one step" in problem for problem in problems(text))
 
 
 def test_all_problems_at_once() -> None:
@@ -292,24 +304,24 @@ def test_probability_is_the_confidence_between_the_limits() -> None:
     errors = np.zeros((3, 40))
     errors[0] = 1.9e-4 * np.random.default_rng(3).standard_normal(40)
     statistics = error_statistics(errors, "m")
-    found = grade(statistics, None, SCALE)
+    result = grade(statistics, None, SCALE)
     dof = 40.0
     within = [chi2.sf(dof * (statistics.rms / step.position) ** 2, dof) for step in SCALE.steps]
-    shares = dict(found.probabilities)
+    shares = dict(result.probabilities)
     assert [*shares] == ["A", "B", "C", "D"]
     # Satterthwaite's degrees of freedom are estimated, and are 40 to within rounding where there is one direction.
     assert [shares["A"], shares["B"], shares["C"], shares["D"]] == pytest.approx(
         [within[0], within[1] - within[0], within[2] - within[1], 1.0 - within[2]], abs=1e-9
     )
-    assert found.probability == shares[found.grade]
-    assert found.probability_within("C") == pytest.approx(within[2])
-    assert found.probability_within("Z") is None
+    assert result.probability == shares[result.grade]
+    assert result.probability_within("C") == pytest.approx(within[2])
+    assert result.probability_within("Z") is None
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
 @pytest.mark.parametrize("n", [15, 40, 200])
 @pytest.mark.parametrize("kind", ["gauss", "mean", "repeated", "uniform"])
-def test_a_demonstrated_grade_has_the_scales_confidence(statistic: str, n: int, kind: str) -> None:
+def test_a_confirmed_grade_has_the_scales_confidence(statistic: str, n: int, kind: str) -> None:
     """The curve at the one-sided bound is the bound's confidence, whatever the method; to 2000 draws' own step."""
     rng = np.random.default_rng(n)
     vectors = {
@@ -334,8 +346,8 @@ def test_a_demonstrated_grade_has_the_scales_confidence(statistic: str, n: int, 
 
 
 def test_grades_are_unknown_where_nothing_is_known() -> None:
-    found = grade(error_statistics(np.full((3, 1), 1e-5), "m"), None, default_scale())
-    assert (found.probability, found.probabilities, found.poses_to_demonstrate) == (None, (), None)
+    result = grade(error_statistics(np.full((3, 1), 1e-5), "m"), None, default_scale())
+    assert (result.probability, result.probabilities, result.poses_to_demonstrate) == (None, (), None)
     largest = grade(error_statistics(errors_like(50), "m"), None, dataclasses.replace(default_scale(), statistic="max"))
     assert (largest.probability, largest.poses_to_demonstrate) == (None, None)
     still = grade(error_statistics(np.full((3, 20), 1e-5), "m"), None, SCALE)
@@ -348,15 +360,15 @@ def errors_like(n: int, size: float = 1e-4, seed: int = 0) -> np.ndarray:
 
 def test_position_and_orientation_together() -> None:
     position, orientation = error_statistics(errors_like(30), "m"), error_statistics(errors_like(30, 1e-3, 1), "rad")
-    both, one, other = (
+    combined, by_position, by_orientation = (
         grade(position, orientation, SCALE),
         grade(position, None, SCALE),
         grade(error_statistics(errors_like(500, 1e-6), "m"), orientation, SCALE),
     )
-    first, second, whole = (found.probability_within("A") for found in (one, other, both))
+    first, second, joint = (result.probability_within("A") for result in (by_position, by_orientation, combined))
     assert first is not None
     assert second is not None
-    assert whole == pytest.approx(first * second, rel=1e-6)
+    assert joint == pytest.approx(first * second, rel=1e-6)
 
 
 def test_free_orientation_is_met_for_certain() -> None:
@@ -366,11 +378,11 @@ def test_free_orientation_is_met_for_certain() -> None:
     assert alone.probabilities == free.probabilities
 
 
-def test_poses_that_would_demonstrate_it() -> None:
-    found = grade(error_statistics(errors_like(30, 1.85e-4), "m"), None, SCALE)
-    assert (found.grade, found.demonstrated) == ("B", False)
-    assert found.poses_to_demonstrate is not None
-    assert found.poses_to_demonstrate > 30
+def test_number_of_poses_that_would_confirm_the_grade() -> None:
+    result = grade(error_statistics(errors_like(30, 1.85e-4), "m"), None, SCALE)
+    assert (result.grade, result.demonstrated) == ("B", False)
+    assert result.poses_to_demonstrate is not None
+    assert result.poses_to_demonstrate > 30
     assert grade(error_statistics(errors_like(300, 1.2e-4), "m"), None, SCALE).poses_to_demonstrate is None
     assert grade(error_statistics(errors_like(30, 1.0), "m"), None, SCALE).poses_to_demonstrate is None
 
@@ -393,7 +405,7 @@ def test_number_of_poses_for_a_variance_is_the_fewest(share: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
 def test_the_number_of_poses_is_enough(statistic: str) -> None:
-    """Planned where the estimate is the truth: nine in ten sets of that many poses demonstrate the grade.
+    """Planned where the estimate is the truth: nine in ten sets of that many poses confirm the grade.
 
     Of 150 sets, three standard deviations are 7 %; a percentile's number rests on 400 poses' own shares, so it may
     err by as much again.
@@ -433,10 +445,10 @@ def test_grades_are_as_probable_as_they_say(statistic: str, n: int) -> None:
     for seed in range(1500):
         size = 1e-4 * 1.25 ** rng.uniform(1.0, 11.0)
         errors = size / truth * shape * rng.standard_normal((3, n))
-        found = grade(error_statistics(errors, "m", bootstrap=400, seed=seed), None, scale)
+        result = grade(error_statistics(errors, "m", bootstrap=400, seed=seed), None, scale)
         true = next(step.grade for step in scale.steps if size <= step.position)
-        said += [share for _, share in found.probabilities]
-        right += [name == true for name, _ in found.probabilities]
+        said += [share for _, share in result.probabilities]
+        right += [name == true for name, _ in result.probabilities]
     sure, hit = np.array(said), np.array(right)
     for low in np.arange(0.1, 0.95, 0.1):
         inside = (sure >= low) & (sure < low + 0.1)

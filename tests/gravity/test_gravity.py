@@ -17,37 +17,37 @@ STEP = 1e-30
 N = 5
 
 
-def swept(one: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> tuple[Sweep, Weights]:
+def swept(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> tuple[Sweep, Weights]:
     counts = sorted({load.after for load in loads})
-    sweep = one.chain.sweep(scalars, N, None, counts)
+    sweep = robot_arm.chain.sweep(scalars, N, None, counts)
     return sweep, Weights.place(loads, dict(zip(counts, sweep.frames, strict=True)))
 
 
-def start(one: Arm) -> list[np.ndarray]:
+def start(robot_arm: Arm) -> list[np.ndarray]:
     """Every scalar off zero, so that no motion is special."""
     rng = np.random.default_rng(1)
-    q = circumstances(one.robot, N).q
+    q = circumstances(robot_arm.robot, N).q
     assert q is not None
-    return [np.broadcast_to(s, (N,)) + rng.normal(scale=0.05, size=N) for s in one.chain.scalars(q)]
+    return [np.broadcast_to(s, (N,)) + rng.normal(scale=0.05, size=N) for s in robot_arm.chain.scalars(q)]
 
 
-def loads_of(one: Arm, kind: str) -> tuple[Load, ...]:
+def loads_of(robot_arm: Arm, kind: str) -> tuple[Load, ...]:
     if kind == "own":
-        return own_weight(one)
+        return own_weight(robot_arm)
     if kind == "payload":
-        return payload(one, np.linspace(0.0, 4.0, N))
-    return tuple(load for group in unit_loads(one, 1).values() for load in group)
+        return payload(robot_arm, np.linspace(0.0, 4.0, N))
+    return tuple(load for group in unit_loads(robot_arm, 1).values() for load in group)
 
 
-def gravity(one: Arm) -> np.ndarray:
+def gravity(robot_arm: Arm) -> np.ndarray:
     """Leaning, so that no component of it is special."""
-    return np.array(one.robot.gravity) + np.array([1.5, -2.0, 0.3])
+    return np.array(robot_arm.robot.gravity) + np.array([1.5, -2.0, 0.3])
 
 
-def work(one: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
+def work(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
     """Minus the potential energy, g . sum m c, from the frames alone."""
-    _, weights = swept(one, scalars, loads)
-    return sum(gravity(one) @ moment for moment in weights.moment)
+    _, weights = swept(robot_arm, scalars, loads)
+    return sum(gravity(robot_arm) @ moment for moment in weights.first_moments)
 
 
 def stepped(scalars: list[np.ndarray], motion: int) -> list[np.ndarray]:
@@ -57,61 +57,61 @@ def stepped(scalars: list[np.ndarray], motion: int) -> list[np.ndarray]:
 @pytest.mark.parametrize("kind", ["own", "payload", "unit"])
 @pytest.mark.parametrize("name", ARMS)
 def test_force_is_the_derivative_of_the_potential_energy(name: str, kind: str) -> None:
-    one = arm(name)
-    loads, scalars = loads_of(one, kind), start(one)
+    robot_arm = arm(name)
+    loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
     assert loads
-    sweep, weights = swept(one, scalars, loads)
+    sweep, weights = swept(robot_arm, scalars, loads)
     linear, angular = sweep.twists()
-    for motion in range(len(one.chain.motions)):
-        expected = np.imag(work(one, stepped(scalars, motion), loads)) / STEP
-        found = force(gravity(one), weights, motion, linear[:, motion], angular[:, motion])
+    for motion in range(len(robot_arm.chain.motions)):
+        expected = np.imag(work(robot_arm, stepped(scalars, motion), loads)) / STEP
+        result = force(gravity(robot_arm), weights, motion, linear[:, motion], angular[:, motion])
         # Hundreds of N m, by products of some twenty numbers.
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-10)
+        np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("kind", ["own", "payload", "unit"])
 @pytest.mark.parametrize("name", ARMS)
 def test_derivatives_of_the_force_agree_with_a_complex_step(name: str, kind: str) -> None:
-    one = arm(name)
-    loads, scalars = loads_of(one, kind), start(one)
-    sweep, weights = swept(one, scalars, loads)
+    robot_arm = arm(name)
+    loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
+    sweep, weights = swept(robot_arm, scalars, loads)
     linear, angular = sweep.twists()
-    wanted = tuple(range(len(one.chain.motions)))
+    wanted = tuple(range(len(robot_arm.chain.motions)))
     expected = np.empty((len(wanted), len(wanted), N))
     for k in wanted:
-        moved, placed = swept(one, stepped(scalars, k), loads)
+        moved, placed = swept(robot_arm, stepped(scalars, k), loads)
         v, w = moved.twists()
         for motion in wanted:
-            expected[motion, k] = np.imag(force(gravity(one), placed, motion, v[:, motion], w[:, motion])) / STEP
+            expected[motion, k] = np.imag(force(gravity(robot_arm), placed, motion, v[:, motion], w[:, motion])) / STEP
     for motion in wanted:
-        found = force_derivatives(gravity(one), weights, motion, wanted, linear, angular)
-        np.testing.assert_allclose(found, expected[motion], rtol=1e-11, atol=1e-10)
+        result = force_derivatives(gravity(robot_arm), weights, motion, wanted, linear, angular)
+        np.testing.assert_allclose(result, expected[motion], rtol=1e-11, atol=1e-10)
     # Second derivatives of one energy: the order of the two motions does not matter.
     np.testing.assert_allclose(expected, np.swapaxes(expected, 0, 1), rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
-    one = arm(name)
-    q = circumstances(one.robot, N).q
+    robot_arm = arm(name)
+    q = circumstances(robot_arm.robot, N).q
     assert q is not None
-    found = gravity_torques(one, q)
+    result = gravity_torques(robot_arm, q)
 
     def energy(at: np.ndarray) -> np.ndarray:
         total = np.zeros(N)
-        for body in one.chain.bodies:
-            frame = one.chain.sweep(one.chain.scalars(at), N, (), (body.after,)).frames[0]
+        for body in robot_arm.chain.bodies:
+            frame = robot_arm.chain.sweep(robot_arm.chain.scalars(at), N, (), (body.after,)).frames[0]
             place = np.einsum("ijn,j->in", frame.rotation, np.array(body.com)) + frame.translation
-            total -= body.mass * np.array(one.robot.gravity) @ place
+            total -= body.mass * np.array(robot_arm.robot.gravity) @ place
         return total
 
-    for i in range(len(one.names)):
+    for i in range(len(robot_arm.names)):
         step = np.zeros_like(q)
         step[i] = 1e-5
         slope = (energy(q + step) - energy(q - step)) / 2e-5
         # A central difference of a hundred joules leaves some 1e-9; a torque of the wrong sign or lever is far from it.
-        np.testing.assert_allclose(found[i], -slope, rtol=0, atol=1e-7)
-    assert np.abs(found).max() > 1.0
+        np.testing.assert_allclose(result[i], -slope, rtol=0, atol=1e-7)
+    assert np.abs(result).max() > 1.0
 
 
 def test_an_upright_axis_carries_no_torque_and_an_arm_without_masses_none_at_all() -> None:
@@ -127,6 +127,6 @@ def test_an_upright_axis_carries_no_torque_and_an_arm_without_masses_none_at_all
 
 def test_a_load_in_front_of_the_motion_is_not_moved_by_it() -> None:
     weights = Weights((3, 5), (np.array(2.0), np.array(4.0)), (np.ones((3, 1)), 3 * np.ones((3, 1))))
-    assert [float(weights.behind(motion)[0]) for motion in (2, 3, 4, 5)] == [6.0, 4.0, 4.0, 0.0]
-    np.testing.assert_array_equal(weights.behind(2)[1], np.full((3, 1), 4.0))
-    np.testing.assert_array_equal(weights.behind(5)[1], np.zeros((3, 1)))
+    assert [float(weights.moved_by(motion)[0]) for motion in (2, 3, 4, 5)] == [6.0, 4.0, 4.0, 0.0]
+    np.testing.assert_array_equal(weights.moved_by(2)[1], np.full((3, 1), 4.0))
+    np.testing.assert_array_equal(weights.moved_by(5)[1], np.zeros((3, 1)))

@@ -152,10 +152,10 @@ def test_a_positive_quantity_keeps_positive_limits() -> None:
     assert interval.lower >= 0.0
 
 
-def test_where_there_is_nothing_to_go_by() -> None:
+def test_intervals_without_scatter_or_poses() -> None:
     alone = PoseSampling(4, np.zeros(4, dtype=np.int64)).mean_interval(np.arange(4.0), 0.95, positive=True)
     assert (alone.lower, alone.upper, alone.upper_bound) == (None, None, None)
-    assert alone.why == "one commanded pose shows no scatter between poses"
+    assert alone.why == "one commanded pose: no scatter between poses to estimate from"
     constant = PoseSampling(20, None).mean_interval(np.full(20, 0.3), 0.95, positive=True)
     assert (constant.lower, constant.upper) == pytest.approx((0.3, 0.3))
     assert constant.method == "no scatter"

@@ -73,9 +73,9 @@ def test_mardias_moments_under_a_gaussian() -> None:
     """Mean and variance of the kurtosis, mean of the skewness: exact for Gaussian data, so simulation must agree."""
     n, sets = 12, 4000
     rng = np.random.default_rng(6)
-    found = [assumption_tests(rng.standard_normal((3, n))) for _ in range(sets)]
-    kurtosis = np.array([tests.kurtosis.statistic for tests in found])
-    skewness = np.array([tests.skewness.statistic for tests in found])
+    samples = [assumption_tests(rng.standard_normal((3, n))) for _ in range(sets)]
+    kurtosis = np.array([tests.kurtosis.statistic for tests in samples])
+    skewness = np.array([tests.skewness.statistic for tests in samples])
     expected_variance = 8 * 15 * (n - 3) * (n - 4) * (n - 2) / ((n + 1) ** 2 * (n + 3) * (n + 5))
     assert kurtosis.mean() == pytest.approx(15 * (n - 1) / (n + 1), abs=4 * kurtosis.std() / np.sqrt(sets))
     assert kurtosis.var() == pytest.approx(expected_variance, rel=0.12)
@@ -86,17 +86,17 @@ def test_mardias_moments_under_a_gaussian() -> None:
 @pytest.mark.parametrize(
     ("errors", "which", "why"),
     [
-        (np.ones((3, 1)), "zero_mean", "one pose cannot show scatter in one direction"),
-        (np.eye(3), "zero_mean", "3 poses cannot show scatter in 3 directions"),
+        (np.ones((3, 1)), "zero_mean", "one pose: too few for scatter in one direction"),
+        (np.eye(3), "zero_mean", "3 poses: too few for scatter in 3 directions"),
         (np.zeros((3, 9)), "zero_mean", "every error is zero"),
         (np.ones((3, 9)), "zero_mean", "the errors do not scatter along every direction of their mean"),
-        (np.eye(3), "skewness", "3 poses cannot show a distribution's shape"),
+        (np.eye(3), "skewness", "3 poses: too few to test the shape of the distribution"),
         (np.ones((3, 9)), "kurtosis", "the errors do not scatter"),
-        (np.ones((3, 1)), "kurtosis", "one pose cannot show a distribution's shape"),
-        (np.arange(3.0)[None] * np.ones((3, 1)), "kurtosis", "3 poses cannot show a distribution's shape"),
+        (np.ones((3, 1)), "kurtosis", "one pose: too few to test the shape of the distribution"),
+        (np.arange(3.0)[None] * np.ones((3, 1)), "kurtosis", "3 poses: too few to test the shape of the distribution"),
     ],
 )
-def test_a_test_that_cannot_be_made_says_why(errors: np.ndarray, which: str, why: str) -> None:
+def test_a_test_without_a_result_has_a_reason(errors: np.ndarray, which: str, why: str) -> None:
     test = getattr(assumption_tests(errors), which)
     assert test.p_value is None
     assert test.why == why
@@ -124,23 +124,23 @@ def test_pose_structure_of_balanced_data_is_the_textbook_anova() -> None:
     assert structure.intraclass_correlation == pytest.approx(correlation)
     assert structure.effective_poses == pytest.approx(60 / (1 + 3 * correlation))
     assert structure.text.startswith("60 rows of 15 commanded poses: ")
-    assert "share its parameter errors" in structure.text
+    assert "all poses share the parameter errors of one robot" in structure.text
 
 
 def test_pose_structure_of_unequal_numbers_is_unbiased() -> None:
     rng = np.random.default_rng(9)
     sizes = np.array([1, 2, 3, 5, 8, 2, 2, 7])
     groups = np.repeat(np.arange(8), sizes)
-    found = [
+    samples = [
         pose_structure(rng.normal(0, 1, (3, 8))[:, groups] * 2 + rng.normal(0, 1, (3, groups.size)), groups)
         for _ in range(600)
     ]
     # Between 3 * 2^2, within 3 * 1^2; three standard errors of 600 means are some 0.8 and 0.1.
-    assert np.mean([structure.between for structure in found]) == pytest.approx(12.0, abs=0.8)
-    assert np.mean([structure.within for structure in found]) == pytest.approx(3.0, abs=0.1)
+    assert np.mean([structure.between for structure in samples]) == pytest.approx(12.0, abs=0.8)
+    assert np.mean([structure.within for structure in samples]) == pytest.approx(3.0, abs=0.1)
 
 
-def test_pose_structure_where_there_is_none() -> None:
+def test_pose_structure_without_repetitions() -> None:
     errors = np.random.default_rng(0).normal(size=(3, 6))
     alone = pose_structure(errors, None)
     assert alone.why == "no commanded pose was repeated"

@@ -99,7 +99,7 @@ def test_radius_against_simulation(mean: list[float], variance: list[float], sca
 
 
 def test_a_mean_across_much_longer_axes() -> None:
-    """Newton's steps are short near a singularity, and must not be taken for a saddle point found."""
+    """Newton's steps are short near a singularity, which must not end the search for the saddle point."""
     mean, variance = np.array([-0.0937517, 0.03535186, 0.17628815]), np.array([0.86761577, 0.06954535, 0.02172223])
     for radius in np.sqrt([0.5, 1.2, 3.707832470433467, 9.0]):
         assert length_probability(radius, mean, variance) == pytest.approx(
@@ -122,10 +122,10 @@ def test_any_mean_and_variance() -> None:
 def test_degenerate_covariances() -> None:
     assert length_quantile(0.95, ZERO, ZERO) == 0.0
     assert length_quantile(0.95, np.array([3.0, 0, 4.0]), ZERO) == 5.0
-    one = stats.norm.ppf(0.975)
-    assert length_quantile(0.95, ZERO, np.array([4.0, 0, 0])) == pytest.approx(2 * one, rel=1e-10)
+    normal = stats.norm.ppf(0.975)
+    assert length_quantile(0.95, ZERO, np.array([4.0, 0, 0])) == pytest.approx(2 * normal, rel=1e-10)
     off_axis = np.array([0, 0, 3.0])
-    assert length_quantile(0.95, off_axis, np.array([1.0, 0, 0])) == pytest.approx(np.hypot(3.0, one), rel=1e-10)
+    assert length_quantile(0.95, off_axis, np.array([1.0, 0, 0])) == pytest.approx(np.hypot(3.0, normal), rel=1e-10)
     assert length_probability(2.9, off_axis, np.array([1.0, 0, 0])) == 0.0
     # Next to no scatter along the mean: one-sided in effect.
     thin = length_quantile(0.95, np.array([3.0, 0, 0]), np.array([1e-12, 0, 0]))

@@ -1,0 +1,47 @@
+"""The gain of paired fits against NumPy's sample standard deviation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robacc.accuracy.stages import paired_gain
+
+Z = 1.959963984540054
+"""Normal quantile of 0.975."""
+
+
+def gain_per_pose(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """First-order influence of each pose on the fall of the RMS, ``(N,)``."""
+    squares = [np.sum(residual[:3] ** 2, axis=0) for residual in (before, after)]
+    rms = [np.sqrt(square.mean()) for square in squares]
+    return squares[0] / (2 * rms[0]) - squares[1] / (2 * rms[1])
+
+
+@pytest.mark.parametrize("n", [3, 5, 40])
+def test_half_width_is_the_sample_standard_error(n: int) -> None:
+    rng = np.random.default_rng(n)
+    before, after = 1e-3 * rng.standard_normal((6, n)), 2e-4 * rng.standard_normal((6, n))
+    gain = paired_gain(before, after, np.arange(n))
+    standard_error = np.std(gain_per_pose(before, after), ddof=1) / np.sqrt(n)
+    assert gain.value == pytest.approx(
+        np.sqrt(np.mean(np.sum(before[:3] ** 2, axis=0))) - np.sqrt(np.mean(np.sum(after[:3] ** 2, axis=0)))
+    )
+    # Both are sums of the same n numbers: rounding only.
+    assert gain.high - gain.value == pytest.approx(Z * standard_error, rel=1e-9)
+    assert gain.value - gain.low == pytest.approx(Z * standard_error, rel=1e-9)
+
+
+def test_repeats_of_a_pose_count_once() -> None:
+    rng = np.random.default_rng(1)
+    before, after = 1e-3 * rng.standard_normal((3, 8)), 2e-4 * rng.standard_normal((3, 8))
+    single = paired_gain(before, after, np.arange(8))
+    repeated = paired_gain(np.repeat(before, 3, axis=1), np.repeat(after, 3, axis=1), np.repeat(np.arange(8), 3))
+    assert (repeated.value, repeated.low, repeated.high) == pytest.approx((single.value, single.low, single.high))
+
+
+def test_two_poses_have_a_gain_without_interval() -> None:
+    gain = paired_gain(np.full((3, 2), 1e-3), np.full((3, 2), 1e-4), np.arange(2))
+    assert gain.value == pytest.approx(np.sqrt(3) * 9e-4)
+    assert np.isnan(gain.low)
+    assert np.isnan(gain.high)

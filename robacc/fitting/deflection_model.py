@@ -53,9 +53,9 @@ def choose_deflection(
         return found, original, None
     rigid = dataclasses.replace(found.model, free=with_deflection(found.model.free, "rigid"))
     poses = rigid.bind(data).poses(found.theta)
-    moved = (residuals(data, poses) - found.residual)[:, found.kept]
-    difference = float(np.sqrt(np.mean(np.sum(np.square(moved[:3]), axis=0))))
-    separation = float(np.linalg.norm(moved * found.weight[:, found.kept]))
+    moved = (residuals(data, poses) - found.residual) * found.kept
+    difference = float(np.sqrt(np.mean(np.sum(np.square(moved[:3, found.kept]), axis=0))))
+    separation = float(np.linalg.norm(found.whitening.apply(moved)))
     if separation < _TOLD_APART:
         return found, original, DeflectionChoice("equilibrium", difference, separation, None)
     start = dataclasses.replace(options, start=found.theta, widths=found.widths, held=found.held)
@@ -81,5 +81,5 @@ def _log_likelihood(found: Fit, rows: NDArray[np.bool_]) -> float:
     weight = found.weight[:, rows]
     prior = found.precision[found.precision > 0]
     drawn = found.theta[found.identifiability.kept][found.precision > 0]
-    missed = float(np.square(found.residual[:, rows] * weight).sum()) + float(prior @ np.square(drawn))
+    missed = float(np.square(found.whitening.apply(found.residual * rows)).sum()) + float(prior @ np.square(drawn))
     return float(np.log(weight).sum()) + 0.5 * (float(np.log(prior).sum()) - missed)

@@ -12,6 +12,7 @@ import numpy as np
 
 from robacc.errors import EquilibriumError
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations, Prediction
+from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array
 
 _STEPS = 40
@@ -52,22 +53,22 @@ def minimise(
     equations: PoseEquations,
     begin: Prediction,
     normal: NormalEquations | None,
-    weight: Array,
+    white: Whitening,
     precision: Array,
     tolerance: float,
 ) -> Minimum:
     """Go from ``begin``, whose linearisation is ``normal`` where it is known already, to the minimum.
 
-    ``weight`` ``(M, N)``, ``precision`` ``(P,)`` of priors about zero. The last step is one that changes the whitened
-    prediction, or is expected to leave it, within ``tolerance`` of the residual.
+    ``white`` whitens residuals, ``precision`` ``(P,)`` is of priors about zero. The last step is one that changes the
+    whitened prediction, or is expected to leave it, within ``tolerance`` of the residual.
     """
     columns = equations.columns
     prior = precision[columns]
     outcome = begin
     if normal is None:
-        outcome, normal = equations.linearise(begin.theta, weight)
+        outcome, normal = equations.linearise(begin.theta, white)
     cost = float(normal.energy + prior @ np.square(normal.theta))
-    rounding = _EXACT * float(weight.max(initial=0.0))
+    rounding = _EXACT * float(white.weight.max(initial=0.0))
     previous: Array | None = None
     before: float | None = None
     count = 0
@@ -79,15 +80,15 @@ def minimise(
         last = length <= enough or _expected(length, before) <= enough
         step, previous = _extrapolated(step, previous, normal.gram)
         # Near the minimum rounding decides which of two costs is the lower; a full step is then still taken.
-        limit = cost + 4.0 * rounding * float(np.sqrt(cost)) + rounding**2 * weight.size
-        move = _searched(equations, outcome, step, limit, weight, prior, derivative=not last, halvings=_FIRST_HALVINGS)
+        limit = cost + 4.0 * rounding * float(np.sqrt(cost)) + rounding**2 * white.weight.size
+        move = _searched(equations, outcome, step, limit, white, prior, derivative=not last, halvings=_FIRST_HALVINGS)
         if move is None:
             # Along a direction that the poses hardly show a step is as long as they are uncertain of it and leaves what
             # is linear. Halved, it would hold up all the others; damped, only itself.
-            move = _damped(equations, outcome, normal, limit, weight, prior)
+            move = _damped(equations, outcome, normal, limit, white, prior)
             previous = None
         if move is None:
-            move = _searched(equations, outcome, step, limit, weight, prior, derivative=not last)
+            move = _searched(equations, outcome, step, limit, white, prior, derivative=not last)
         if move is None:
             break
         outcome, cost = move.outcome, min(move.cost, cost)
@@ -133,7 +134,7 @@ def _searched(
     present: Prediction,
     step: Array,
     limit: float,
-    weight: Array,
+    white: Whitening,
     prior: Array,
     *,
     derivative: bool,
@@ -148,11 +149,11 @@ def _searched(
         normal: NormalEquations | None = None
         try:
             if derivative:
-                outcome, normal = equations.linearise(theta, weight)
+                outcome, normal = equations.linearise(theta, white)
                 squares = normal.energy
             else:
                 outcome = equations.outcome(theta)
-                squares = float(np.sum(np.square(outcome.residual * weight)))
+                squares = float(np.sum(np.square(white.apply(outcome.residual))))
         except EquilibriumError:
             continue
         new = float(squares + prior @ np.square(theta[columns]))
@@ -162,12 +163,12 @@ def _searched(
 
 
 def _damped(
-    equations: PoseEquations, present: Prediction, normal: NormalEquations, limit: float, weight: Array, prior: Array
+    equations: PoseEquations, present: Prediction, normal: NormalEquations, limit: float, white: Whitening, prior: Array
 ) -> _Move | None:
     """The least damped of some Levenberg-Marquardt steps that lowers the cost; None where none does."""
     for damping in _DAMPINGS:
         step = _step(normal, prior, damping)
-        if (move := _searched(equations, present, step, limit, weight, prior, derivative=True, halvings=1)) is not None:
+        if (move := _searched(equations, present, step, limit, white, prior, derivative=True, halvings=1)) is not None:
             return move
     return None
 

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
+from robacc.effects.joint_offset import JointOffset
+from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.bound import BoundModel
@@ -100,7 +102,7 @@ class PoseEquations:
             return self._outcome(theta, [self._linearised(theta, 0)[0]])
         return self._outcome(theta, [bound.poses(theta) for bound in self._bound])
 
-    def linearise(self, theta: Array, weight: Array) -> tuple[Prediction, NormalEquations]:
+    def linearise(self, theta: Array, white: Whitening) -> tuple[Prediction, NormalEquations]:
         """Predict, and sum the normal equations of the coefficients sought.
 
         Raises:
@@ -109,21 +111,21 @@ class PoseEquations:
         size = self.columns.size
         gram = np.zeros((size + 1, size + 1))
         predicted, missed = [], []
-        for index in range(len(self._slices)):
-            poses, residual, rows = self._whitened(theta, weight, index)
+        for index, part in enumerate(self._split(white)):
+            poses, residual, rows = self._whitened(theta, part, index)
             predicted.append(poses)
             missed.append(residual)
             gram += rows @ rows.T
         return Prediction(theta, tuple(predicted), _joined(missed)), self._normal(theta, gram)
 
-    def factorise(self, theta: Array, weight: Array) -> tuple[Array, NormalEquations]:
+    def factorise(self, theta: Array, white: Whitening) -> tuple[Array, NormalEquations]:
         """R factor ``(R, P)`` of the whitened Jacobian of the coefficients sought, and the normal equations from it.
 
         Orthogonal factorisation keeps twice the digits that the normal matrix has.
         """
         triangle = np.zeros((0, self.columns.size + 1))
-        for index in range(len(self._slices)):
-            rows = self._whitened(theta, weight, index)[2].T
+        for index, part in enumerate(self._split(white)):
+            rows = self._whitened(theta, part, index)[2].T
             triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows)) if index else rows, mode="r"))
         return triangle[:, :-1], self._normal(theta, triangle.T @ triangle)
 
@@ -146,16 +148,27 @@ class PoseEquations:
             self._known = theta, self.columns, poses, jacobian
         return poses, jacobian
 
-    def _whitened(self, theta: Array, weight: Array, index: int) -> tuple[Poses, Array, Array]:
-        """Poses, residual ``(M, n)``, and weighted ``(K + 1, M n)`` the Jacobian and, last, the residual."""
+    def _split(self, white: Whitening) -> list[Whitening]:
+        """Return the map of each block of poses; visits that a block's end divides count as two."""
+        if len(self._slices) == 1:
+            return [white]
+        return [white.subset(np.arange(part.start, part.stop)) for part in self._slices]
+
+    def _whitened(self, theta: Array, white: Whitening, index: int) -> tuple[Poses, Array, Array]:
+        """Poses, residual ``(M, n)``, and whitened ``(K + 1, M n)`` the Jacobian and, last, the residual."""
         poses, jacobian = self._linearised(theta, index)
         residual = residuals(self._parts[index], poses)
-        weight = weight[:, self._slices[index]]
         _, count, n = jacobian.shape
         rows = np.empty((count + 1, self.rows, n))
-        np.multiply(jacobian.transpose(1, 0, 2), weight, out=rows[:count])
-        np.multiply(residual, weight, out=rows[count])
-        return poses, residual, rows.reshape(count + 1, -1)
+        rows[:count] = jacobian.transpose(1, 0, 2)
+        rows[count] = residual
+        return poses, residual, white.apply_inplace(rows).reshape(count + 1, -1)
+
+    def joint_columns(self, model: Model) -> Array:
+        """``(M, J, N)`` columns of the joint variables at the model's own robot."""
+        joints = Model(model.arm, model.known, (JointOffset(model.arm.names),))
+        parts = [joints.bind(part).linearise(np.zeros(len(model.arm.names)))[1][: self.rows] for part in self._parts]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
 
 
 def _joined(parts: list[Array]) -> Array:

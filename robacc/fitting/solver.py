@@ -22,7 +22,9 @@ from robacc.fitting.gauss_newton import minimise, posterior
 from robacc.fitting.identifiability import Dropped, Identifiability, identify
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.shrinkage import Priors
+from robacc.fitting.visits import visit_numbers
 from robacc.fitting.weak_parameters import WEAK, prior_std, std_at_nominal
+from robacc.fitting.whitening import Scatter, Whitening, whitening
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -55,6 +57,8 @@ class Options:
     """Prior widths to start from, by group; the usual size of a group's terms where it has none here."""
     held: Mapping[str, float] = field(default_factory=dict)
     """Prior standard deviations (m or rad), by coefficient, of constants that the poses are known to show hardly."""
+    scatter: Scatter | None = None
+    """Scatter of the joints, which rows of one visit share; none where None."""
     settled: float = 1e-3
     """Misfits that change by less than this share (prior widths by ten times it) are settled."""
 
@@ -83,7 +87,10 @@ class Fit:
     residual: Array
     """``(M, N)`` of all rows."""
     weight: Array
-    """``(M, N)``"""
+    """``(M, N)`` reciprocal standard deviation of each component, correlations aside."""
+    whitening: Whitening
+    """Map that gives the residuals of all rows unit covariance."""
+    scatter: Scatter | None
     chi_square: float
     """Sum of whitened squares over rows that took part."""
     degrees_of_freedom: float
@@ -162,12 +169,25 @@ class _Solver:
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
         self.outcome = self.equations.outcome(start, ahead=not start.any())
         self.misfit = options.misfit or misfits.estimate(data, self.outcome.residual, self.kept, 0.0)
+        self.columns = self.equations.joint_columns(model) if self._has_scatter else None
         self.weight = misfits.row_weights(data, self.misfit)
         self.linear: NormalEquations
         """The last linearisation, once solved."""
         self.normal: NormalEquations | None = None
         """The linearisation where the coefficients stand, while weights and rows are those it was made with."""
         self.identifiability = self._identify()
+
+    @property
+    def _has_scatter(self) -> bool:
+        return self.options.scatter is not None and not self.options.scatter.is_none
+
+    def _white(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
+        """Map of the rows that take part, or of all of them where ``inliers`` is None."""
+        weight = self.weight if inliers is None else self.weight * inliers
+        if self.columns is None or self.options.scatter is None:
+            return Whitening(weight)
+        visits, poses = visit_numbers(self.data), self.data.groups()
+        return whitening(weight, self.columns, self.options.scatter, visits, poses)
 
     def _identify(self) -> Identifiability:
         """Find what the poses can tell apart; shrunk coefficients are told apart by their priors.
@@ -177,7 +197,7 @@ class _Solver:
         """
         terms = self.equations.terms
         nominal = np.zeros(len(terms))
-        triangle, normal = self.equations.factorise(nominal, self.weight)
+        triangle, normal = self.equations.factorise(nominal, self._white())
         free = [i for i, term in enumerate(terms) if term.group is None]
         names, units = [terms[i].name for i in free], [terms[i].unit for i in free]
         found = identify(triangle[:, free], names, self.data.n, units)
@@ -208,14 +228,14 @@ class _Solver:
         since the noise that a start far off seems to have would hold them all.
         """
         if self.held:
-            self._hold(std_at_nominal(self.equations, self.weight * self.kept, self.priors.precision))
+            self._hold(std_at_nominal(self.equations, self._white(self.kept), self.priors.precision))
         self.solve()
         spread = np.sqrt(np.diag(posterior(self.linear.gram, self.priors.precision[self.equations.columns])))
         widths = prior_std(self.equations, self.model)
         drifted = np.abs(self.outcome.theta[self.equations.columns]) > widths
         if not (drifted.any() or np.any(spread > WEAK * widths)):
             return
-        if self._hold(std_at_nominal(self.equations, self.weight * self.kept, self.priors.precision)):
+        if self._hold(std_at_nominal(self.equations, self._white(self.kept), self.priors.precision)):
             if drifted.any():
                 # What went with it is as far off.
                 self.outcome, self.normal = self.equations.outcome(np.zeros(len(self.equations.terms))), None
@@ -247,9 +267,8 @@ class _Solver:
             self._minimise()
 
     def _minimise(self) -> NormalEquations:
-        weight = self.weight * self.kept
         precision, tolerance = self.priors.precision, self.options.tolerance
-        found = minimise(self.equations, self.outcome, self.normal, weight, precision, tolerance)
+        found = minimise(self.equations, self.outcome, self.normal, self._white(self.kept), precision, tolerance)
         self.outcome, self.linear = found.outcome, found.normal
         self.steps += found.steps
         self.normal = None
@@ -266,7 +285,8 @@ class _Solver:
 
     def trim(self) -> bool:
         """Leave out rows that are no part of the rest; whether they are others than before."""
-        kept = misfits.inlier_mask(self.outcome.residual, self.weight, self.kept, self.equations.columns.size)
+        weight, count = self._white().row_weight, self.equations.columns.size
+        kept = misfits.inlier_mask(self.outcome.residual, weight, self.kept, count)
         changed = not np.array_equal(kept, self.kept)
         self.kept = kept
         if changed:
@@ -278,7 +298,8 @@ class _Solver:
         """Everything that was found."""
         equations, outcome, linear = self.equations, self.outcome, self.linear
         columns, prior = equations.columns, self.priors.precision[equations.columns]
-        chi_square = float(np.square(outcome.residual * self.weight)[:, self.kept].sum())
+        white = self._white()
+        chi_square = float(np.square(self._white(self.kept).apply(outcome.residual)).sum())
         components = float(np.count_nonzero(self.kept) * equations.rows)
         freedom = components - self.priors.effective(linear.gram, columns)
         count = len(equations.terms)
@@ -294,12 +315,14 @@ class _Solver:
             theta=outcome.theta,
             covariance=covariance,
             identifiability=self.identifiability,
-            noise=misfits.noise_of(self.data, self.misfit, self.options.misfit is not None),
+            noise=misfits.noise_of(self.data, self.misfit, self.options.misfit is not None and not self._has_scatter),
             misfit=self.misfit,
             kept=self.kept,
             poses=outcome.joined(),
             residual=outcome.residual,
-            weight=self.weight,
+            weight=white.row_weight,
+            whitening=white,
+            scatter=self.options.scatter,
             chi_square=chi_square,
             degrees_of_freedom=freedom,
             steps=self.steps,

@@ -9,6 +9,7 @@ import numpy as np
 
 from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.normal_equations import PoseEquations
+from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array
 from robacc.modelling.model import Model
 
@@ -29,12 +30,12 @@ def prior_std(equations: PoseEquations, model: Model) -> Array:
     )
 
 
-def std_at_nominal(equations: PoseEquations, weight: Array, precision: Array) -> Array:
+def std_at_nominal(equations: PoseEquations, white: Whitening, precision: Array) -> Array:
     """``(K,)`` standard errors of the coefficients kept, were the robot its file's.
 
-    What is free to drift goes to where it seems to be known; here it is seen for what it is. ``weight`` ``(M, N)`` is
+    What is free to drift goes to where it seems to be known; here it is seen for what it is. ``white`` has weight
     zero for rows left out, ``precision`` ``(P,)`` that of the priors.
     """
-    _, normal = equations.linearise(np.zeros(len(equations.terms)), weight)
+    _, normal = equations.linearise(np.zeros(len(equations.terms)), white)
     spread: Array = np.sqrt(np.diag(posterior(normal.gram, precision[equations.columns])))
     return spread

@@ -156,7 +156,7 @@ def linearise(
     model = found.model
     arm = model.arm
     rows = _thinned(data, np.arange(data.n), _COMPETED_ON)
-    data, weight = data.subset(rows), found.weight[:, rows]
+    data, white = data.subset(rows), found.whitening.subset(rows)
     pool, missing = named_candidates(arm, data, declared, only)
     # Terms that several forms share (order 1 alone and with order 2) stand once.
     unique: dict[str, Term] = {}
@@ -169,9 +169,9 @@ def linearise(
     extended = dataclasses.replace(bound, terms=(*bound.terms, *joints, *unique.values()))
     poses, jacobian = extended.linearise(np.concatenate((found.theta, np.zeros(len(joints) + len(unique)))))
     residual = residuals(data, poses)
-    columns = observed_jacobian(jacobian, residual) * weight[:, None, :]
+    columns = np.moveaxis(white.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
     own = sum(len(effect.terms(arm, data)) for effect in declared)
-    whitened = residual * weight + np.einsum("mpn,p->mn", columns[:, own:count], found.theta[own:])
+    whitened = white.apply(residual) + np.einsum("mpn,p->mn", columns[:, own:count], found.theta[own:])
     kept = found.identifiability.kept
     number = {key: i for i, key in enumerate(unique)}
     places = tuple(

@@ -94,7 +94,7 @@ def lag_refitted(loop: SearchResult, one: Chosen, effect: Effect, data: Measurem
             found = refit(final, (*loop.declared.model.free, *free), train, options)
         except RobaccError:
             return None
-        energies = [float(np.sum(np.square(f.residual * f.weight)[:, f.kept])) for f in (final, found)]
+        energies = [float(np.sum(np.square(f.whitening.apply(f.residual * f.kept)))) for f in (final, found)]
         rest = (own.total - linear(own)) - (rival.total - linear(rival))
         freedom = found.residual.size - found.identifiability.kept.size
         return rest + 0.5 * freedom * math.log(energies[1] / energies[0])

@@ -13,6 +13,7 @@ from robacc.effects import REGISTRY
 from robacc.fitting.normal_equations import PoseEquations
 from robacc.fitting.solver import Options, fit
 from robacc.geometry import compose, exp_so3
+from robacc.fitting.whitening import Whitening
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
@@ -59,7 +60,7 @@ def test_the_gradient_is_that_of_the_cost_for_orientations_far_off() -> None:
     equations = PoseEquations(model(far, "joint_offset", "link_geometry", "joint_compliance"), far)
     weight = weights(equations, far.n)
     theta = rng.normal(scale=1e-3, size=len(equations.terms)) * [term.typical / 1e-3 for term in equations.terms]
-    _, normal = equations.linearise(theta, weight)
+    _, normal = equations.linearise(theta, Whitening(weight))
     for i, term in enumerate(equations.terms):
         step = np.zeros(theta.size)
         step[i] = 1e-2 * term.typical
@@ -79,8 +80,8 @@ def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch:
         monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", block)
         equations = PoseEquations(model(data, *free), data)
         weight = weights(equations, data.n)
-        outcome, summed = equations.linearise(theta, weight)
-        triangle, factorised = equations.factorise(theta, weight)
+        outcome, summed = equations.linearise(theta, Whitening(weight))
+        triangle, factorised = equations.factorise(theta, Whitening(weight))
         np.testing.assert_array_equal(outcome.residual, equations.outcome(theta).residual)
         np.testing.assert_allclose(triangle.T @ triangle, summed.gram, rtol=0, atol=1e-12 * summed.gram.max())
         results += [summed, factorised]
@@ -100,9 +101,9 @@ def test_a_row_without_weight_takes_no_part(orientation: bool) -> None:
     equations = PoseEquations(model(data, "joint_offset"), data)
     weight = weights(equations, data.n)
     theta = np.full(len(equations.terms), 1e-3)
-    _, masked = equations.linearise(theta, weight * some)
+    _, masked = equations.linearise(theta, Whitening(weight * some))
     part = data.subset(np.flatnonzero(some))
-    _, alone = PoseEquations(model(part, "joint_offset"), part).linearise(theta, weight[:, some])
+    _, alone = PoseEquations(model(part, "joint_offset"), part).linearise(theta, Whitening(weight[:, some]))
     np.testing.assert_allclose(masked.gram, alone.gram, rtol=1e-12)
     np.testing.assert_allclose(masked.gradient, alone.gradient, rtol=1e-9)
     assert masked.energy == pytest.approx(alone.energy, rel=1e-12)
@@ -111,7 +112,7 @@ def test_a_row_without_weight_takes_no_part(orientation: bool) -> None:
 def test_what_the_linearisation_expects_elsewhere() -> None:
     data = measured()
     equations = PoseEquations(model(data, "joint_offset"), data)
-    _, normal = equations.linearise(np.zeros(len(equations.terms)), weights(equations, data.n))
+    _, normal = equations.linearise(np.zeros(len(equations.terms)), Whitening(weights(equations, data.n)))
     solution = np.linalg.solve(normal.gram, normal.moment)
     assert normal.left(solution) == pytest.approx(normal.energy - normal.gradient @ solution, rel=1e-9)
     assert normal.left(normal.theta) == pytest.approx(normal.energy)
@@ -139,6 +140,6 @@ def test_steps_end_where_rounding_begins(n: int) -> None:
     # One step more from there moves no coefficient by a millionth of its standard error.
     again = PoseEquations(found.model, data)
     again.columns = found.identifiability.kept
-    _, normal = again.linearise(found.theta, found.weight)
+    _, normal = again.linearise(found.theta, found.whitening)
     error = np.sqrt(np.diag(found.covariance))[again.columns]
     assert np.abs(np.linalg.solve(normal.gram, normal.gradient) / error).max() < 1e-6

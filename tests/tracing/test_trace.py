@@ -137,7 +137,7 @@ def test_what_is_there_is_named_and_nothing_besides(which: str) -> None:
 
 def test_a_searched_order_is_found_off_the_grid() -> None:
     (finding,) = case("wave")[1].findings
-    (line,) = finding.lines
+    (line,) = finding.harmonics
     # The truth is 2e-4 and -1e-4; three standard errors hold nearly always, and are a small part of the amplitude.
     assert line.amplitude_std is not None
     assert line.phase_std is not None

@@ -1,4 +1,4 @@
-"""Pictures apart from the page: what they show of many poses, their units, and the numbers they are made of."""
+"""Charts apart from the page: thinning of many poses, units, and agreement with the numbers of the result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from robacc.errors import UsageError
 from robacc.render.plots.canvas import as_file, as_part
-from robacc.render.plots.catalogue import picture_of, pictures_of
+from robacc.render.plots.catalogue import chart_of, charts_of
 from robacc.render.plots.distribution import _scale
 from robacc.render.plots.ellipsoids import SHARES
 from robacc.render.plots.labels import short
@@ -34,23 +34,23 @@ KINDS = {
 
 
 @pytest.mark.parametrize("command", KINDS)
-def test_the_pictures_of_each_command(command: str) -> None:
-    assert [picture.kind for picture in pictures_of(results.document(command))] == KINDS[command]
+def test_the_charts_of_each_command(command: str) -> None:
+    assert [chart.kind for chart in charts_of(results.document(command))] == KINDS[command]
 
 
 def test_thinning_keeps_the_extremes_and_is_always_the_same() -> None:
     rng = np.random.default_rng(1)
-    one, two = rng.normal(size=100_000), rng.normal(size=100_000)
-    rows = thinned(500, one, two)
+    first, second = rng.normal(size=100_000), rng.normal(size=100_000)
+    rows = thinned(500, first, second)
     assert rows.size == 500
     assert np.all(np.diff(rows) > 0)
-    for column in (one, two):
+    for column in (first, second):
         assert {int(np.argmin(column)), int(np.argmax(column))} <= set(rows.tolist())
-    assert np.array_equal(rows, thinned(500, one.copy(), two.copy()))
+    assert np.array_equal(rows, thinned(500, first.copy(), second.copy()))
     # The rest is spread over all rows, not taken from their beginning.
     assert np.all(np.histogram(rows, bins=10, range=(0, 100_000))[0] > 20)
-    assert np.array_equal(thinned(500, one[:500]), np.arange(500))
-    assert thinned(60, np.where(np.arange(1000) == 7, np.nan, one[:1000])).size == 60
+    assert np.array_equal(thinned(500, first[:500]), np.arange(500))
+    assert thinned(60, np.where(np.arange(1000) == 7, np.nan, first[:1000])).size == 60
 
 
 def many(n: int) -> dict[str, Any]:
@@ -65,16 +65,16 @@ def many(n: int) -> dict[str, Any]:
     return document
 
 
-def test_many_poses_are_thinned_in_the_picture_and_not_in_the_numbers() -> None:
-    lots = many(20_000)
-    for after in pictures_of(lots):
-        assert as_part(after.draw, after.size, "x").count("<use") < 2500
-        if after.kind == "time":
-            assert "of 20,000 poses are drawn" in after.caption
-        if after.kind == "distribution":
-            sizes = np.sqrt(np.sum(np.square(lots["position"]["errors_m"]), axis=1)) * 1e3
-            shown = [float(row[1].split()[0]) for row in after.table.rows]
-            assert shown == pytest.approx(np.quantile(sizes, (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1)), rel=6e-3)
+def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
+    document = many(20_000)
+    for chart in charts_of(document):
+        assert as_part(chart.draw, chart.size, "x").count("<use") < 2500
+        if chart.kind == "time":
+            assert "of 20,000 poses, including the extremes" in chart.caption
+        if chart.kind == "distribution":
+            sizes = np.sqrt(np.sum(np.square(document["position"]["errors_m"]), axis=1)) * 1e3
+            quantiles = [float(row[1].split()[0]) for row in chart.table.rows]
+            assert quantiles == pytest.approx(np.quantile(sizes, (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1)), rel=6e-3)
 
 
 def test_units_follow_the_size() -> None:
@@ -100,14 +100,14 @@ def test_radii_of_the_ellipsoids_are_chi_square_quantiles() -> None:
 def test_errors_of_poses_make_the_figures_of_the_result() -> None:
     for command in ("trace", "calibrate"):
         document = results.document(command)
-        found = stages_of(document, "m")
-        assert found is not None
-        assert found.held_out
-        kept = found.used > 0
-        for stage, key in zip(found.stages, ("nominal", "before", "after"), strict=True):
-            rms = math.sqrt(float(np.mean(np.square(stage.sizes[kept]))))
+        by_stage = stages_of(document, "m")
+        assert by_stage is not None
+        assert by_stage.held_out
+        inliers = by_stage.used > 0
+        for stage, key in zip(by_stage.stages, ("nominal", "before", "after"), strict=True):
+            rms = math.sqrt(float(np.mean(np.square(stage.sizes[inliers]))))
             assert rms == pytest.approx(document[key]["held_out"]["position"]["rms_m"], rel=1e-6)
-        fitted = np.array(document["poses"]["errors_m"]["after"])[kept]
+        fitted = np.array(document["poses"]["errors_m"]["after"])[inliers]
         rms = math.sqrt(float(np.mean(np.sum(np.square(fitted), axis=1))))
         assert rms == pytest.approx(document["after"]["fitted"]["position"]["rms_m"], rel=1e-6)
 
@@ -120,41 +120,41 @@ def test_covariances_in_both_frames_are_of_the_same_errors() -> None:
     poses = document["poses"]
     difference = np.array(poses["attained_m"]) - np.array(poses["commanded_m"])
     assert np.allclose(difference, base["errors_m"], atol=3e-12)
-    lengths = [np.sqrt(np.sum(np.square(one["errors_m"]), axis=1)) for one in (tool, base)]
+    lengths = [np.sqrt(np.sum(np.square(frame["errors_m"]), axis=1)) for frame in (tool, base)]
     assert np.allclose(*lengths, atol=3e-12)
 
 
 def test_colours_on_a_page_are_its_variables_and_in_a_file_paints() -> None:
-    picture = picture_of(results.document("trace"), "distribution")
-    part = as_part(picture.draw, picture.size, "a")
+    chart = chart_of(results.document("trace"), "distribution")
+    part = as_part(chart.draw, chart.size, "a")
     assert "var(--c-before)" in part
     assert not any(colour in part for colour in LIGHT.values())
     assert len(set(LIGHT.values())) == len(LIGHT)
     assert LIGHT.keys() == DARK.keys()
-    assert LIGHT["before"] in as_file(picture.draw, picture.size, "svg").decode()
+    assert LIGHT["before"] in as_file(chart.draw, chart.size, "svg").decode()
 
 
 def test_formulas_and_strange_signs_in_names_are_drawn_as_text() -> None:
     document = results.document("trace")
     for finding in document["findings"]:
         finding["joints"] = ["$\\frac{1}{$ {joint} 關節 _x\n"]
-        for curve in finding["curves"]:
+        for curve in finding["partial_residuals"]:
             curve["joint"] = curve["driver"] = finding["joints"][0]
-    for picture in pictures_of(document)[:3]:
-        assert b"<svg" in as_file(picture.draw, picture.size, "svg")
-        assert "frac" in picture.title or picture.kind == "distribution"
+    for chart in charts_of(document)[:3]:
+        assert b"<svg" in as_file(chart.draw, chart.size, "svg")
+        assert "frac" in chart.title or chart.kind == "distribution"
 
 
-def test_a_picture_that_is_not_there_lists_those_that_are() -> None:
+def test_an_unknown_chart_lists_the_charts_of_the_result() -> None:
     document = results.document("trace")
-    with pytest.raises(UsageError, match="no picture 'budget'; it has distribution, effect, candidates, poses"):
-        picture_of(document, "budget")
-    with pytest.raises(UsageError, match=r"has 2 picture\(s\) 'effect', not 3"):
-        picture_of(document, "effect", 3)
+    with pytest.raises(UsageError, match="no chart 'budget'; it has distribution, effect, candidates, poses"):
+        chart_of(document, "budget")
+    with pytest.raises(UsageError, match=r"has 2 chart\(s\) 'effect', not 3"):
+        chart_of(document, "effect", 3)
 
 
-def test_a_missing_library_is_said_with_the_way_to_get_it() -> None:
-    with pytest.raises(UsageError, match=r"need no_such_library, .*: pip install 'robacc\[report\]'"):
+def test_a_missing_library_is_named_with_the_command_that_installs_it() -> None:
+    with pytest.raises(UsageError, match=r"need no_such_library, .*; run pip install 'robacc\[report\]'"):
         need("matplotlib", "no_such_library")
 
 
@@ -167,8 +167,8 @@ def test_the_colour_blind_can_tell_the_roles_apart() -> None:
             np.array([int(palette[role][i : i + 2], 16) / 255 for i in (1, 3, 5)]) for role in ("before", "after")
         ]
         linear = [np.where(p <= 0.04045, p / 12.92, ((p + 0.055) / 1.055) ** 2.4) for p in paints]
-        for seen in (np.eye(3), protan, deutan):
-            assert np.linalg.norm(seen @ linear[0] - seen @ linear[1]) > 0.25
+        for vision in (np.eye(3), protan, deutan):
+            assert np.linalg.norm(vision @ linear[0] - vision @ linear[1]) > 0.25
 
 
 @pytest.mark.parametrize(
@@ -186,15 +186,15 @@ def test_a_wide_logarithmic_scale_has_a_number_a_decade(largest: float, shown: l
     assert len(labels) <= 8
 
 
-def test_bars_of_what_competed_follow_their_evidence() -> None:
+def test_bars_of_candidates_follow_their_evidence() -> None:
     document = results.document("trace")
     ranking = document["candidates"][0]["ranking"]
     chosen = ranking[0]
-    for one in ranking:
-        if one["effect"] == "transmission_error":
-            one["evidence_nats"] += 1000.0
-    first = picture_of(document, "candidates")
-    shown = [float(row[1]) for row in first.table.rows]
-    assert shown == sorted(shown, reverse=True)
-    assert f"{chosen['effect']} [{', '.join(chosen['joints'])}], likelier beforehand, was added" in first.caption
-    assert "It was added" in picture_of(results.document("trace"), "candidates").caption
+    for candidate in ranking:
+        if candidate["effect"] == "transmission_error":
+            candidate["evidence"] += 1000.0
+    first = chart_of(document, "candidates")
+    evidence = [float(row[1]) for row in first.table.rows]
+    assert evidence == sorted(evidence, reverse=True)
+    assert f"{chosen['effect']} [{', '.join(chosen['joints'])}], which has a higher prior, was added" in first.caption
+    assert "It was added" in chart_of(results.document("trace"), "candidates").caption

@@ -29,8 +29,8 @@ _HARMLESS = ("willReadFrequently", "GL Driver Message")
 
 @pytest.fixture(scope="module")
 def driver() -> Iterator[Any]:
-    with tempfile.TemporaryDirectory() as profile, browser.chromium(Path(profile)) as found:
-        yield found
+    with tempfile.TemporaryDirectory() as profile, browser.chromium(Path(profile)) as started:
+        yield started
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +42,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     documents["compare"] = [results.compared(place)]
     documents["several"] = [results.document("trace"), results.document("iso9283")]
     documents["hostile"] = [hostile(results.document("trace"))]
-    for name, found in documents.items():
-        page = render(found, [f"{name} {i}" for i in range(len(found))])
+    for name, parts in documents.items():
+        page = render(parts, [f"{name} {i}" for i in range(len(parts))])
         (place / f"{name}.html").write_text(page, encoding="utf-8")
     return place
 
@@ -77,11 +77,11 @@ def test_everything_is_drawn_and_nothing_asked_for(name: str, size: str, driver:
         assert marks >= 1, figure
     # Nothing is cut off sideways, and nothing has to be scrolled there but within a table.
     assert driver.execute_script("return document.documentElement.scrollWidth") <= width
-    assert [text for text in browser.complaints(driver) if not any(one in text for one in _HARMLESS)] == []
+    assert [text for text in browser.complaints(driver) if not any(harmless in text for harmless in _HARMLESS)] == []
     assert browser.requested(driver) == [page.as_uri()]
 
 
-def picture_of(driver: Any, selector: str) -> np.ndarray:
+def pixels_of(driver: Any, selector: str) -> np.ndarray:
     """Pixels of an element."""
     from PIL import Image
 
@@ -90,13 +90,13 @@ def picture_of(driver: Any, selector: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_pictures_have_ink_in_both_schemes(scheme: str, driver: Any, folder: Path) -> None:
+def test_charts_have_ink_in_both_schemes(scheme: str, driver: Any, folder: Path) -> None:
     browser.look(driver, folder / "trace.html", browser.DESKTOP, scheme)
     browser.settled(driver)
     papers = []
     for figure, *_ in driver.execute_script(DRAWN):
         still = driver.execute_script(f"return !document.querySelector('#{figure} .still').hidden")
-        pixels = picture_of(driver, f"#{figure} {'.still' if still else '.scene'}")
+        pixels = pixels_of(driver, f"#{figure} {'.still' if still else '.scene'}")
         values, counts = np.unique(pixels.reshape(-1, 3), axis=0, return_counts=True)
         paper = values[np.argmax(counts)]
         papers.append(paper.mean())
@@ -147,11 +147,11 @@ def test_a_pose_pointed_at_says_its_row(driver: Any, folder: Path) -> None:
     assert len(texts) == document["n_poses"]
     line, pose = document["poses"]["line"][7], document["poses"]["pose"][7]
     after = np.linalg.norm(document["poses"]["errors_m"]["held_out_after"][7]) * 1e3
-    assert texts[7].startswith(f"line {line}, pose {pose}<br>before:")
-    assert float(texts[7].rpartition("after: ")[2].split()[0]) == pytest.approx(after, rel=6e-3)
+    assert texts[7].startswith(f"line {line}, pose {pose}<br>baseline:")
+    assert float(texts[7].rpartition("extended model: ")[2].split()[0]) == pytest.approx(after, rel=6e-3)
 
 
-def test_opening_numbers_shows_a_table(driver: Any, folder: Path) -> None:
+def test_the_table_of_a_chart_opens(driver: Any, folder: Path) -> None:
     browser.look(driver, folder / "predict.html", browser.PHONE)
     browser.settled(driver)
     details = driver.find_element("css selector", "figure details")
@@ -174,11 +174,11 @@ def test_printed_on_a4_nothing_is_cut_off(name: str, driver: Any, folder: Path) 
     for page in pdf.pages:
         assert (float(page.mediabox.width), float(page.mediabox.height)) == pytest.approx((595, 842), abs=2)
     text = "\n".join(page.extract_text() for page in pdf.pages)
-    for wanted in ("Pictures", "How to reproduce it", "SHA-256", "Signatures", "Released by"):
+    for wanted in ("Charts", "How to reproduce this result", "SHA-256", "Signatures", "Released by"):
         assert wanted in text
     for record in results.document("trace")["inputs"] if name == "trace" else ():
         assert record["sha256"] in text.replace("\n", "")
-    assert "Turn it in 3-D" not in text
+    assert "Show in 3-D" not in text
     # Nothing of a page stands beside the paper: laid out for paper, the page is no wider than it.
     metrics = {"width": 700, "height": 990, "deviceScaleFactor": 1, "mobile": False}
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)

@@ -1,1 +1,1 @@
-"""Results as one HTML page that opens without a network: from their JSON documents alone, computing nothing."""
+"""Results as one HTML page that needs no network, made from their JSON documents without further computation."""

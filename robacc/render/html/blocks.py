@@ -1,4 +1,4 @@
-"""What a report is made of between a document and a page: numbers with their units, tables, lists, sections."""
+"""The parts of an HTML report: numbers with their units, tables, lists, sections."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from robacc.render.text.numbers import decimals, fixed
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number as it is shown, and as the JSON has it: m and rad, null where there is none."""
+    """A number as text, and its SI value from the JSON document (None without a value)."""
 
     text: str
     si: float | None
 
     def __str__(self) -> str:
-        """As it is shown."""
+        """Return the displayed text."""
         return self.text
 
 
@@ -26,22 +26,22 @@ Cell = str | Number
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A table; the first cell of a row names it."""
+    """A table; the first cell of a row is its label."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[Cell]]
-    words: bool = False
-    """Whether its cells are text rather than numbers."""
+    is_text: bool = False
+    """True if the cells are text rather than numbers."""
     kind: str = "grid"
 
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """Lines of text, each an item."""
+    """A list of texts."""
 
     items: Sequence[str]
     tone: str = ""
-    """``warning`` where they ask for attention."""
+    """``warning`` for items that need attention."""
     kind: str = "listing"
 
 
@@ -55,7 +55,7 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A line for a shell."""
+    """A shell command."""
 
     text: str
     kind: str = "command"
@@ -66,7 +66,7 @@ Block = Grid | Listing | Text | Command
 
 @dataclass(frozen=True, slots=True)
 class ReportSection:
-    """A part of the page with a heading of its own."""
+    """A section of the page with a heading."""
 
     title: str
     blocks: Sequence[Block]
@@ -74,17 +74,17 @@ class ReportSection:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One of the few numbers that matter."""
+    """A key figure of the headline."""
 
     label: str
     value: Number
     interval: str = ""
-    """``0.42 … 0.53 mm (95 %)``, or why there is none."""
+    """``0.42 … 0.53 mm (95 %)``, or why it is missing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Badge:
-    """An outcome in one or two words."""
+    """A short outcome with its colour."""
 
     text: str
     tone: str
@@ -93,36 +93,36 @@ class Badge:
 
 @dataclass(frozen=True, slots=True)
 class ReportHeadline:
-    """The first screen of a result."""
+    """The first screen of a result: title, summary, key figures, facts."""
 
     title: str
-    story: str
+    summary: str
     tiles: Sequence[Tile]
     badges: Sequence[Badge] = ()
     facts: Sequence[tuple[str, str]] = field(default_factory=tuple)
 
 
-def shown(value: float | None, unit: Unit, low: float | None = None, high: float | None = None) -> Number:
-    """A number in a unit, with as many digits as its interval leaves meaning to."""
+def quantity(value: float | None, unit: Unit, low: float | None = None, high: float | None = None) -> Number:
+    """Return a number in ``unit`` with the digits that its interval supports."""
     if value is None:
         return Number("–", None)
-    scaled = [None if one is None else one * unit.factor for one in (low, high)]
+    scaled = [None if bound is None else bound * unit.factor for bound in (low, high)]
     text = fixed(value * unit.factor, decimals(value * unit.factor, *scaled))
     return Number(f"{text}{_gap(unit)}{unit.name}", value)
 
 
 def length(value: float | None, low: float | None = None, high: float | None = None) -> Number:
-    """A length in mm, or µm where it is that small."""
-    return shown(value, length_unit(*(one for one in (value, high) if one is not None)), low, high)
+    """Return a length in mm, or in µm if it is small."""
+    return quantity(value, length_unit(*(size for size in (value, high) if size is not None)), low, high)
 
 
 def angle(value: float | None, low: float | None = None, high: float | None = None) -> Number:
-    """An angle in degrees."""
-    return shown(value, DEGREE, low, high)
+    """Return an angle in degrees."""
+    return quantity(value, DEGREE, low, high)
 
 
 def interval(value: float | None, low: float | None, high: float | None, confidence: float, unit: Unit) -> str:
-    """``0.42 … 0.53 mm (95 %)``; nothing where there is none."""
+    """Return ``0.42 … 0.53 mm (95 %)``; an empty text without an interval."""
     if value is None or low is None or high is None:
         return ""
     places = decimals(value * unit.factor, low * unit.factor, high * unit.factor)

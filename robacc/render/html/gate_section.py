@@ -1,4 +1,4 @@
-"""What a gate says of the result."""
+"""The section about the outcome of a gate."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _OUTCOMES = {"pass": "passed", "fail": "failed", "inconclusive": "inconclusive",
 
 
 def gate_section(document: Document) -> ReportSection | None:
-    """Each criterion with its figure, bound, limit and outcome; None where no gate was asked for."""
+    """Return each criterion with value, bounds, limit and outcome; None without a gate."""
     gate = document.get("gate")
     if not gate:
         return None
-    rows = [_criterion(one) for one in gate["criteria"]]
-    header = ("criterion", "outcome", "value", "bounds", "limit", "probability to conform", "poses to decide")
+    rows = [_criterion(criterion) for criterion in gate["criteria"]]
+    header = ("criterion", "outcome", "value", "bounds", "limit", "conformity probability", "poses to decide")
     blocks: list[Block] = [Grid(header, rows)]
-    why = [f"{one['name']}: {one['why']}" for one in gate["criteria"] if one["why"]]
-    why += [f"{one['name']}: {one['reason']}" for one in gate["criteria"] if one["reason"]]
+    why = [f"{criterion['name']}: {criterion['why']}" for criterion in gate["criteria"] if criterion["why"]]
+    why += [f"{criterion['name']}: {criterion['reason']}" for criterion in gate["criteria"] if criterion["reason"]]
     if why:
         blocks.append(Listing(why))
     if gate["warnings"]:
@@ -29,27 +29,29 @@ def gate_section(document: Document) -> ReportSection | None:
     return ReportSection(f"Gate {gate['name']}: {_OUTCOMES.get(gate['outcome'], gate['outcome'])}", blocks)
 
 
-def _criterion(one: Mapping[str, Any]) -> Sequence[Cell]:
-    bounds = [one["lower_bound"], one["upper_bound"]]
-    told = (
-        " … ".join(str(value_of(bound, one["unit"])) for bound in bounds) if any(b is not None for b in bounds) else "–"
+def _criterion(criterion: Mapping[str, Any]) -> Sequence[Cell]:
+    bounds = [criterion["lower_bound"], criterion["upper_bound"]]
+    bounds_text = (
+        " … ".join(str(value_of(bound, criterion["unit"])) for bound in bounds)
+        if any(b is not None for b in bounds)
+        else "–"
     )
-    sign = "at least " if one["at_least"] else ""
-    limit = one["limit"]
-    probability = one["conformity_probability"]
+    sign = "at least " if criterion["at_least"] else ""
+    limit = criterion["limit"]
+    probability = criterion["conformity_probability"]
     return [
-        one["name"],
-        _OUTCOMES.get(one["outcome"], one["outcome"]),
-        value_of(one["value"], one["unit"]),
-        told,
-        f"{sign}{', '.join(map(str, limit)) if isinstance(limit, list) else value_of(limit, one['unit'])}",
+        criterion["name"],
+        _OUTCOMES.get(criterion["outcome"], criterion["outcome"]),
+        value_of(criterion["value"], criterion["unit"]),
+        bounds_text,
+        f"{sign}{', '.join(map(str, limit)) if isinstance(limit, list) else value_of(limit, criterion['unit'])}",
         "–" if probability is None else f"{100 * probability:.1f} %",
-        "–" if one["poses_to_decide"] is None else f"{one['poses_to_decide']:,}",
+        "–" if criterion["poses_to_decide"] is None else f"{criterion['poses_to_decide']:,}",
     ]
 
 
 def value_of(value: Any, unit: str) -> Cell:
-    """A figure of a criterion, which may be a word or a grade."""
+    """Return a value of a criterion: a number, a word or a grade."""
     if value is None:
         return Number("–", None)
     if isinstance(value, str):

@@ -1,4 +1,4 @@
-"""The first screen of a result: what it is of, its outcome, the numbers that matter, and its story in a sentence."""
+"""The first screen of a result: title, outcome, key figures, and a summary in a sentence."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 
 from robacc.render.html.blocks import Badge, ReportHeadline, Tile, angle, interval, length
 from robacc.render.plots.chart import Document
+from robacc.render.plots.stage_errors import STAGE_LABELS
 from robacc.render.plots.units import DEGREE, length_unit
+from robacc.render.text.numbers import confirmation
 
 VERDICTS = {
     "clean": ("clean", "good"),
@@ -15,8 +17,8 @@ VERDICTS = {
     "partly_explained": ("partly explained", "open"),
     "unexplained": ("unexplained", "bad"),
 }
-_UNSTRUCTURED = "what is left has no structure"
-"""Not that it is noise: how large that is may not be known."""
+_UNSTRUCTURED = "the remaining error has no structure"
+"""The text does not say noise: the size of the noise may be unknown."""
 _GATES = {
     "pass": ("gate passed", "good"),
     "fail": ("gate failed", "bad"),
@@ -26,15 +28,17 @@ _GATES = {
 
 
 def headline_of(document: Document) -> ReportHeadline:
-    """Of any result."""
+    """Return the headline of a result of any command."""
     make = _HEADLINES.get(document["command"], _any)
-    found = make(document)
-    badges = [*found.badges, *_gate_badge(document)]
-    return ReportHeadline(found.title, found.story, found.tiles, badges, [*_facts(document), *found.facts])
+    headline = make(document)
+    badges = [*headline.badges, *_gate_badge(document)]
+    return ReportHeadline(
+        headline.title, headline.summary, headline.tiles, badges, [*_facts(document), *headline.facts]
+    )
 
 
 def robot_name(document: Document) -> str | None:
-    """What the robot file calls the robot; None without one."""
+    """Return the robot's name from its file, None without a robot."""
     robot = document.get("robot")
     return None if robot is None else str(robot["name"])
 
@@ -64,7 +68,7 @@ def _facts(document: Document) -> list[tuple[str, str]]:
         facts.append(("Data", " from ".join(part for part in (poses, " and ".join(files)) if part)))
     gate = document.get("gate")
     if gate:
-        met = sum(one["outcome"] == "pass" for one in gate["criteria"])
+        met = sum(criterion["outcome"] == "pass" for criterion in gate["criteria"])
         facts.append(("Gate", f"{gate['name']}: {met} of {len(gate['criteria'])} criteria passed"))
     return facts
 
@@ -73,30 +77,31 @@ def _facts(document: Document) -> list[tuple[str, str]]:
 
 
 def _trace(document: Document) -> ReportHeadline:
-    words, tone = VERDICTS[document["verdict"]]
-    declared = document["options"].get("declared") or "nothing"
-    left = document["unexplained"]
-    facts = [("Declared, fitted on both sides", declared.replace(",", ", ")), ("Noise", _noise(document))]
-    if left["structured"]:
-        facts.append(("Left", f"{length(left['rms_m'])} with structure in it"))
+    label, tone = VERDICTS[document["verdict"]]
+    declared = document["options"].get("declared") or "none"
+    unexplained = document["unexplained"]
+    facts = [("Declared effects", declared.replace(",", ", ")), ("Measurement noise", _noise(document))]
+    if unexplained["structured"]:
+        facts.append(("Remaining error", f"{length(unexplained['rms_m'])}, structured"))
     return ReportHeadline(
-        f"Trace{_of_robot(document)}: {words}", _trace_story(document), _tiles(document), (Badge(words, tone),), facts
+        f"Trace{_of_robot(document)}: {label}", _trace_summary(document), _tiles(document), (Badge(label, tone),), facts
     )
 
 
-def _trace_story(document: Document) -> str:
-    before, after, of = _sides(document)
-    start = f"With what is declared the robot misses by {length(before['rms_m'])} (rms, {of})"
-    names = [_effect(one) for one in document["findings"]]
+def _trace_summary(document: Document) -> str:
+    before, after, pose_set = _sides(document)
+    structured = document["unexplained"]["structured"]
+    start = f"With the declared effects fitted, the model predicts the measured poses to {length(before['rms_m'])} rms"
+    names = [_effect(finding) for finding in document["findings"]]
     if not names:
-        rest = f"{_UNSTRUCTURED}, and nothing was added"
-        if document["unexplained"]["structured"]:
-            rest = "there is structure in it, but no effect of the catalogue explains it"
-        return f"{start}; {rest}."
-    one = len(names) == 1
-    told = f"the cause is {names[0]}" if one else f"the causes are {', '.join(names[:-1])} and {names[-1]}"
-    end = "something is left that nothing explains" if document["unexplained"]["structured"] else _UNSTRUCTURED
-    return f"{start}; {told}; with {'it' if one else 'them'} added it misses by {length(after['rms_m'])}, and {end}."
+        end = "the remaining error is structured, but no effect of the catalogue explains it"
+        return f"{start} ({pose_set}). No effect was found; {end if structured else _UNSTRUCTURED}."
+    causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
+    end = "the remaining error has a structure that no candidate explains" if structured else _UNSTRUCTURED
+    return (
+        f"{start} ({pose_set}). The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model "
+        f"predicts the measured poses to {length(after['rms_m'])} rms; {end}."
+    )
 
 
 def _effect(finding: Mapping[str, Any]) -> str:
@@ -105,45 +110,48 @@ def _effect(finding: Mapping[str, Any]) -> str:
 
 
 def _calibrate(document: Document) -> ReportHeadline:
-    before, after, of = _sides(document)
-    story = (
-        f"With {document['options'].get('fit', '').replace(',', ', ')} fitted the robot misses by "
-        f"{length(after['rms_m'])} (rms, {of}), and by {length(before['rms_m'])} without what is beyond base and tool."
+    before, after, pose_set = _sides(document)
+    summary = (
+        f"With {document['options'].get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses "
+        f"to {length(after['rms_m'])} rms ({pose_set}); with only base and tool fitted, to {length(before['rms_m'])}."
     )
-    facts = [("Fitted", ", ".join(one["effect"] for one in document["effects"])), ("Noise", _noise(document))]
-    return ReportHeadline(f"Calibration{_of_robot(document)}", story, _tiles(document), (), facts)
+    effects = ", ".join(effect["effect"] for effect in document["effects"])
+    facts = [("Fitted effects", effects), ("Measurement noise", _noise(document))]
+    return ReportHeadline(f"Calibration{_of_robot(document)}", summary, _tiles(document), (), facts)
 
 
 def _sides(document: Document) -> tuple[Mapping[str, Any], Mapping[str, Any], str]:
-    """Position figures before and after, and of which poses."""
-    which = "fitted" if document["after"]["held_out"] is None else "held_out"
-    words = "poses held out" if which == "held_out" else "poses fitted"
-    return document["before"][which]["position"], document["after"][which]["position"], words
+    """Return the position errors before and after, and the pose set."""
+    key = "fitted" if document["after"]["held_out"] is None else "held_out"
+    pose_set = "held-out poses" if key == "held_out" else "calibration poses"
+    return document["before"][key]["position"], document["after"][key]["position"], pose_set
 
 
 def _tiles(document: Document) -> list[Tile]:
-    before, after, of = _sides(document)
-    tiles = [_side(name, side, of) for name, side in (("before, rms", before), ("after, rms", after))]
+    before, after, pose_set = _sides(document)
+    labels = STAGE_LABELS[document["command"]]
+    sides = ((labels["before"], before), (labels["after"], after))
+    tiles = [_side(f"{label}, rms", metrics, pose_set) for label, metrics in sides]
     gain = document["gain_m"]
     if gain is not None:
         low, high = gain["low"], gain["high"]
         unit = length_unit(gain["value"])
-        told = interval(gain["value"], low, high, gain["confidence"], unit)
-        tiles.append(Tile("gain in rms", length(gain["value"], low, high), told))
+        interval_text = interval(gain["value"], low, high, gain["confidence"], unit)
+        tiles.append(Tile("rms reduction", length(gain["value"], low, high), interval_text))
     return tiles
 
 
-def _side(name: str, side: Mapping[str, Any], of: str) -> Tile:
-    """One side's figure with its interval over poses."""
-    value, bounds = side["rms_m"], (side.get("intervals") or {}).get("rms_m") or {}
+def _side(name: str, metrics: Mapping[str, Any], pose_set: str) -> Tile:
+    """Return the tile of one stage's rms error with its interval."""
+    value, bounds = metrics["rms_m"], (metrics.get("intervals") or {}).get("rms_m") or {}
     low, high = bounds.get("lower"), bounds.get("upper")
-    told = interval(value, low, high, bounds.get("confidence", 0.95), length_unit(value))
-    return Tile(name, length(value, low, high), f"{told}; {of}" if told else of)
+    interval_text = interval(value, low, high, bounds.get("confidence", 0.95), length_unit(value))
+    return Tile(name, length(value, low, high), f"{interval_text}; {pose_set}" if interval_text else pose_set)
 
 
 def _noise(document: Document) -> str:
     noise = document["noise"]
-    source = {"file": "the file's sigma columns", "repeats": "repeated poses", "residual": "the final residual"}
+    source = {"file": "the file's sigma columns", "repeats": "repeated poses", "residual": "the remaining error"}
     return f"{length(noise['position_m'])} along each axis, from {source.get(noise['source'], noise['source'])}"
 
 
@@ -152,25 +160,25 @@ def _noise(document: Document) -> str:
 
 def _estimate(document: Document) -> ReportHeadline:
     position, grade = document["position"], document["grade"]
-    proven = "demonstrated" if grade["demonstrated"] else "not demonstrated"
+    confirmed = confirmation(grade["demonstrated"], grade["confidence"])
     alignment = document["alignment"]
-    aligned = "nothing aligned"
+    registration = "none"
     if alignment is not None:
-        aligned = f"{' and '.join(alignment['what'])}, {alignment['n_parameters']} parameters"
+        registration = f"{' and '.join(alignment['what'])}, {alignment['n_parameters']} parameters"
     robot = document.get("robot") or {}
     modelled = robot.get("effects") or robot.get("fitted_to")
-    misses = "The model misses where the arm came" if modelled else "The arm misses where it was sent"
-    story = (
-        f"{misses} by {length(position['rms_m'])} (rms over {document['n_poses']} poses), 95 % "
-        f"of the poses within {length(position['p95_m'])}. That is grade {grade['grade']}, {proven}."
+    reference = "the model's predictions" if modelled else "the commanded positions"
+    summary = (
+        f"The measured positions differ from {reference} by {length(position['rms_m'])} rms over {document['n_poses']} "
+        f"poses; 95 % of the poses are within {length(position['p95_m'])}. This is grade {grade['grade']}, {confirmed}."
     )
     return ReportHeadline(
         f"Accuracy{_of_robot(document)}",
-        story,
+        summary,
         _estimate_tiles(document),
-        (Badge(f"grade {grade['grade']}, {proven}", "good" if grade["demonstrated"] else "open"),),
+        (Badge(f"grade {grade['grade']}, {confirmed}", "good" if grade["demonstrated"] else "open"),),
         [
-            ("Aligned", aligned),
+            ("Registration", registration),
             ("Grade", f"{grade['grade']} on the scale {grade['scale']}"),
             ("Frame", "axes of the commanded target" if document["frame"] == "tool" else "axes of the measuring frame"),
         ],
@@ -178,22 +186,22 @@ def _estimate(document: Document) -> ReportHeadline:
 
 
 def _estimate_tiles(document: Document) -> list[Tile]:
-    position, turned = document["position"], document["orientation"]
+    position, orientation = document["position"], document["orientation"]
     tiles = [
         _statistic("position, rms", position, "rms_m", "m"),
         _statistic("position, 95th percentile", position, "p95_m", "m"),
     ]
-    if turned is not None:
-        tiles.append(_statistic("orientation, 95th percentile", turned, "p95_rad", "rad"))
+    if orientation is not None:
+        tiles.append(_statistic("orientation, 95th percentile", orientation, "p95_rad", "rad"))
     return tiles
 
 
-def _statistic(label: str, part: Mapping[str, Any], key: str, unit: str) -> Tile:
-    value, bounds = part[key], part["intervals"][key]
+def _statistic(label: str, statistics: Mapping[str, Any], key: str, unit: str) -> Tile:
+    value, bounds = statistics[key], statistics["intervals"][key]
     low, high = bounds["lower"], bounds["upper"]
     number = length(value, low, high) if unit == "m" else angle(value, low, high)
-    told = interval(value, low, high, bounds["confidence"], length_unit(value) if unit == "m" else DEGREE)
-    return Tile(label, number, told or bounds.get("why") or "no interval")
+    interval_text = interval(value, low, high, bounds["confidence"], length_unit(value) if unit == "m" else DEGREE)
+    return Tile(label, number, interval_text or bounds.get("why") or "no interval")
 
 
 # -- predict
@@ -202,12 +210,14 @@ def _statistic(label: str, part: Mapping[str, Any], key: str, unit: str) -> Tile
 def _predict(document: Document) -> ReportHeadline:
     position, grade = document["position"], document["grade"]
     first = document["budget"][0] if document["budget"] else None
-    story = (
-        f"From its tolerances the arm is expected to miss by {length(position['rms_m'])} (rms over robots and poses), "
-        f"95 % within {length(position['p95_m'])}: grade {grade['grade']}."
+    summary = (
+        f"The tolerances give an expected position error of {length(position['rms_m'])} rms over robots and poses, "
+        f"95 % of the errors within {length(position['p95_m'])}: grade {grade['grade']}."
     )
     if first is not None:
-        story += f" The largest share, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
+        summary += (
+            f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
+        )
     worst = position["worst"]
     tiles = [
         Tile("position, rms", length(position["rms_m"]), "over robots and poses"),
@@ -215,60 +225,68 @@ def _predict(document: Document) -> ReportHeadline:
         Tile("worst pose, rms", length(worst["rms_m"]), f"at {worst['label']}"),
     ]
     facts = [
-        ("Where", document["configurations"]),
+        ("Configurations", document["configurations"]),
         ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
     ]
     if document["against"] is not None:
-        facts.append(("Against measured poses", str(document["against"]["verdict"]).replace("_", " ")))
+        facts.append(("Compared with measured poses", str(document["against"]["verdict"]).replace("_", " ")))
     badge = Badge(f"grade {grade['grade']}, expected", "plain")
-    return ReportHeadline(f"Predicted accuracy{_of_robot(document)}", story, tiles, (badge,), facts)
+    return ReportHeadline(f"Predicted accuracy{_of_robot(document)}", summary, tiles, (badge,), facts)
 
 
 # -- iso9283, check, compare
 
 
 def _iso9283(document: Document) -> ReportHeadline:
-    found = document["iso9283"]
+    criteria = document["iso9283"]
     names = (("AP", "accuracy, AP"), ("RP", "repeatability, RP"), ("vAP", "multi-directional, vAP"))
     tiles = []
     for key, label in names:
-        one = found[key]
-        bounds = one["intervals"]["max_m"]
-        value, low, high = one["max_m"], bounds["lower"], bounds["upper"]
+        criterion = criteria[key]
+        bounds = criterion["intervals"]["max_m"]
+        value, low, high = criterion["max_m"], bounds["lower"], bounds["upper"]
         if value is None:
             continue
-        told = interval(value, low, high, bounds["confidence"], length_unit(value))
-        tiles.append(Tile(label, length(value, low, high), f"at {one['max_at']}{f'; {told}' if told else ''}"))
-    met = sum(one["status"] == "met" for one in document["protocol"])
-    story = (
-        f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; of each criterion the "
-        f"largest over the poses counts. The data meet {met} of {len(document['protocol'])} conditions of the "
+        interval_text = interval(value, low, high, bounds["confidence"], length_unit(value))
+        tiles.append(
+            Tile(
+                label,
+                length(value, low, high),
+                f"at {criterion['max_at']}{f'; {interval_text}' if interval_text else ''}",
+            )
+        )
+    met = sum(condition["status"] == "met" for condition in document["protocol"])
+    summary = (
+        f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
+        f"largest value over the poses. The data meet {met} of {len(document['protocol'])} conditions of the "
         "standard's protocol."
     )
-    aligned = "nothing aligned" if not document["alignment"] else " and ".join(document["alignment"][0]["what"])
-    facts = [("Files", ", ".join(document["files"])), ("Aligned", aligned)]
-    return ReportHeadline(f"ISO 9283 pose criteria{_of_robot(document)}", story, tiles, (), facts)
+    registration = "none" if not document["alignment"] else " and ".join(document["alignment"][0]["what"])
+    facts = [("Files", ", ".join(document["files"])), ("Registration", registration)]
+    return ReportHeadline(f"ISO 9283 pose criteria{_of_robot(document)}", summary, tiles, (), facts)
 
 
 def _check(document: Document) -> ReportHeadline:
-    gate, of = document["gate"], document["result"]
-    met = sum(one["outcome"] == "pass" for one in gate["criteria"])
-    story = (
-        f"The result of robacc {of['command']} held against the gate {gate['name']}: {met} of "
-        f"{len(gate['criteria'])} criteria passed."
+    gate, checked = document["gate"], document["result"]
+    met = sum(criterion["outcome"] == "pass" for criterion in gate["criteria"])
+    summary = (
+        f"The result of robacc {checked['command']} passes {met} of {len(gate['criteria'])} criteria of the gate "
+        f"{gate['name']}."
     )
-    return ReportHeadline(f"Check against {gate['name']}", story, (), (), ())
+    return ReportHeadline(f"Check against {gate['name']}", summary, (), (), ())
 
 
 def _compare(document: Document) -> ReportHeadline:
-    names, ranking = [one["name"] for one in document["results"]], document["ranking"]
-    story = "" if ranking is None else f"By {ranking['by']}: {'; '.join(ranking['text'])}."
+    names, ranking = [result["name"] for result in document["results"]], document["ranking"]
+    summary = "" if ranking is None else f"By {ranking['by']}: {'; '.join(ranking['text'])}."
     tiles = []
     if ranking is not None and ranking["unit"] in ("m", "rad"):
         show = length if ranking["unit"] == "m" else angle
-        tiles = [Tile(one["name"], show(one["value"]), f"group {one['letters']}") for one in ranking["order"][:3]]
+        tiles = [
+            Tile(result["name"], show(result["value"]), f"group {result['letters']}") for result in ranking["order"][:3]
+        ]
     facts = [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))]
-    return ReportHeadline(f"Comparison of {len(names)} results", story, tiles, (), facts)
+    return ReportHeadline(f"Comparison of {len(names)} results", summary, tiles, (), facts)
 
 
 # -- anything else

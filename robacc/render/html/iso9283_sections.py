@@ -1,4 +1,4 @@
-"""What `iso9283` says beside its pictures."""
+"""The sections of an `iso9283` report."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from robacc.render.html.blocks import Block, Cell, Grid, Listing, ReportSection,
 from robacc.render.plots.chart import Document
 from robacc.render.plots.units import length_unit
 
-_WORDS = {
+_NAMES = {
     "AP": "pose accuracy, AP",
     "RP": "pose repeatability, RP",
     "vAP": "multi-directional accuracy variation, vAP",
@@ -20,49 +20,57 @@ _WORDS = {
     "shift": "drift of the barycentre",
     "E": "exchangeability, E",
 }
-_STATUS = {"met": "met", "not_met": "not met", "unknown": "not known"}
+_STATUS = {"met": "met", "not_met": "not met", "unknown": "unknown"}
 
 
 def iso9283_sections(document: Document) -> Iterator[ReportSection]:
-    """Every characteristic, and the conditions of the protocol."""
-    every = _characteristics(document["iso9283"])
-    yield ReportSection("Criteria", _criteria(every))
+    """Return all criteria, and the conditions of the protocol."""
+    criteria = _characteristics(document["iso9283"])
+    yield ReportSection("Criteria", _criteria(criteria))
     rows = [
-        [f"{one['condition']} ({one['clause']})", _STATUS.get(one["status"], one["status"]), one["why"]]
-        for one in document["protocol"]
+        [
+            f"{condition['condition']} ({condition['clause']})",
+            _STATUS.get(condition["status"], condition["status"]),
+            condition["why"],
+        ]
+        for condition in document["protocol"]
     ]
-    yield ReportSection("Conditions of the protocol", [Grid(("condition, clause", "status", "why"), rows, words=True)])
+    yield ReportSection(
+        "Conditions of the protocol", [Grid(("condition, clause", "status", "reason"), rows, is_text=True)]
+    )
 
 
-def _characteristics(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _characteristics(criteria: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     flat: list[Mapping[str, Any]] = []
-    for one in found.values():
-        flat += [one] if "symbol" in one else list(one.values())
+    for criterion in criteria.values():
+        flat += [criterion] if "symbol" in criterion else list(criterion.values())
     return flat
 
 
-def _criteria(every: Sequence[Mapping[str, Any]]) -> list[Block]:
+def _criteria(criteria: Sequence[Mapping[str, Any]]) -> list[Block]:
     rows: list[Sequence[Cell]] = []
-    for one in every:
-        value, bounds = one["max_m"], one["intervals"]["max_m"]
+    for criterion in criteria:
+        value, bounds = criterion["max_m"], criterion["intervals"]["max_m"]
         if value is None:
             continue
         low, high = bounds["lower"], bounds["upper"]
-        told = interval(value, low, high, bounds["confidence"], length_unit(value))
-        turned = one["orientation"]
+        interval_text = interval(value, low, high, bounds["confidence"], length_unit(value))
+        orientation = criterion["orientation"]
         rows.append(
             [
-                f"{_WORDS.get(one['symbol'], one['symbol'])} ({one['clause']})",
+                f"{_NAMES.get(criterion['symbol'], criterion['symbol'])} ({criterion['clause']})",
                 length(value, low, high),
-                told or "–",
-                str(one["max_at"]),
-                angle(turned["max_rad"]),
+                interval_text or "–",
+                str(criterion["max_at"]),
+                angle(orientation["max_rad"]),
             ]
         )
     header = ("criterion, largest over poses", "position", "interval", "at", "orientation")
     blocks: list[Block] = [Grid(header, rows)]
-    missing = [f"{_WORDS.get(o['symbol'], o['symbol'])}: {o['why']}" for o in every if o["max_m"] is None and o["why"]]
-    notes = [*dict.fromkeys(note for one in every for note in one["notes"])]
+    missing = [
+        f"{_NAMES.get(o['symbol'], o['symbol'])}: {o['why']}" for o in criteria if o["max_m"] is None and o["why"]
+    ]
+    notes = [*dict.fromkeys(note for criterion in criteria for note in criterion["notes"])]
     for texts in (missing, notes):
         if texts:
             blocks.append(Listing(texts))

@@ -1,4 +1,4 @@
-"""A page of one result, or of several side by side: what the template fills in, and the template filled in."""
+"""The HTML page of one result or of several results side by side."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from robacc.render.html.predict_sections import predict_sections
 from robacc.render.html.reproduce import reproduce
 from robacc.render.html.side_by_side import side_by_side
 from robacc.render.plots.canvas import as_part
-from robacc.render.plots.catalogue import pictures_of
-from robacc.render.plots.chart import ChartTable, Document, Picture
+from robacc.render.plots.catalogue import charts_of
+from robacc.render.plots.chart import Chart, ChartTable, Document
 from robacc.render.plots.optional_dependencies import need
 from robacc.render.plots.palette import DARK, LIGHT, css_variables
 from robacc.version import __version__
@@ -38,8 +38,8 @@ _SECTIONS: dict[str, Callable[[Document], Iterator[ReportSection]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
-    """A picture as the page has it."""
+class PageChart:
+    """A chart laid out for the page."""
 
     id: str
     title: str
@@ -51,31 +51,31 @@ class Drawing:
     """JSON of its view in three dimensions, safe within a script element."""
     note: str
     starts: bool
-    """Whether the view that can be turned is there at once, and not only when asked for."""
+    """True if the page opens with the interactive 3-D view of this chart."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResultSection:
-    """One result as the page has it."""
+    """One result laid out for the page."""
 
     id: str
     headline: ReportHeadline
-    first: Drawing | None
-    """Beside the headline."""
-    drawings: Sequence[Drawing]
+    first: PageChart | None
+    """Next to the headline."""
+    drawings: Sequence[PageChart]
     sections: Sequence[ReportSection]
-    """What the command says beside its pictures."""
+    """The command's tables and texts."""
     leading: Sequence[ReportSection]
-    """What must be read first: the gate, and warnings."""
+    """Sections that come first: the gate, warnings and notes."""
     reproduce: ReportSection
 
 
 def render(documents: Sequence[Document], names: Sequence[str]) -> str:
-    """The page of results as they stand in their JSON documents.
+    """Return the page of results from their JSON documents.
 
     Args:
-        documents: One a result.
-        names: What to call each, where there are several.
+        documents: One document per result.
+        names: Labels of the results, used if there are several.
 
     Raises:
         UsageError: the extra ``report`` is not installed.
@@ -85,25 +85,25 @@ def render(documents: Sequence[Document], names: Sequence[str]) -> str:
 
 
 def page_of(results: Sequence[ResultSection], documents: Sequence[Document], names: Sequence[str]) -> str:
-    """The page of results that are laid out already, each by :func:`result_of`."""
+    """Return the page of results that :func:`result_of` has laid out."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    turned = any(drawing.scene for result in results for drawing in _all(result))
+    interactive = any(drawing.scene for result in results for drawing in _all(result))
     loader = PackageLoader("robacc.render.html")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    library = _library() if turned else ""
-    script = environment.get_template("scenes.js").render() if turned else ""
-    several = len(results) > 1
+    library = _library() if interactive else ""
+    script = environment.get_template("scenes.js").render() if interactive else ""
+    is_multiple = len(results) > 1
     return environment.get_template("page.html").render(
-        title=f"{len(results)} results side by side" if several else results[0].headline.title,
+        title=f"{len(results)} results side by side" if is_multiple else results[0].headline.title,
         results=results,
         names=names,
-        overview=side_by_side(documents, [result.headline for result in results], names) if several else None,
-        library=b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode() if turned else "",
+        overview=side_by_side(documents, [result.headline for result in results], names) if is_multiple else None,
+        library=b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode() if interactive else "",
         script=script,
-        policy=_policy([library, script] if turned else []),
+        policy=_policy([library, script] if interactive else []),
         version=__version__,
         light=css_variables(LIGHT),
         dark=css_variables(DARK),
@@ -111,16 +111,16 @@ def page_of(results: Sequence[ResultSection], documents: Sequence[Document], nam
 
 
 def result_of(document: Document, place: int) -> ResultSection:
-    """One result laid out, the ``place``-th of its page.
+    """Return one result laid out, the ``place``-th of its page.
 
     Raises:
         UsageError: the extra ``report`` is not installed.
     """
     need("matplotlib", "plotly", "jinja2")
     number = f"r{place}"
-    drawings = [_drawing(picture, f"{number}p{i}") for i, picture in enumerate(pictures_of(document), 1)]
+    drawings = [_drawing(chart, f"{number}p{i}") for i, chart in enumerate(charts_of(document), 1)]
     gate = gate_section(document)
-    own = _SECTIONS.get(document["command"], _nothing)(document)
+    sections = _SECTIONS.get(document["command"], _nothing)(document)
     warnings = [*dict.fromkeys([*document.get("warnings", ()), *outliers(document)])]
     notes = list(document.get("notes", ()))
     blocks = [*([Listing(warnings, "warning")] if warnings else []), *([Listing(notes)] if notes else [])]
@@ -129,7 +129,7 @@ def result_of(document: Document, place: int) -> ResultSection:
         headline_of(document),
         drawings[0] if drawings else None,
         drawings[1:],
-        [*own],
+        [*sections],
         [*([gate] if gate is not None else []), *([ReportSection("Warnings and notes", blocks)] if blocks else [])],
         reproduce(document),
     )
@@ -139,29 +139,29 @@ def _nothing(document: Document) -> Iterator[ReportSection]:
     return iter(())
 
 
-def _all(result: ResultSection) -> Iterator[Drawing]:
+def _all(result: ResultSection) -> Iterator[PageChart]:
     if result.first is not None:
         yield result.first
     yield from result.drawings
 
 
-def _drawing(picture: Picture, number: str) -> Drawing:
-    scene = picture.scene
-    return Drawing(
+def _drawing(chart: Chart, number: str) -> PageChart:
+    scene = chart.scene
+    return PageChart(
         number,
-        picture.title,
-        picture.caption,
-        picture.alt,
-        as_part(picture.draw, picture.size, number),
-        picture.table,
+        chart.title,
+        chart.caption,
+        chart.alt,
+        as_part(chart.draw, chart.size, number),
+        chart.table,
         None if scene is None else script_json({"traces": scene.traces, "axes": scene.axes}),
         "" if scene is None else scene.note,
-        picture.kind == "poses",
+        chart.kind == "poses",
     )
 
 
 def script_json(value: Any) -> str:
-    """JSON that stays data within a script element, whatever its strings hold."""
+    """Return JSON that cannot end a script element, whatever its strings contain."""
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
@@ -169,7 +169,7 @@ def script_json(value: Any) -> str:
 
 
 def _library() -> str:
-    """The library that turns views, as its package carries it."""
+    """Return the source of plotly.js from its package."""
     from plotly.offline import get_plotlyjs
 
     text: str = get_plotlyjs()
@@ -177,7 +177,7 @@ def _library() -> str:
 
 
 def _policy(scripts: Sequence[str]) -> str:
-    """What the page may do: run its own scripts and nothing else, ask nobody for anything."""
+    """Return the content security policy: only the page's own scripts, no network."""
     hashes = [f"'sha256-{b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts]
     allowed = " ".join(hashes) if hashes else "'none'"
     return (

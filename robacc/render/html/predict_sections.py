@@ -1,4 +1,4 @@
-"""What `predict` says beside its pictures."""
+"""The sections of a `predict` report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robacc.render.text.numbers import p_value
 
 
 def predict_sections(document: Document) -> Iterator[ReportSection]:
-    """Figures, grade, allocation, and what measured poses say of the prediction."""
+    """Return errors, grade, allocation, and the comparison with measured poses."""
     yield _figures(document)
     yield _grade(document)
     if document["allocation"] is not None:
@@ -32,9 +32,17 @@ def _figures(document: Document) -> ReportSection:
         rows.append([label, length(document["position"][f"{key}_m"]), angle(document["orientation"][f"{key}_rad"])])
     worst: list[Sequence[Cell]] = []
     for part, unit, show in (("position", "m", length), ("orientation", "rad", angle)):
-        one = document[part]["worst"]
-        direction = ", ".join(f"{value:+.2f}" for value in one["direction"])
-        worst.append([part, one["label"], show(one[f"rms_{unit}"]), show(one[f"radius95_{unit}"]), direction])
+        worst_pose = document[part]["worst"]
+        direction = ", ".join(f"{value:+.2f}" for value in worst_pose["direction"])
+        worst.append(
+            [
+                part,
+                worst_pose["label"],
+                show(worst_pose[f"rms_{unit}"]),
+                show(worst_pose[f"radius95_{unit}"]),
+                direction,
+            ]
+        )
     return ReportSection(
         "Predicted error",
         [
@@ -49,44 +57,48 @@ def _grade(document: Document) -> ReportSection:
     grade = document["grade"]
     rows = [[name, f"{100 * share:.0f} %"] for name, share in grade["share_of_poses_meeting"].items()]
     limited = f", limited by {' and '.join(grade['limited_by'])}" if grade["limited_by"] else ""
-    words = f"Position alone would get {grade['position']}, orientation {grade['orientation']}{limited}."
-    return ReportSection(
-        f"Grade {grade['grade']}, expected", [Text(words), Grid(("grade", "poses that meet it"), rows)]
-    )
+    text = f"Grade of the position {grade['position']}, of the orientation {grade['orientation']}{limited}."
+    return ReportSection(f"Grade {grade['grade']}, expected", [Text(text), Grid(("grade", "poses that meet it"), rows)])
 
 
-def _allocation(found: Mapping[str, Any]) -> ReportSection:
+def _allocation(allocation: Mapping[str, Any]) -> ReportSection:
     rows: list[Sequence[Cell]] = [
-        [one["parameter"], _size(one["given_sd"], one), _size(one["needed_sd"], one), f"{one['factor']:.3g}"]
-        for one in found["tolerances"]
+        [
+            tolerance["parameter"],
+            _size(tolerance["given_sd"], tolerance),
+            _size(tolerance["needed_sd"], tolerance),
+            f"{tolerance['factor']:.3g}",
+        ]
+        for tolerance in allocation["tolerances"]
     ]
-    reached = "would reach" if found["met"] else "would not reach"
-    words = (
-        f"Tolerances that {reached} grade {found['grade']}; all scaled alike it takes {found['uniform_factor']:.3g}."
+    reached = "would reach" if allocation["met"] else "would not reach"
+    text = (
+        f"Tolerances that {reached} grade {allocation['grade']}; with one factor for all tolerances, this factor is "
+        f"{allocation['uniform_factor']:.3g}."
     )
-    return ReportSection("Tolerances needed", [Text(words), Grid(("parameter", "given", "needed", "factor"), rows)])
+    return ReportSection("Tolerances needed", [Text(text), Grid(("parameter", "given", "needed", "factor"), rows)])
 
 
-def _size(value: float | None, one: Mapping[str, Any]) -> Cell:
-    return angle(value) if one["unit"] == "rad" else length(value)
+def _size(value: float | None, tolerance: Mapping[str, Any]) -> Cell:
+    return angle(value) if tolerance["unit"] == "rad" else length(value)
 
 
-def _against(found: Mapping[str, Any]) -> ReportSection:
-    measured = found["measured"]
+def _against(comparison: Mapping[str, Any]) -> ReportSection:
+    measured = comparison["measured"]
     lines = [
-        f"verdict over {found['n_poses']} measured poses: {str(found['verdict']).replace('_', ' ')}",
+        f"verdict over {comparison['n_poses']} measured poses: {str(comparison['verdict']).replace('_', ' ')}",
         f"measured rms {length(measured['position_rms_m'])} in position",
     ]
     if measured["orientation_rms_rad"] is not None:
         lines[-1] += f", {angle(measured['orientation_rms_rad'])} in orientation"
-    if found["hint"]:
-        lines.append(found["hint"])
+    if comparison["hint"]:
+        lines.append(comparison["hint"])
     rows: list[Sequence[Cell]] = [
         [name, f"{test['ratio']:.3g}", p_value(test["p_value"])]
-        for name, test in found["normalised_squared_error"].items()
+        for name, test in comparison["normalised_squared_error"].items()
         if test is not None and test.get("p_value") is not None and test.get("ratio") is not None
     ]
     blocks: list[Block] = [Listing(lines)]
     if rows:
-        blocks.append(Grid(("normalised squared error", "over what is expected", "significance"), rows))
+        blocks.append(Grid(("normalised squared error", "ratio to the expected value", "significance"), rows))
     return ReportSection("Predicted against measured", blocks)

@@ -1,4 +1,4 @@
-"""How a result can be made again: the command line, the version, and the hashes of what went in."""
+"""The section about reproducing a result: command line, version, and hashes of the inputs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from robacc.render.html.blocks import Block, Command, Grid, ReportSection, Text
 from robacc.render.plots.chart import Document
 
 _SWITCHES = {"empirical": "--named-only", "robust": "--all-rows"}
-"""Options that are on unless this says otherwise."""
+"""Options that are on by default, with the flags that switch them off."""
 _SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283"}
 
 
 def reproduce(document: Document) -> ReportSection:
-    """The last part of every result."""
+    """Return the last section of a result."""
     blocks: list[Block] = [
         Text(
             f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the "
@@ -24,23 +24,23 @@ def reproduce(document: Document) -> ReportSection:
     ]
     if document["inputs"]:
         rows = [[record["kind"], record["name"], record["sha256"]] for record in document["inputs"]]
-        blocks.append(Grid(("input", "file", "SHA-256"), rows, words=True))
-    return ReportSection("How to reproduce it", blocks)
+        blocks.append(Grid(("input", "file", "SHA-256"), rows, is_text=True))
+    return ReportSection("How to reproduce this result", blocks)
 
 
 def command_line(document: Document) -> str:
-    """The call, from the options and inputs that the result carries; files by their names without folders."""
-    words = ["robacc", document["command"]]
+    """Return the command line from the options and inputs of the result; files by name without folders."""
+    arguments = ["robacc", document["command"]]
     files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
     first = "robot" if document["command"] == "predict" else "poses"
-    words += [record["name"] for record in document["inputs"] if record["kind"] in (first, "result")]
+    arguments += [record["name"] for record in document["inputs"] if record["kind"] in (first, "result")]
     for kind, name in files.items():
         if kind not in (first, "result"):
-            words += [f"--{kind}", name]
-    words += _options(document, set(files))
+            arguments += [f"--{kind}", name]
+    arguments += _options(document, set(files))
     if document["seed"] is not None and document["command"] in _SEEDED:
-        words += ["--seed", str(document["seed"])]
-    return " ".join(shlex.quote(word) for word in words)
+        arguments += ["--seed", str(document["seed"])]
+    return " ".join(shlex.quote(argument) for argument in arguments)
 
 
 def _options(document: Document, files: set[str]) -> Iterator[str]:

@@ -1,1 +1,1 @@
-"""Pictures of results: from the JSON document alone, each drawn by one piece of code for page and paper."""
+"""Charts of results, made from the JSON document alone, for HTML pages and files."""

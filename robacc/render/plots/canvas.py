@@ -1,6 +1,6 @@
-"""Where a picture is drawn: one style, and the figure as part of a page or as a file of its own.
+"""Drawing of charts in one style, as part of a page or as a file.
 
-Everything is matplotlib's; no global state of it is touched, and the same document gives the same bytes.
+The module changes no global state of matplotlib, and the same document gives the same bytes.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FONT = "DejaVu Sans"
-"""Comes with matplotlib, so that text takes the same room on every machine."""
+"""Part of matplotlib, so that text has the same size on every machine."""
 _DOTS_PER_INCH = 220
 _STYLE: dict[str, Any] = {
     "font.family": [FONT],
     "font.size": 9.0,
-    # Names from files are plain text: a dollar sign in one is no formula.
+    # Names from files are plain text: a dollar sign starts no formula.
     "text.parse_math": False,
     "axes.edgecolor": LIGHT["muted"],
     "axes.labelcolor": LIGHT["ink"],
@@ -52,14 +52,14 @@ _STYLE: dict[str, Any] = {
 
 
 def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str) -> str:
-    """The picture as an ``<svg>`` element for a page: its colours are the page's variables, its text the page's font.
+    """Return the chart as an ``<svg>`` element that uses the colours and the font of the page.
 
-    ``salt`` keeps its ids apart from those of the page's other pictures.
+    ``salt`` makes its ids unique on the page.
     """
     text = _saved(draw, size, "svg", {"svg.fonttype": "none", "svg.hashsalt": salt}).decode()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
-    # Only what is referred to keeps its id: groups are numbered alike in every picture.
+    # Groups lose their ids, which repeat from chart to chart; nothing refers to them.
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
     text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
@@ -70,31 +70,31 @@ def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str
 
 
 def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
-    """The picture as a file on white: ``svg``, ``png`` or ``pdf``."""
-    more = {"svg.fonttype": "path", "svg.hashsalt": "robacc", "figure.facecolor": "white"}
-    return _saved(draw, size, form, more)
+    """Return the chart as a file with a white background: ``svg``, ``png`` or ``pdf``."""
+    overrides = {"svg.fonttype": "path", "svg.hashsalt": "robacc", "figure.facecolor": "white"}
+    return _saved(draw, size, form, overrides)
 
 
-def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, more: dict[str, Any]) -> bytes:
+def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: dict[str, Any]) -> bytes:
     from matplotlib.figure import Figure
 
-    page = io.BytesIO()
+    buffer = io.BytesIO()
     dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
-    with _style(more):
+    with _style(overrides):
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)
-        figure.savefig(page, format=form, dpi=_DOTS_PER_INCH, metadata=dates.get(form))
-    return page.getvalue()
+        figure.savefig(buffer, format=form, dpi=_DOTS_PER_INCH, metadata=dates.get(form))
+    return buffer.getvalue()
 
 
 @contextmanager
-def _style(more: dict[str, Any]) -> Iterator[None]:
+def _style(overrides: dict[str, Any]) -> Iterator[None]:
     import matplotlib
 
-    style: Any = {**_STYLE, **more}
+    style: Any = {**_STYLE, **overrides}
     with matplotlib.rc_context(style), warnings.catch_warnings():
-        # A sign that the font lacks is drawn as a box in a file, and by the reader's own fonts on a page.
+        # A character that the font lacks becomes a box in a file; a page uses the reader's fonts.
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
-        # Where names leave too little room, the picture is drawn all the same.
+        # Long names may leave too little room for the layout; the chart is still drawn.
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
         yield

@@ -1,4 +1,4 @@
-"""What a picture is: how to draw it, what it shows in words, and the numbers behind it."""
+"""Records of a chart: drawing function, caption and table."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ if TYPE_CHECKING:
 Document = Mapping[str, Any]
 
 WIDE = (4.9, 3.2)
-"""Inches: at its own size on a screen half of a page wide, and still to be read on a phone."""
+"""Inches; fills half of a page on a screen and stays readable on a phone."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChartTable:
-    """Numbers behind a picture, as text; the first column names the row."""
+    """The table of a chart, as text; the first column is the row's label."""
 
     header: tuple[str, ...]
     rows: Sequence[Sequence[str]]
     note: str = ""
-    """What is left out, if anything is."""
+    """States which rows are omitted, empty if none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene3D:
-    """A view in three dimensions that the reader can turn: traces and layout of plotly.
+    """An interactive 3-D view: traces and axis titles for plotly.
 
-    A colour is written ``role:before``, for the page to put its own in.
+    Colours are written as ``role:before``; the page substitutes its own.
     """
 
     traces: tuple[dict[str, Any], ...]
@@ -38,16 +38,16 @@ class Scene3D:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
-    """One picture of one result."""
+class Chart:
+    """One chart of one result."""
 
     kind: str
-    """What ``robacc plot --kind`` calls it."""
+    """Kind for ``robacc plot``."""
     title: str
     caption: str
-    """What it shows, in words."""
+    """Explanation of the chart with its main result."""
     alt: str
-    """The same for one who cannot see it: axes, and what is plain from it."""
+    """Text alternative: axes and main result."""
     draw: Callable[[Figure], None]
     table: ChartTable
     size: tuple[float, float] = WIDE

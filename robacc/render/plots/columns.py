@@ -13,25 +13,25 @@ Array = NDArray[np.float64]
 
 
 def numbers(values: Iterable[Any]) -> Array:
-    """``(N,)``, NaN for null."""
+    """Return ``(N,)`` numbers, NaN for null."""
     return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def vectors(rows: Iterable[Any]) -> Array:
-    """``(N, 3)`` from three numbers a pose."""
+    """Return ``(N, 3)`` from three numbers per pose."""
     return np.array(list(rows), dtype=np.float64).reshape(-1, 3)
 
 
 def lengths(rows: Array) -> Array:
-    """``(N,)`` from ``(N, 3)``."""
+    """Return the lengths ``(N,)`` of vectors ``(N, 3)``."""
     result: Array = np.sqrt(np.sum(np.square(rows), axis=1))
     return result
 
 
 def place(poses: Mapping[str, Any], i: int) -> str:
-    """What to call a pose: its line in the file, and its ids where it has any."""
+    """Return the label of a pose: its line in the file, and its ids if it has any."""
     if "label" in poses:
         return str(poses["label"][i])
-    words = [f"line {poses['line'][i]}"]
-    words += [f"{name} {poses[name][i]}" for name in ("pose", "cycle", "target") if poses.get(name)]
-    return ", ".join(words)
+    parts = [f"line {poses['line'][i]}"]
+    parts += [f"{name} {poses[name][i]}" for name in ("pose", "cycle", "target") if poses.get(name)]
+    return ", ".join(parts)

@@ -1,4 +1,4 @@
-"""Several results by one statistic, each with its interval."""
+"""Charts of a statistic of several results with its intervals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.render.plots.chart import ChartTable, Document, Picture
+from robacc.render.plots.chart import Chart, ChartTable, Document
 from robacc.render.plots.labels import short
 from robacc.render.plots.palette import LIGHT
 from robacc.render.plots.units import Unit, error_unit
@@ -15,39 +15,42 @@ from robacc.render.plots.units import Unit, error_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MOST = 30
+_MAX_RESULTS = 30
 
 
-def comparison_pictures(document: Document) -> Iterator[Picture]:
-    """The statistics of the results themselves that have intervals (not of their stages), the one that ranks first."""
+def comparison_charts(document: Document) -> Iterator[Chart]:
+    """Return a chart for each statistic with intervals, except those of stages; the ranking statistic comes first."""
     if document["command"] != "compare":
         return
     by = (document.get("ranking") or {}).get("by")
     statistics = [
-        one
-        for one in document["statistics"]
-        if one["unit"] in ("m", "rad") and (one["key"] == by or one["key"].count(".") == 1)
+        statistic
+        for statistic in document["statistics"]
+        if statistic["unit"] in ("m", "rad") and (statistic["key"] == by or statistic["key"].count(".") == 1)
     ]
-    for one in sorted(statistics, key=lambda one: one["key"] != by):
-        values = [value for value in one["values"] if value["value"] is not None][:_MOST]
+    for statistic in sorted(statistics, key=lambda statistic: statistic["key"] != by):
+        values = [value for value in statistic["values"] if value["value"] is not None][:_MAX_RESULTS]
         if len(values) > 1 and any(value["lower"] is not None for value in values):
-            yield _picture(one, values, document["baseline"], one["key"] == by)
+            yield _chart(statistic, values, document["baseline"], statistic["key"] == by)
 
 
-def _picture(one: Mapping[str, Any], values: Sequence[Mapping[str, Any]], baseline: str | None, ranks: bool) -> Picture:
-    unit = error_unit(one["unit"], max(value["value"] for value in values))
+def _chart(
+    statistic: Mapping[str, Any], values: Sequence[Mapping[str, Any]], baseline: str | None, ranks: bool
+) -> Chart:
+    unit = error_unit(statistic["unit"], max(value["value"] for value in values))
     best = min(values, key=lambda value: float(value["value"]))
     confidence = next((value["confidence"] for value in values if value["confidence"] is not None), 0.95)
-    first = "The results are ranked by it. " if ranks else ""
-    held = f" The hollow mark is the baseline, {baseline}." if baseline is not None else ""
-    return Picture(
+    first = "The ranking uses this statistic. " if ranks else ""
+    baseline_note = f" The hollow mark is the baseline, {baseline}." if baseline is not None else ""
+    return Chart(
         "comparison",
-        f"{one['key']} of each result",
-        f"{first}Each result's {one['key']} with its {100 * confidence:g} % interval; the smallest is {best['name']}, "
-        f"{unit.text(best['value'])}.{held} Whether two differ is in the tables: intervals that overlap may yet.",
+        f"{statistic['key']} of each result",
+        f"{first}Each result's {statistic['key']} with its {100 * confidence:g} % interval; the smallest is "
+        f"{best['name']}, {unit.text(best['value'])}.{baseline_note} The tables test the differences: results with "
+        "overlapping intervals can still differ significantly.",
         f"Points with intervals in {unit.name}: "
         + "; ".join(f"{value['name']} {unit.text(value['value'])}" for value in values),
-        lambda figure: _draw(figure, one["key"], values, baseline, unit),
+        lambda figure: _draw(figure, statistic["key"], values, baseline, unit),
         ChartTable(
             ("result", "value", "from", "to"),
             [[v["name"], unit.text(v["value"]), unit.text(v["lower"]), unit.text(v["upper"])] for v in values],
@@ -62,10 +65,10 @@ def _draw(figure: Figure, key: str, values: Sequence[Mapping[str, Any]], baselin
         x = value["value"] * unit.factor
         ends = [x if end is None else end * unit.factor for end in (value["lower"], value["upper"])]
         reach = np.maximum([[x - ends[0]], [ends[1] - x]], 0.0)
-        held = value["name"] == baseline
+        is_baseline = value["name"] == baseline
         looks: dict[str, Any] = {
-            "mfc": "none" if held else LIGHT["after"],
-            "color": LIGHT["before" if held else "after"],
+            "mfc": "none" if is_baseline else LIGHT["after"],
+            "color": LIGHT["before" if is_baseline else "after"],
         }
         axes.errorbar([x], [row], xerr=reach, fmt="o", ms=6, mew=1.4, capsize=3, linewidth=1.4, **looks)
     axes.set_yticks(range(len(values)), [short(str(value["name"])) for value in values])

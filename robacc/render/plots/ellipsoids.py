@@ -1,4 +1,4 @@
-"""The cloud of errors and the ellipsoids of its covariance, in the tool's frame and in the measuring frame."""
+"""Charts of the errors and of the ellipsoids of their covariance, in the tool frame and in the measuring frame."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.render.plots.chart import ChartTable, Document, Picture, Scene3D
+from robacc.render.plots.chart import Chart, ChartTable, Document, Scene3D
 from robacc.render.plots.columns import Array, numbers, vectors
 from robacc.render.plots.palette import LIGHT
-from robacc.render.plots.thinning import shown, thinned
+from robacc.render.plots.thinning import thinned, thinning_note
 from robacc.render.plots.units import Unit, length_unit
 
 if TYPE_CHECKING:
@@ -19,39 +19,39 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHARES = ((0.5, 1.538172), (0.95, 2.795483))
-"""Share of a Gaussian cloud, and the square root of the chi-square quantile of three degrees of freedom there."""
+"""Shares of a Gaussian, and the square roots of the chi-square quantiles of three degrees of freedom."""
 _POINTS = 500
 _FRAMES = {
-    "tool": ("in the tool's frame", "what the tool carries keeps its direction here"),
-    "base": ("in the measuring frame", "what the base or the instrument does keeps its direction here"),
+    "tool": ("in the tool frame", "errors fixed to the tool keep their direction in this frame"),
+    "base": ("in the measuring frame", "errors of the base or the instrument keep their direction in this frame"),
 }
 _PLANES = ((0, 1), (0, 2), (1, 2))
 
 
-def ellipsoid_pictures(document: Document) -> Iterator[Picture]:
-    """In each frame that the errors are known in; of a prediction, the mean covariance in the tool's frame."""
+def ellipsoid_charts(document: Document) -> Iterator[Chart]:
+    """Return a chart for each frame; for a prediction, the mean covariance in the tool frame."""
     for frame, part in (document.get("position_by_frame") or {}).items():
-        yield _picture(frame, part, vectors(part["errors_m"]), numbers(part["mean_m"]), "centred_covariance_m2")
+        yield _chart(frame, part, vectors(part["errors_m"]), numbers(part["mean_m"]), "centred_covariance_m2")
     if document["command"] == "predict":
-        yield _picture("tool", document["position"], np.zeros((0, 3)), np.zeros(3), "mean_covariance_m2")
+        yield _chart("tool", document["position"], np.zeros((0, 3)), np.zeros(3), "mean_covariance_m2")
 
 
-def _picture(frame: str, part: Mapping[str, Any], errors: Array, mean: Array, key: str) -> Picture:
+def _chart(frame: str, part: Mapping[str, Any], errors: Array, mean: Array, key: str) -> Chart:
     covariance = vectors(part[key])
     sd = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[::-1], 0.0))
     reach = float(max(np.abs(errors).max(initial=0.0), SHARES[1][1] * sd[0]))
     unit = length_unit(reach)
     where, meaning = _FRAMES[frame]
     rows = thinned(_POINTS, *errors.T) if len(errors) else np.zeros(0, dtype=np.int64)
-    what = "Predicted errors" if key.startswith("mean") else "Errors"
+    subject = "Predicted errors" if key.startswith("mean") else "Errors"
     cloud = "each pose's error as a point" if len(errors) else "the mean covariance over the poses"
     axes = ", ".join(unit.text(float(value)) for value in sd)
-    return Picture(
+    return Chart(
         f"ellipsoids-{frame}",
-        f"{what} {where}",
-        f"{what} {where} from three sides: {cloud}, with the ellipsoids that hold 50 % and 95 % of a Gaussian of this "
-        f"covariance ({meaning}). Standard deviations along the three axes of the ellipsoid: {axes}."
-        f"{shown(rows.size, len(errors))}",
+        f"{subject} {where}",
+        f"{subject} {where} in three projections: {cloud}, with the ellipsoids that contain 50 % and 95 % of a "
+        f"Gaussian with this covariance ({meaning}). Standard deviations along the three axes of the ellipsoid: {axes}."
+        f"{thinning_note(rows.size, len(errors))}",
         f"Three projections of the error cloud {where} in {unit.name} with 50 and 95 % ellipses; standard deviations "
         f"along the axes {axes}",
         lambda figure: _draw(figure, errors[rows], mean, covariance, unit),
@@ -93,7 +93,7 @@ def _draw(figure: Figure, errors: Array, mean: Array, covariance: Array, unit: U
 
 
 def _ellipse(axes: Axes, mean: Array, covariance: Array, radius: float, unit: Unit, role: str, style: Any) -> None:
-    """The outline of the three-dimensional ellipsoid, seen along the third axis."""
+    """Draw the projection of the ellipsoid along the third axis."""
     from matplotlib.patches import Ellipse
 
     values, directions = np.linalg.eigh(covariance)
@@ -110,8 +110,8 @@ def _legend(axes: Axes, with_points: bool) -> None:
 
     axes.set_axis_off()
     marks = [
-        Line2D([], [], color=LIGHT["after"], label="holds 50 %"),
-        Line2D([], [], color=LIGHT["before"], linestyle=(0, (5, 1.5)), label="holds 95 %"),
+        Line2D([], [], color=LIGHT["after"], label="contains 50 %"),
+        Line2D([], [], color=LIGHT["before"], linestyle=(0, (5, 1.5)), label="contains 95 %"),
         Line2D([], [], color=LIGHT["ink"], marker="+", linestyle="", ms=7, mew=1.3, label="mean"),
     ]
     if with_points:
@@ -130,16 +130,16 @@ def _scene(errors: Array, mean: Array, covariance: Array, unit: Unit) -> Scene3D
         role = "after" if share == 0.5 else "before"
         wire = (mean + radius * _wires() @ root.T) * unit.factor
         line = {"mode": "lines", "line": {"color": f"role:{role}", "width": 2}, "hoverinfo": "skip"}
-        traces.append(_trace(f"holds {100 * share:.0f} %", wire, line))
+        traces.append(_trace(f"contains {100 * share:.0f} %", wire, line))
     return Scene3D(
         tuple(traces),
         (f"x, {unit.name}", f"y, {unit.name}", f"z, {unit.name}"),
-        "Drag to turn, scroll to come nearer.",
+        "Drag to rotate, scroll to zoom.",
     )
 
 
 def _wires() -> Array:
-    """``(P, 3)`` points of meridians and parallels of the unit sphere, NaN between lines."""
+    """Return points ``(P, 3)`` of meridians and parallels of the unit sphere, NaN between lines."""
     around = np.linspace(0.0, 2 * np.pi, 49)
     lines = []
     for turn in np.linspace(0.0, np.pi, 7)[:-1]:

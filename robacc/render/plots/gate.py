@@ -1,4 +1,4 @@
-"""How sharp a gate is: the probability to pass over what might be true."""
+"""Operating curves of a gate: the probability to pass over the true value."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.render.plots.chart import ChartTable, Document, Picture
+from robacc.render.plots.chart import Chart, ChartTable, Document
 from robacc.render.plots.columns import Array
 from robacc.render.plots.labels import short
 from robacc.render.plots.palette import LIGHT
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 _ROWS = 25
 
 
-def gate_pictures(document: Document) -> Iterator[Picture]:
-    """The operating curve of each criterion that has one."""
+def operating_curve_charts(document: Document) -> Iterator[Chart]:
+    """Return the operating curve of each criterion that has one."""
     for criterion in (document.get("gate") or {}).get("criteria", ()):
         if len(criterion["operating_curve"]) > 1:
-            yield _picture(criterion)
+            yield _chart(criterion)
 
 
 def _unit(criterion: Mapping[str, Any]) -> Unit:
@@ -32,21 +32,21 @@ def _unit(criterion: Mapping[str, Any]) -> Unit:
     return DEGREE if criterion["unit"] == "rad" else Unit("", 1.0)
 
 
-def _picture(criterion: Mapping[str, Any]) -> Picture:
+def _chart(criterion: Mapping[str, Any]) -> Chart:
     unit = _unit(criterion)
     curve = np.array(criterion["operating_curve"], dtype=np.float64)
     limit, value = float(criterion["limit"]), float(criterion["value"])
     side = "below" if criterion["at_least"] else "above"
     pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), _ROWS)).round().astype(int))
     count = "" if criterion["n_poses"] is None else f" with {criterion['n_poses']:,} poses"
-    return Picture(
+    return Chart(
         "operating-curve",
         f"Gate {criterion['name']}: operating curve",
-        f"Probability that this criterion passes{count}, over what the true value might be. {criterion['rule_text']}. "
-        f"The upright line is the limit, {unit.text(limit)}, the dot what was found, {unit.text(value)}; what passes "
-        f"{side} the limit passes wrongly.",
-        f"Probability to pass, 0 to 100 %, over the true value in {unit.name or 'its own unit'}; limit "
-        f"{unit.text(limit)}, found {unit.text(value)}",
+        f"Probability that this criterion passes{count}, as a function of the true value. {criterion['rule_text']}. "
+        f"The vertical line is the limit, {unit.text(limit)}; the dot is the measured value, {unit.text(value)}. "
+        f"Passing with a true value {side} the limit is a false acceptance.",
+        f"Probability to pass, 0 to 100 %, over the true value in {unit.name or 'the unit of the key'}; limit "
+        f"{unit.text(limit)}, measured {unit.text(value)}",
         lambda figure: _draw(figure, criterion, curve, unit),
         ChartTable(
             ("true value", "probability to pass"),
@@ -62,9 +62,9 @@ def _draw(figure: Figure, criterion: Mapping[str, Any], curve: Array, unit: Unit
     limit, value = criterion["limit"] * unit.factor, criterion["value"] * unit.factor
     axes.plot(x, y, color=LIGHT["after"], label="probability to pass")
     wrong = x < limit if criterion["at_least"] else x > limit
-    axes.fill_between(x, y, where=wrong, color=LIGHT["before"], alpha=0.25, linewidth=0, label="passes wrongly")
+    axes.fill_between(x, y, where=wrong, color=LIGHT["before"], alpha=0.25, linewidth=0, label="false acceptance")
     axes.axvline(limit, color=LIGHT["limit"], linewidth=1.1, linestyle=(0, (3, 2)), label="limit")
-    axes.plot(value, 0, "o", ms=6, color=LIGHT["ink"], clip_on=False, zorder=5, label="found")
+    axes.plot(value, 0, "o", ms=6, color=LIGHT["ink"], clip_on=False, zorder=5, label="measured")
     axes.set(ylim=(0, 102), ylabel="probability to pass, %")
     axes.set_xlabel(f"true value of {short(criterion['key'], 40)}{f', {unit.name}' if unit.name else ''}")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.0, handlelength=1.5)

@@ -1,9 +1,9 @@
-"""Names from files, as short as a picture has room for."""
+"""Names from files, shortened for charts."""
 
 from __future__ import annotations
 
 
 def short(text: str, longest: int = 26) -> str:
-    """One line of at most so many signs, what cannot be printed replaced; the rest of it stands in the tables."""
+    """Return one printable line of at most ``longest`` characters; the tables have the full names."""
     line = "".join(sign if sign.isprintable() else " " for sign in text)
     return line if len(line) <= longest else f"{line[: longest - 1]}…"

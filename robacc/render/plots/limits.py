@@ -1,4 +1,4 @@
-"""Limits that a result was held against: lines in its pictures."""
+"""Limits of a gate or of a grade scale, drawn as lines in charts."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ class Limit:
     """One limit of an error's size."""
 
     label: str
-    short: str
-    """For beside the line."""
+    short_label: str
+    """Printed next to the line."""
     value: float
     """m or rad"""
 
 
 def limits_of(document: Document, unit: str) -> tuple[Limit, ...]:
-    """Of the gate in ``m`` or ``rad`` where there is one, else the steps of the grade scale."""
+    """Return the limits of the gate in ``m`` or ``rad``, or the steps of the grade scale without a gate."""
     quantity = "position" if unit == "m" else "orientation"
-    asked = tuple(
-        Limit(f"gate {one['name']} ({one['key']})", str(one["name"]), float(one["limit"]))
-        for one in (document.get("gate") or {}).get("criteria", ())
-        if one["unit"] == unit and quantity in one["key"].split(".") and one["baseline"] is None
-        if isinstance(one["limit"], int | float)
+    gate_limits = tuple(
+        Limit(f"gate {criterion['name']} ({criterion['key']})", str(criterion["name"]), float(criterion["limit"]))
+        for criterion in (document.get("gate") or {}).get("criteria", ())
+        if criterion["unit"] == unit and quantity in criterion["key"].split(".") and criterion["baseline"] is None
+        if isinstance(criterion["limit"], int | float)
     )
-    if asked:
-        return asked
+    if gate_limits:
+        return gate_limits
     steps = (document.get("grade") or {}).get("steps") or ()
     key = f"{quantity}_{unit}"
     return tuple(

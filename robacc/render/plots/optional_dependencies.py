@@ -1,4 +1,4 @@
-"""The libraries that pictures and reports are made with, which a plain installation does not have."""
+"""The optional libraries that charts and reports need."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from robacc.errors import UsageError
 
 
 def need(*libraries: str) -> None:
-    """Make sure that libraries of the extra ``report`` are there.
+    """Raise an error if a library of the extra ``report`` is missing.
 
     Raises:
-        UsageError: one is not; the message says how to install them all.
+        UsageError: a library is not installed; the message says how to install the extra.
     """
     missing = [name for name in libraries if find_spec(name) is None]
     if missing:
         raise UsageError(
-            f"pictures and reports need {' and '.join(missing)}, which is not installed: pip install 'robacc[report]'"
+            f"charts and reports need {' and '.join(missing)}, which is not installed; run pip install 'robacc[report]'"
         )

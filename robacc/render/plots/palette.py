@@ -1,7 +1,7 @@
-"""Colours by what they mean, in a light and a dark set.
+"""Colours by their role, in a light and a dark set.
 
-Those that tell data apart are of M. Okabe and K. Ito, "Color Universal Design" (2008), which people with any kind of
-colour vision can tell apart; shape or line style tells the same, so that grey paper does too.
+The colours of data are from M. Okabe and K. Ito, "Color Universal Design" (2008), distinguishable with any kind of
+colour vision. Shape or line style carries the same information, for prints in grey.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LIGHT: Final = {
     "fourth": "#cc79a7",
     "limit": "#1b2531",
 }
-"""As they are drawn, in paper's colours too; no two are equal, so that a page can give each a value of its own."""
+"""Colours in files and on light pages; all differ, so that a page can substitute each with its own variable."""
 
 DARK: Final = {
     "ink": "#e6e9ec",
@@ -37,5 +37,5 @@ DARK: Final = {
 
 
 def css_variables(colours: dict[str, str]) -> str:
-    """The declarations ``--c-ink: …; …``."""
+    """Return the declarations ``--c-ink: …; …``."""
     return " ".join(f"--c-{role}: {value};" for role, value in colours.items())

@@ -1,4 +1,4 @@
-"""The errors of a result's poses, stage by stage, as pictures compare them."""
+"""The errors of a result's poses by stage: nominal model, baseline, extended model."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ import numpy as np
 from robacc.render.plots.chart import Document
 from robacc.render.plots.columns import Array, lengths, vectors
 
-STAGE_WORDS = {"nominal": "as delivered", "before": "before", "after": "after"}
+STAGE_LABELS = {
+    "trace": {"nominal": "nominal model", "before": "baseline", "after": "extended model"},
+    "calibrate": {"nominal": "nominal model", "before": "baseline", "after": "calibrated"},
+}
 STAGE_MEANINGS = {
-    "trace": "before: with the declared effects fitted; after: with the findings added",
-    "calibrate": "before: with base and tool fitted; after: with all named effects fitted",
+    "trace": "baseline: declared effects fitted; extended model: findings added",
+    "calibrate": "baseline: base and tool fitted; calibrated: all named effects fitted",
 }
 
 
@@ -30,7 +33,7 @@ class StageErrors:
 
     @property
     def sizes(self) -> Array:
-        """``(N,)`` lengths."""
+        """Return the lengths ``(N,)`` of the errors."""
         return lengths(self.errors)
 
 
@@ -39,21 +42,21 @@ class ErrorsByStage:
     """The stages of one result, of the same poses."""
 
     poses: Mapping[str, Any]
-    """Its columns, as many rows as the errors have."""
+    """Columns of the poses, with as many rows as the errors."""
     used: Array
-    """``(N,)`` 1 where a pose took part, 0 where it was left out as no part of the rest."""
+    """``(N,)``, 1 for inliers and 0 for outliers."""
     stages: tuple[StageErrors, ...]
     held_out: bool
-    """Whether before and after are of models that had no part of the pose."""
+    """True if the models of baseline and extended model were fitted without the pose."""
 
     @property
     def last(self) -> StageErrors:
-        """The stage that the result ends with."""
+        """Return the last stage of the result."""
         return self.stages[-1]
 
 
 def stages_of(document: Document, unit: str) -> ErrorsByStage | None:
-    """Errors in ``m`` or ``rad``; None where the result has none."""
+    """Return the errors in ``m`` or ``rad``, None if the result has none."""
     poses = document.get("poses_apart") or document.get("poses")
     if poses is None or document["command"] == "predict":
         return None
@@ -70,14 +73,15 @@ def _of_fit(document: Document, poses: Mapping[str, Any], unit: str) -> ErrorsBy
     columns = poses[f"errors_{unit}"]
     if columns is None:
         return None
-    crossed = columns["held_out_after"] is not None
+    held_out = columns["held_out_after"] is not None
     names = {
         "nominal": "nominal",
-        "before": "held_out_before" if crossed else "before",
-        "after": "held_out_after" if crossed else "after",
+        "before": "held_out_before" if held_out else "before",
+        "after": "held_out_after" if held_out else "after",
     }
     n = len(columns["nominal"])
     used = np.ones(n) if poses["used"] is None else np.array(poses["used"], dtype=np.float64)
-    chosen = ["nominal", "before"] if document.get("findings") == [] else list(names)
-    found = tuple(StageErrors(role, STAGE_WORDS[role], vectors(columns[names[role]])) for role in chosen)
-    return ErrorsByStage(poses, used, found, crossed or document.get("poses_apart") is not None)
+    roles = ["nominal", "before"] if document.get("findings") == [] else list(names)
+    labels = STAGE_LABELS[document["command"]]
+    stages = tuple(StageErrors(role, labels[role], vectors(columns[names[role]])) for role in roles)
+    return ErrorsByStage(poses, used, stages, held_out or document.get("poses_apart") is not None)

@@ -1,4 +1,4 @@
-"""Which poses a picture shows when there are more than it can: always the same ones, the extremes among them."""
+"""Selection of the poses that a chart shows, reproducible and including the extremes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ Rows = NDArray[np.int64]
 
 
 def thinned(most: int, *columns: Array) -> Rows:
-    """Rows to show, ascending: all of them up to ``most``.
+    """Return the rows to show, ascending: all of them up to ``most``.
 
-    Beyond, a quarter are the rows with the largest and the smallest values of each column ``(N,)``, and the rest are
-    spread evenly over all rows. A picture that shows fewer points so keeps its range and what sticks out.
+    With more rows, a quarter of the selection are the rows with the largest and smallest values of each column
+    ``(N,)``; the others are spread evenly over all rows. The selection keeps the range and the extremes.
     """
     n = columns[0].size
     if n <= most:
@@ -24,11 +24,11 @@ def thinned(most: int, *columns: Array) -> Rows:
         order = np.argsort(np.where(np.isfinite(column), column, np.nanmedian(column)), kind="stable")
         extreme.update(order[:each].tolist())
         extreme.update(order[-each:].tolist())
-    rest = np.setdiff1d(np.arange(n), np.array(sorted(extreme)))
-    spread = rest[np.linspace(0, rest.size - 1, most - len(extreme)).round().astype(np.int64)]
-    return np.sort(np.concatenate((np.array(sorted(extreme), dtype=np.int64), spread)))
+    remaining = np.setdiff1d(np.arange(n), np.array(sorted(extreme)))
+    evenly = remaining[np.linspace(0, remaining.size - 1, most - len(extreme)).round().astype(np.int64)]
+    return np.sort(np.concatenate((np.array(sorted(extreme), dtype=np.int64), evenly)))
 
 
-def shown(count: int, of: int) -> str:
-    """What a caption says of it; nothing where all are shown."""
-    return "" if count >= of else f" {count:,} of {of:,} poses are drawn, the extremes among them."
+def thinning_note(count: int, total: int) -> str:
+    """Return the sentence for a caption; an empty text if all poses are shown."""
+    return "" if count >= total else f" The chart shows {count:,} of {total:,} poses, including the extremes."

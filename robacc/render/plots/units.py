@@ -1,4 +1,4 @@
-"""Units that numbers are shown in: one for a whole picture, so that its axis stays readable."""
+"""Display units; a chart uses one unit, chosen by its largest value."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from robacc.render.text.numbers import three_digits
 
 
 class Unit(NamedTuple):
-    """A unit to show numbers in."""
+    """A display unit."""
 
     name: str
     factor: float
-    """Shown = factor x SI."""
+    """Displayed number = factor times SI value."""
 
     def text(self, value: float | None) -> str:
-        """Three digits and the unit; a dash where there is no number."""
+        """Return three digits and the unit; a dash for None and NaN."""
         if value is None or not math.isfinite(value):
             return "–"
         gap = "" if self.name == "°" else " "
@@ -34,12 +34,12 @@ _OTHERS = {"1": "", "N m": "N m", "N": "N", "s": "s", "kg": "kg", "°C": "°C", 
 
 
 def length_unit(*sizes: float) -> Unit:
-    """Millimetres, micrometres where all sizes (m) are below 0.02 mm."""
+    """Return millimetres, or micrometres if all sizes (m) are below 0.02 mm."""
     return _LENGTHS[0] if _largest(sizes) < 2e-5 else MILLIMETRE
 
 
 def joint_unit(unit: str, *sizes: float) -> Unit:
-    """For the error of a joint: µrad up to 2 mrad, mrad up to 0.1 rad, then degrees; lengths as such."""
+    """Return the unit of a joint error: µrad up to 2 mrad, mrad up to 0.1 rad, then degrees; mm or µm for lengths."""
     if unit == "m":
         return length_unit(*sizes)
     largest = _largest(sizes)
@@ -47,12 +47,12 @@ def joint_unit(unit: str, *sizes: float) -> Unit:
 
 
 def driver_unit(unit: str) -> Unit:
-    """For an axis: degrees for angles, metres for lengths, all else as it is."""
+    """Return the unit of a driver's axis: degrees, metres, or the unit itself."""
     return {"rad": DEGREE, "m": METRE}.get(unit) or Unit(_OTHERS.get(unit, unit), 1.0)
 
 
 def error_unit(unit: str, *sizes: float) -> Unit:
-    """For the length of an error vector: mm or µm, degrees."""
+    """Return the unit of an error's length: mm or µm, or degrees."""
     return DEGREE if unit == "rad" else length_unit(*sizes)
 
 

@@ -1,4 +1,4 @@
-"""Where in its workspace the arm is accurate, and where not: a map of predicted or measured errors."""
+"""Maps of predicted or measured errors over the workspace."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.render.plots.chart import ChartTable, Document, Picture
+from robacc.render.plots.chart import Chart, ChartTable, Document
 from robacc.render.plots.columns import Array, numbers, vectors
 from robacc.render.plots.stage_errors import stages_of
 from robacc.render.plots.units import Unit, length_unit
@@ -15,31 +15,31 @@ from robacc.render.plots.units import Unit, length_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LEAST = 80
-"""Poses below which a map is mostly holes."""
+_MIN_POSES = 80
+"""Smallest number of poses for a map without too many empty cells."""
 _STEPS = 7
 
 
-def workspace_pictures(document: Document) -> Iterator[Picture]:
-    """From the side (distance from the vertical axis, height) and from above."""
-    found = _values(document)
-    if found is None:
+def workspace_charts(document: Document) -> Iterator[Chart]:
+    """Return the map in side view (distance from the vertical axis, height) and top view."""
+    mapped = _values(document)
+    if mapped is None:
         return
-    at, values, what = found
+    at, values, label = mapped
     unit = length_unit(float(values.max()))
-    name = what.rstrip(",")
+    quantity = label.rstrip(",")
     worst = int(np.argmax(values))
     radius = np.hypot(at[:, 0], at[:, 1])
-    yield Picture(
+    yield Chart(
         "workspace",
-        f"{what} over the workspace",
-        f"{what} by where the target is: root mean square over the poses in each cell, light cells having the larger "
-        f"errors; empty cells have no pose. Left from the side (distance from the frame's vertical axis and height), "
-        f"right from above. The largest is {unit.text(float(values[worst]))} at x {at[worst, 0]:.2f}, "
+        f"{label} over the workspace",
+        f"{label} by target position: root mean square over the poses in each cell. Light cells have larger errors, "
+        "cells without poses are empty. Left: side view (distance from the frame's vertical axis and height); right: "
+        f"top view. The largest error is {unit.text(float(values[worst]))} at x {at[worst, 0]:.2f}, "
         f"y {at[worst, 1]:.2f}, z {at[worst, 2]:.2f} m.",
-        f"Two maps of {name.lower()} in {unit.name} over the workspace in m; "
+        f"Two maps of {quantity.lower()} in {unit.name} over the workspace in m; "
         f"from {unit.text(float(values.min()))} to {unit.text(float(values.max()))} over {values.size} poses",
-        lambda figure: _draw(figure, at, radius, values, unit, name),
+        lambda figure: _draw(figure, at, radius, values, unit, quantity),
         _table(radius, at[:, 2], values, unit),
         (4.9, 3.2),
     )
@@ -50,19 +50,23 @@ def _values(document: Document) -> tuple[Array, Array, str] | None:
     if poses is None:
         return None
     if document["command"] == "predict":
-        at, values, what = vectors(poses["commanded_m"]), numbers(document["position"]["pose_rms_m"]), "Predicted error"
+        at, values, label = (
+            vectors(poses["commanded_m"]),
+            numbers(document["position"]["pose_rms_m"]),
+            "Predicted error",
+        )
     else:
-        found = stages_of(document, "m")
-        if found is None:
+        errors = stages_of(document, "m")
+        if errors is None:
             return None
-        kept = found.used > 0
-        at, values, what = vectors(found.poses["commanded_m"])[kept], found.last.sizes[kept], "Position error"
-        if len(found.stages) > 1:
-            what = f"Position error, {found.last.label},"
-    return (at, values, what) if values.size >= _LEAST else None
+        used = errors.used > 0
+        at, values, label = vectors(errors.poses["commanded_m"])[used], errors.last.sizes[used], "Position error"
+        if len(errors.stages) > 1:
+            label = f"Position error, {errors.last.label},"
+    return (at, values, label) if values.size >= _MIN_POSES else None
 
 
-def _draw(figure: Figure, at: Array, radius: Array, values: Array, unit: Unit, what: str) -> None:
+def _draw(figure: Figure, at: Array, radius: Array, values: Array, unit: Unit, quantity: str) -> None:
     from matplotlib.colors import BoundaryNorm
     from matplotlib.ticker import MaxNLocator
 
@@ -84,12 +88,12 @@ def _draw(figure: Figure, at: Array, radius: Array, values: Array, unit: Unit, w
         axes.grid(visible=False)
         axes.set_aspect("equal", adjustable="datalim")
         axes.locator_params(nbins=4)
-    figure.colorbar(drawn, ax=(side, above), location="bottom", shrink=0.8, aspect=30, label=f"{what}, {unit.name}")
+    figure.colorbar(drawn, ax=(side, above), location="bottom", shrink=0.8, aspect=30, label=f"{quantity}, {unit.name}")
 
 
 def _cells(x: Array, y: Array) -> tuple[int, int]:
-    """Cells along both axes, as wide as they are high, so many that most hold a few poses."""
-    width, height = (max(float(np.ptp(one)), 1e-3) for one in (x, y))
+    """Return the numbers of cells along both axes, for square cells with a few poses each."""
+    width, height = (max(float(np.ptp(coordinate)), 1e-3) for coordinate in (x, y))
     across = float(np.clip(np.sqrt(x.size * width / height) * 0.55, 3, 15))
     return max(2, round(across)), max(2, round(across * height / width / np.sqrt(3)))
 
@@ -99,9 +103,9 @@ def _rms(values: Any) -> float:
 
 
 def _table(radius: Array, height: Array, values: Array, unit: Unit) -> ChartTable:
-    """By distance and height, in a few steps of each."""
+    """Return the errors by steps of distance and height."""
     rows = []
-    r_edges, z_edges = (np.linspace(one.min(), one.max(), 5) for one in (radius, height))
+    r_edges, z_edges = (np.linspace(coordinate.min(), coordinate.max(), 5) for coordinate in (radius, height))
     for i in range(4):
         for j in range(4):
             inside = _within(radius, r_edges, i) & _within(height, z_edges, j)

@@ -1,4 +1,4 @@
-"""The poses in space with their error vectors, magnified: a still picture and a view that can be turned."""
+"""The poses in space with magnified error vectors, as a still chart and an interactive view."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.render.plots.chart import ChartTable, Document, Picture, Scene3D
+from robacc.render.plots.chart import Chart, ChartTable, Document, Scene3D
 from robacc.render.plots.columns import Array, place, vectors
 from robacc.render.plots.palette import LIGHT
 from robacc.render.plots.stage_errors import StageErrors, stages_of
-from robacc.render.plots.thinning import Rows, shown, thinned
+from robacc.render.plots.thinning import Rows, thinned, thinning_note
 from robacc.render.plots.units import Unit, error_unit
 
 if TYPE_CHECKING:
@@ -22,33 +22,33 @@ _STILL = 220
 _TURNED = 900
 _ROWS = 60
 _VECTOR = 0.12
-"""A large error vector is drawn as long as this share of the poses' extent."""
-_LEAST = 1e-3
-"""m across, of the view of an arm that stands still."""
+"""Length of a large error vector in the chart, as a share of the poses' extent."""
+_MIN_EXTENT = 1e-3
+"""m; the extent of the view if all poses coincide."""
 
 
-def space_pictures(document: Document) -> Iterator[Picture]:
-    """Of every result with poses and errors in the measuring frame."""
-    drawn = _vectors(document)
-    if drawn is None:
+def workspace_3d_charts(document: Document) -> Iterator[Chart]:
+    """Return the chart of a result with poses and errors in the measuring frame."""
+    vectors_of_poses = _vectors(document)
+    if vectors_of_poses is None:
         return
-    poses, stages = drawn
+    poses, stages = vectors_of_poses
     at = vectors(poses["commanded_m"])
     if len(at) == 0:
         return
     sizes = [stage.sizes for stage in stages]
-    unit = error_unit("m", float(max(one.max() for one in sizes)))
+    unit = error_unit("m", float(max(stage_sizes.max() for stage_sizes in sizes)))
     scale = _magnification(at, sizes[0])
     still = thinned(_STILL, *sizes)
     turned = thinned(_TURNED, *sizes)
     worst = int(np.argmax(sizes[-1]))
     names = " and ".join(f"{stage.label}" for stage in stages)
-    yield Picture(
+    yield Chart(
         "poses",
-        "Poses and their errors in space",
-        f"Where the target was to be at each pose, and its error from there ({names}), drawn {scale:,.0f} times as "
-        f"long as it is. The grey line is the arm at its most usual pose. The largest error is at "
-        f"{place(poses, worst)}: {unit.text(float(sizes[-1][worst]))}.{shown(still.size, len(at))}",
+        "Pose errors in space",
+        f"Commanded target positions and their errors ({names}), magnified {scale:,.0f} times. The grey line is the "
+        f"arm at a typical pose. The largest error is at "
+        f"{place(poses, worst)}: {unit.text(float(sizes[-1][worst]))}.{thinning_note(still.size, len(at))}",
         f"Points of {len(at)} poses in x, y, z in m of the measuring frame with error vectors {scale:,.0f} times "
         f"magnified; largest {unit.text(float(sizes[-1][worst]))}",
         lambda figure: _draw(figure, at[still], [(s, s.errors[still]) for s in stages], scale, _outline(document)),
@@ -59,18 +59,18 @@ def space_pictures(document: Document) -> Iterator[Picture]:
 
 
 def _vectors(document: Document) -> tuple[Mapping[str, Any], Sequence[StageErrors]] | None:
-    """Poses, and the errors in the measuring frame that are shown of them."""
-    found = stages_of(document, "m")
-    if found is None:
+    """Return the poses and their errors in the measuring frame by stage."""
+    by_stage = stages_of(document, "m")
+    if by_stage is None:
         return None
     if "position_by_frame" in document:
         errors = vectors(document["position_by_frame"]["base"]["errors_m"])
-        return found.poses, (StageErrors("after", "measured", errors),)
-    return found.poses, [stage for stage in found.stages if stage.role != "nominal"]
+        return by_stage.poses, (StageErrors("after", "measured", errors),)
+    return by_stage.poses, [stage for stage in by_stage.stages if stage.role != "nominal"]
 
 
 def _magnification(at: Array, sizes: Array) -> float:
-    """A round factor that makes a large error a visible share of the poses' extent."""
+    """Return a round factor that makes a large error visible relative to the poses' extent."""
     extent = float(np.ptp(at, axis=0).max()) or 1.0
     large = float(np.quantile(sizes, 0.95))
     if large <= 0:
@@ -99,8 +99,8 @@ def _draw(
         axes.add_collection3d(Line3DCollection(ends, colors=LIGHT[stage.role], linewidths=0.9, label=stage.label))
     points = at if outline is None else np.vstack((at, outline))
     centre, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.ptp(points, axis=0)
-    # An arm that moves on a line or in a plane, or not at all, has room around it too.
-    size = np.maximum(size, 0.05 * float(size.max()) or _LEAST)
+    # Poses on a line, in a plane or at one point need a margin too.
+    size = np.maximum(size, 0.05 * float(size.max()) or _MIN_EXTENT)
     low, high = centre - 0.5 * size, centre + 0.5 * size
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(size, zoom=0.95)
@@ -161,7 +161,7 @@ def _scene(
         traces.append(
             _line(stage.label, np.stack((at[rows], ends, gaps), axis=1).reshape(-1, 3), f"role:{stage.role}", 3)
         )
-    note = f"Drag to turn, scroll to come nearer, point at a pose for its row.{shown(rows.size, len(at))}"
+    note = f"Drag to rotate, scroll to zoom, point at a pose to see its row.{thinning_note(rows.size, len(at))}"
     return Scene3D(tuple(traces), ("x, m", "y, m", "z, m"), note)
 
 
@@ -177,7 +177,7 @@ def _line(name: str, points: Array, colour: str, width: float) -> dict[str, Any]
 
 
 def _coordinates(points: Array) -> dict[str, list[float | None]]:
-    """To a tenth of a millimetre, which no eye tells apart; null where a line is broken."""
+    """Return coordinates rounded to 0.1 mm, null for breaks between lines."""
     columns = np.round(points, 4).T.tolist()
     return {
         axis: [None if math.isnan(value) else value for value in column]
@@ -186,7 +186,7 @@ def _coordinates(points: Array) -> dict[str, list[float | None]]:
 
 
 def _plain(text: str) -> str:
-    """Text that plotly shows as it is, although it reads some tags and entities."""
+    """Return the text escaped for plotly, which interprets some tags and entities."""
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
@@ -199,5 +199,5 @@ def _table(poses: Mapping[str, Any], stages: Sequence[StageErrors], unit: Unit, 
         sizes = [unit.text(float(stage.sizes[i])) for stage in stages]
         rows.append([place(poses, int(i)), *(f"{value:.3f}" for value in at[i]), *vector, *sizes])
     header = ("pose", "x, m", "y, m", "z, m", "error x", "error y", "error z", *(stage.label for stage in stages))
-    left = f"The {len(order)} poses with the largest errors of {len(at)}; all are in the JSON result."
-    return ChartTable(header, rows, left if len(order) < len(at) else "Sorted by error, the largest first.")
+    note = f"The {len(order)} poses with the largest errors of {len(at)}; the JSON result has all of them."
+    return ChartTable(header, rows, note if len(order) < len(at) else "Sorted by error, the largest first.")

@@ -36,8 +36,9 @@ def _lines(command: str, table: str, outcome: GateOutcome | None, warnings: tupl
         yield annotation("notice", f"robacc {command}", table.strip().partition("\n\n")[0])
         return
     for evaluation in outcome.evaluations:
-        head = f"{outcome.gate.name}: {evaluation.criterion.name}"
-        text = f"{OUTCOME_LABELS[evaluation.outcome]}: {sentence(evaluation)}. Reason for the limit: {evaluation.criterion.reason}"
+        criterion = evaluation.criterion
+        head = f"{outcome.gate.name}: {criterion.name}"
+        text = f"{OUTCOME_LABELS[evaluation.outcome]}: {sentence(evaluation)}. Reason for the limit: {criterion.reason}"
         yield annotation(_LEVELS[evaluation.outcome], head, text)
     yield annotation(_LEVELS[outcome.outcome], f"robacc {command}", title(outcome))
 

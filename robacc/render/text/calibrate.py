@@ -68,7 +68,7 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     size = f"measurement noise {three_digits(noise.position * _IN_MM)} mm along each axis (standard deviation)"
     yield f"{size}, {source or 'estimated from the residual'}"
     if result.noise.p_value is not None:
-        yield f"residual {result.noise.ratio:.3g} times this noise; test for lack of fit: {p_value(result.noise.p_value)}"
+        yield f"residual {result.noise.ratio:.3g} times this noise; lack-of-fit test {p_value(result.noise.p_value)}"
     if source is not None:
         # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
         yield f"weighted chi-square {fit.chi_square:.4g} on {fit.degrees_of_freedom:.1f} degrees of freedom"

@@ -239,7 +239,7 @@ def _title(owner: str) -> str:
 
 
 def _characteristic(key: str) -> str:
-    """Return the criterion: ``AP``, ``drift of AP`` …"""
+    """Return the name of a criterion, such as ``AP`` or ``drift of AP``."""
     symbol = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation")
     kind, _, base = symbol.partition(".")
     return f"{kind} of {base}" if base else kind

@@ -29,7 +29,7 @@ def comparison_lines(comparison: MeasuredComparison, width: int) -> Iterator[Tex
 
 
 def _errors(comparison: MeasuredComparison) -> list[TextLine]:
-    noise, alignment = comparison.evidence.noise, comparison.alignment
+    noise, alignment = comparison.statistics.noise, comparison.alignment
     registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment.effects)} fitted"
     quantities = [("position", comparison.position_rms, noise.position, noise.source_position, "m")]
     if comparison.orientation_rms is not None and noise.orientation is not None:

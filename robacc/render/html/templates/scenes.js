@@ -1,6 +1,6 @@
 (function () {
   "use strict";
-  // What can be turned is drawn by plotly; without WebGL the still pictures stay.
+  // plotly draws the 3-D views; without WebGL the still charts stay.
   var probe = document.createElement("canvas");
   if (!window.DecompressionStream || !(probe.getContext("webgl2") || probe.getContext("webgl"))) { return; }
   var dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -72,7 +72,7 @@
       scene.hidden = !on;
       moves.hidden = !on;
       button.setAttribute("aria-pressed", String(on));
-      button.textContent = on ? "Show it still" : "Turn it in 3-D";
+      button.textContent = on ? "Show still image" : "Show in 3-D";
       if (on) { draw().catch(function () { turn(false); }); }
     }
 
@@ -89,7 +89,7 @@
     if (figure.dataset.starts === "yes") { turn(true); }
   }
 
-  // The library is carried compressed, and allowed to run by its hash.
+  // The page contains the library compressed; the content security policy allows it by its hash.
   function library() {
     var packed = Uint8Array.from(atob(document.getElementById("library").textContent), function (sign) {
       return sign.charCodeAt(0);

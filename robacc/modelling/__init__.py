@@ -1,1 +1,1 @@
-"""What an arm with effects does at given poses: predictions and their Jacobian, and what an instrument sees of it."""
+"""Models of an arm with effects: predictions and their Jacobian, and residuals of the instrument."""

@@ -1,4 +1,4 @@
-"""A model bound to poses: every regressor evaluated, so that it predicts and linearises for any coefficients."""
+"""Model bound to poses: it has every regressor evaluated, and predicts and linearises for any coefficients."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from robacc.robots.arm import Arm
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """What a sweep has to follow so that its Jacobian is, column by column, that of the wanted coefficients."""
+    """Motions that a sweep must follow for the Jacobian of requested coefficients."""
 
     motions: tuple[int, ...]
-    """A motion for each wanted coefficient, then those of :attr:`followed`."""
+    """A motion for each requested coefficient, then those of :attr:`followed`."""
     followed: tuple[int, ...]
-    """Motions that coefficients of several parts, of regressors and of loads are put together from."""
+    """Motions from which the columns of coefficients with several parts, regressors or loads are composed."""
     compound: tuple[int, ...]
-    """Columns that are not simply a motion's own."""
+    """Columns that are composed of several motions or scaled."""
     column: Mapping[int, int]
     """Term number to column."""
 
 
 @dataclass(frozen=True)
 class BoundModel:
-    """A model with its regressors evaluated for N poses. ``theta`` ``(P,)`` are the free coefficients."""
+    """Model with regressors evaluated for N poses. ``theta`` ``(P,)`` are the free coefficients."""
 
     arm: Arm
     n: int
@@ -42,7 +42,7 @@ class BoundModel:
     fixed_values: Array
     terms: tuple[Term, ...]
     owners: tuple[int, ...] = ()
-    """For each term the number of its effect among the model's free ones."""
+    """Index of each term's effect among the free effects of the model."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,15 +50,15 @@ class BoundModel:
         return tuple(term.name for term in self.terms)
 
     def poses(self, theta: NDArray[Any]) -> Poses:
-        """Predicted poses of the target in the measuring frame."""
+        """Predict the poses of the target in the measuring frame."""
         coefficients = self._coefficients(theta)
         return self._scaled(self.arm.chain.poses(self._scalars(coefficients), self.n), coefficients)
 
     def linearise(self, theta: Array, columns: NDArray[np.int64] | None = None) -> tuple[Poses, Array]:
-        """Predicted poses, and ``(6, P, N)`` rows dp (m), dphi (rad) per unit of each free coefficient, exact.
+        """Return predicted poses and the exact Jacobian ``(6, P, N)``: dp (m), dphi (rad) per unit of coefficient.
 
-        What moves the arm changes the moments that it gives way to, deflections in equilibrium included; the derivative
-        has that too. ``columns`` ``(K,)`` names the coefficients to build, in order; by default all.
+        Coefficients that move the arm change the torques that deflect it; the derivative includes this. ``columns``
+        ``(K,)`` are the indices of the requested coefficients, in order; by default all.
         """
         layout = self._layout(np.arange(len(self.terms)) if columns is None else columns)
         count = len(layout.column)
@@ -75,7 +75,7 @@ class BoundModel:
                 jacobian[:3, layout.column[entry.number]] += sweep.poses.translation * entry.part.factor
         return self._scaled(sweep.poses, coefficients), jacobian
 
-    # -- what the terms are made of
+    # -- parts of the terms
 
     @cached_property
     def _entries(self) -> tuple[TermPart, ...]:
@@ -83,7 +83,7 @@ class BoundModel:
 
     @cached_property
     def _rigid(self) -> tuple[tuple[int, int, float | Array], ...]:
-        """Term number, motion and regressor of all that moves a motion by itself."""
+        """Term number, motion and regressor of each part that moves a motion without a load."""
         return tuple((e.number, e.part.motion, e.part.factor) for e in self._entries if _is_rigid(e.part))
 
     @cached_property
@@ -97,19 +97,19 @@ class BoundModel:
     def _layout(self, columns: NDArray[np.int64]) -> _Layout:
         key = columns.tobytes()
         if key not in self._layouts:
-            self._layouts[key] = self._laid_out(columns.tolist())
+            self._layouts[key] = self._new_layout(columns.tolist())
         return self._layouts[key]
 
-    def _laid_out(self, columns: Sequence[int]) -> _Layout:
+    def _new_layout(self, columns: Sequence[int]) -> _Layout:
         first = len(self.fixed)
-        own, compound = [], []
+        column_motions, compound = [], []
         for column, number in enumerate(columns):
             parts = self.terms[number].parts
-            # Motion 0 holds the place of a column that is put together afterwards.
-            plain = len(parts) == 1 and _is_rigid(parts[0]) and isinstance(parts[0].factor, float)
-            plain = plain and parts[0].factor == 1.0
-            own.append(parts[0].motion if plain else 0)
-            if not plain:
+            # Motion 0 is a placeholder for a column that is composed afterwards.
+            simple = len(parts) == 1 and _is_rigid(parts[0]) and isinstance(parts[0].factor, float)
+            simple = simple and parts[0].factor == 1.0
+            column_motions.append(parts[0].motion if simple else 0)
+            if not simple:
                 compound.append(column)
         needed = {part.motion for column in compound for part in self.terms[columns[column]].parts}
         if self._elastic.entries:
@@ -117,7 +117,10 @@ class BoundModel:
             needed |= {entry.part.motion for entry in self._elastic.entries}
         followed = tuple(sorted(needed - {SCALE_OF_INSTRUMENT}))
         return _Layout(
-            (*own, *followed), followed, tuple(compound), {first + number: i for i, number in enumerate(columns)}
+            (*column_motions, *followed),
+            followed,
+            tuple(compound),
+            {first + number: i for i, number in enumerate(columns)},
         )
 
     def _coefficients(self, theta: NDArray[Any]) -> NDArray[Any]:
@@ -137,11 +140,11 @@ class BoundModel:
         return Poses(poses.rotation, poses.translation * (1.0 + scale))
 
     def _scalars(self, coefficients: NDArray[Any]) -> list[Scalar]:
-        """Every scalar of the chain, what gives way included."""
-        return self._elastic.added(self._undeflected(coefficients), coefficients)
+        """Return every scalar of the chain, deflections included."""
+        return self._elastic.deflected(self._undeflected(coefficients), coefficients)
 
     def _undeflected(self, coefficients: NDArray[Any]) -> list[Scalar]:
-        """Every scalar of the chain without what gives way under a load."""
+        """Return every scalar of the chain without deflections."""
         scalars = list(self.nominal)
         values = coefficients.tolist()
         for number, motion, factor in self._rigid:
@@ -153,25 +156,25 @@ class BoundModel:
     # -- derivative
 
     def _compose(self, jacobian: Array, followed: Sweep, layout: _Layout, coefficients: Array) -> None:
-        """Put the compound columns together from the motions followed, and add how the deflections answer."""
+        """Compose the compound columns from the followed motions, and add the responses of the deflections."""
         jacobian[:, list(layout.compound)] = 0.0
-        driven = [MotionGain(layout.column[n], motion, by) for n, motion, by in self._rigid if n in layout.column]
-        answers: list[tuple[int, Array]] = []
+        gains = [MotionGain(layout.column[n], motion, gain) for n, motion, gain in self._rigid if n in layout.column]
+        responses: list[tuple[int, Array]] = []
         if self._elastic.entries:
             undeflected = self._undeflected(coefficients)
-            direct, answers = self._elastic.answers(
-                driven, undeflected, followed, layout.followed, layout.column, coefficients
+            direct, responses = self._elastic.responses(
+                gains, undeflected, followed, layout.followed, layout.column, coefficients
             )
-            driven += direct
+            gains += direct
         slot = {motion: i for i, motion in enumerate(layout.followed)}
         compound = set(layout.compound)
-        for column, motion, factor in driven:
+        for column, motion, factor in gains:
             if column in compound:
                 jacobian[:, column] += followed.jacobian[:, slot[motion]] * factor
-        for motion, answer in answers:
-            jacobian += followed.jacobian[:, slot[motion]][:, None, :] * answer
+        for motion, response in responses:
+            jacobian += followed.jacobian[:, slot[motion]][:, None, :] * response
 
 
 def _is_rigid(part: Part) -> bool:
-    """Whether a part moves a motion of the chain by itself, no load in between."""
+    """Return whether a part moves a motion of the chain without a load."""
     return part.loads is None and part.motion != SCALE_OF_INSTRUMENT

@@ -1,7 +1,7 @@
-"""A model: an arm with effects, some known and some free, and what it predicts for measured poses.
+"""Model of an arm with known and free effects, and its prediction of measured poses.
 
-:class:`Model` is what is assumed; :meth:`Model.bind` evaluates every regressor for given poses, and the
-:class:`BoundModel` predicts and linearises. With all coefficients zero it predicts the nominal chain, bit for bit.
+:meth:`Model.bind` evaluates every regressor of a :class:`Model` for given poses; the resulting :class:`BoundModel`
+predicts and linearises. With all coefficients zero it predicts the nominal chain, bit for bit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from robacc.robots.description import Robot
 
 @dataclass(frozen=True)
 class Model:
-    """An arm, the effects known of it (with values), and the effects free to be fitted."""
+    """Arm, its known effects (with values), and the free effects to be fitted."""
 
     arm: Arm
     known: tuple[Known, ...] = ()
@@ -33,26 +33,26 @@ class Model:
 
     @classmethod
     def of(cls, robot: Robot, free: Sequence[Effect] = ()) -> Model:
-        """The model that a robot file describes, with some effects free besides.
+        """Return the model that a robot file describes, with ``free`` effects added.
 
         Raises:
-            InputError: the file's ``effects:`` cannot be read.
+            InputError: The ``effects:`` of the file cannot be read.
         """
         return cls(Arm.of(robot), known_effects(robot), tuple(free))
 
     def with_free(self, *effects: Effect) -> Model:
-        """The model with more effects free."""
+        """Return the model with more free effects."""
         return dataclasses.replace(self, free=(*self.free, *effects))
 
     def bind(self, data: Measurements) -> BoundModel:
         """Evaluate every regressor for these poses.
 
         Raises:
-            UsageError: the poses lack what an effect needs, or do not fit the arm.
+            UsageError: The poses lack a column that an effect needs, or do not fit the arm.
         """
         q = commanded(data, "a prediction from the robot")
         if q.shape[0] != self.arm.chain.n_joints:
-            raise UsageError(f"the robot has {self.arm.chain.n_joints} joints, the poses have {q.shape[0]}")
+            raise UsageError(f"the robot has {self.arm.chain.n_joints} joints, but the poses have {q.shape[0]}")
         fixed: list[Term] = []
         values: list[float] = []
         for known in self.known:
@@ -73,19 +73,19 @@ class Model:
 
 
 def predict(robot: Robot, data: Measurements) -> Poses:
-    """The target poses ``(N)`` that a robot file predicts for commanded joints, its effects included."""
+    """Predict the target poses ``(N)`` at the commanded joints, effects of the robot file included."""
     bound = Model.of(robot).bind(data)
     return bound.poses(np.zeros(0))
 
 
 def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[Scalar]:
-    """Replace the tool by the target that each row measured."""
+    """Replace the tool by the measured target of each row."""
     targets = arm.robot.targets
     if not targets:
         return scalars
     if data.target is None:
         if len(targets) > 1:
-            raise UsageError(f"the robot has targets {', '.join(targets)}; the poses need a column target")
+            raise UsageError(f"the robot has the targets {', '.join(targets)}; add a column target to the poses")
         chosen = np.full(data.n, next(iter(targets)))
     else:
         chosen = data.target

@@ -1,4 +1,4 @@
-"""What the instrument sees: residuals, their exact derivative, and whitening."""
+"""Observation by the instrument: residuals, their exact derivative, and whitening."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Standard deviation of what the model cannot predict, along each axis."""
+    """Standard deviation along each axis of the error that the model does not predict."""
 
     position: float
-    """m, root mean square over poses and axes."""
+    """m, RMS over poses and axes."""
     orientation: float | None
     """rad; None where orientation was not measured."""
     source: NoiseSource
 
 
 def residuals(data: Measurements, poses: Poses) -> Array:
-    """``(M, N)``: measured minus predicted position (m) in the measuring frame, and where orientation was measured
-    (M = 6) the rotation vector log(R_measured R_predicted^T) (rad) in the same frame.
-    """  # noqa: D205
+    """Return the residuals ``(M, N)``: measured minus predicted pose, in the measuring frame.
+
+    Position (m) comes first. Where orientation was measured (M = 6), the rotation vector log(R_measured R_predicted^T)
+    (rad) follows.
+    """
     position = data.position - poses.translation
     if data.rotation is None:
         return position
@@ -35,7 +37,7 @@ def residuals(data: Measurements, poses: Poses) -> Array:
 
 
 def observed_jacobian(jacobian: Array, residual: Array) -> Array:
-    """``(M, P, N)``: minus the derivative of :func:`residuals`, from rows dp, dphi of the predicted pose.
+    """Return minus the derivative of :func:`residuals`, ``(M, P, N)``, from rows dp, dphi of the predicted pose.
 
     log(R exp(-dphi)) = r - J_r^-1(r) dphi with J_r(r) = J_l(-r), so orientation is exact for residuals of any size.
     """
@@ -46,7 +48,7 @@ def observed_jacobian(jacobian: Array, residual: Array) -> Array:
 
 
 def weights(data: Measurements, position_misfit: float, orientation_misfit: float) -> Array:
-    """``(M, N)`` reciprocal standard deviations: the file's measuring uncertainty and a misfit common to all poses."""
+    """Return reciprocal standard deviations ``(M, N)`` of measuring uncertainty and a misfit common to all poses."""
     rows = 3 if data.rotation is None else 6
     result = np.empty((rows, data.n))
     known = 0.0 if data.sigma_position is None else data.sigma_position

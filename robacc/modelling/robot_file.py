@@ -1,4 +1,4 @@
-"""A robot from a file, whichever of the two formats it is in."""
+"""Reader of a robot from a robot file (YAML) or a URDF."""
 
 from __future__ import annotations
 
@@ -13,37 +13,39 @@ from robacc.robots.description import Robot
 _XML_SUFFIXES = frozenset({".urdf", ".xml"})
 _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", ".igs", ".glb", ".gltf", ".3mf"})
 _TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
-_EXPECTED = "a robot file (YAML) or a URDF is needed"
+_EXPECTED = "give a robot file (YAML) or a URDF"
 
 
 def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, tip_link: str | None = None) -> Robot:
-    """The robot that a robot file (YAML) or a URDF describes; the content decides which it is.
+    """Read a robot file (YAML) or a URDF; the content decides which it is.
 
     Args:
         path: The file.
-        base_link: URDF only: link that the chain starts at.
-        tip_link: URDF only: link that it ends at.
+        base_link: URDF only: first link of the chain.
+        tip_link: URDF only: last link of the chain.
 
     Raises:
-        InputError: The file cannot be read, is something else, or is wrong.
-        UsageError: A link is named that the URDF does not have, or with a robot file, which is one chain already.
+        InputError: The file cannot be read, is in another format, or has errors.
+        UsageError: The URDF has no such link, or a link is named for a robot file, which has only one chain.
     """
     name = os.fspath(path)
     suffix = PurePath(name).suffix.lower()
     if suffix in _MESHES:
-        raise InputError(Problem(f"is a shape ({suffix}), which has no joints", name, fix=_EXPECTED))
+        raise InputError(Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED))
     text = read_text(path)
     if suffix == ".xacro":
-        fix = "run xacro on it first: xacro robot.xacro > robot.urdf"
-        raise InputError(Problem("is xacro, not yet URDF", name, fix=fix))
+        fix = "convert it first: xacro robot.xacro > robot.urdf"
+        raise InputError(Problem("is xacro, not URDF", name, fix=fix))
     if suffix in _XML_SUFFIXES or text.lstrip().startswith("<"):
         from robacc.robots.urdf import parse_urdf
 
         return parse_urdf(text, name, base_link, tip_link)
     if base_link is not None or tip_link is not None:
-        raise UsageError(f"--base-link and --tip-link choose a chain of a URDF; {name} is a robot file with one chain")
+        raise UsageError(
+            f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain"
+        )
     if suffix in _TABLES:
-        raise InputError(Problem("is a table, not a robot", name, fix=_EXPECTED))
+        raise InputError(Problem("is a table, not a robot description", name, fix=_EXPECTED))
     from robacc.robots.yaml_robot import parse_robot
 
     robot = parse_robot(text, name)
@@ -52,7 +54,7 @@ def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, ti
 
 
 def _check_effects(robot: Robot, text: str, file: str) -> None:
-    """Refuse effects that no command could apply, each with its line: later nobody knows the file any more."""
+    """Raise InputError for invalid effects, with their lines, which are known only here."""
     if not robot.effects:
         return
     from robacc.effects.specification import known_effects
@@ -62,5 +64,5 @@ def _check_effects(robot: Robot, text: str, file: str) -> None:
         known_effects(robot)
     except InputError as error:
         lines = effect_lines(text, file)
-        placed = [replace(one, file=file, line=lines[one.column or ""]) for one in error.problems]
+        placed = [replace(problem, file=file, line=lines[problem.column or ""]) for problem in error.problems]
         raise InputError(placed, total=error.total) from None

@@ -39,13 +39,13 @@ def test_a_pendulum_sags_to_the_equilibrium_of_statics() -> None:
     entry = {"effect": "joint_compliance", "joints": ["j1"], "values": {"j1": compliance}}
     robot = dataclasses.replace(pendulum(), effects=(entry,))
     commanded = (0.0, 0.4, 1.2, -0.7)
-    found = predict(robot, at(*commanded)).translation
+    predicted = predict(robot, at(*commanded)).translation
     for i, q in enumerate(commanded):
         low, high = q - 1.0, q + 1.0
         for _ in range(100):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if middle < q - compliance * weight * np.cos(middle) else (low, middle)
-        np.testing.assert_allclose(found[:, i], [np.cos(low), 0.0, np.sin(low)], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(predicted[:, i], [np.cos(low), 0.0, np.sin(low)], rtol=0, atol=1e-13)
 
 
 def test_a_pendulum_of_the_rigid_form_sags_by_the_moment_where_it_was_commanded() -> None:
@@ -58,9 +58,9 @@ def test_a_pendulum_of_the_rigid_form_sags_by_the_moment_where_it_was_commanded(
     )
     robot = dataclasses.replace(pendulum(), effects=entries)
     commanded = np.array([0.0, 0.4, 1.2, -0.7])
-    found = predict(robot, at(*commanded)).translation
+    predicted = predict(robot, at(*commanded)).translation
     turned = commanded + zero - compliance * weight * np.cos(commanded + zero)
-    np.testing.assert_allclose(found, [np.cos(turned), 0 * turned, np.sin(turned)], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(predicted, [np.cos(turned), 0 * turned, np.sin(turned)], rtol=0, atol=1e-15)
 
 
 def test_an_equilibrium_sees_the_deflections_of_the_rigid_form_and_not_the_other_way_round() -> None:
@@ -69,10 +69,10 @@ def test_an_equilibrium_sees_the_deflections_of_the_rigid_form_and_not_the_other
     second = {"effect": "payload_compliance", "joints": ["j1"], "values": {"j1": compliance}}
     robot = dataclasses.replace(pendulum(), effects=(second, first), payload_com=(0.0, 0.0, 0.0))
     data = dataclasses.replace(at(q), payload=np.array([10.0]))
-    found = predict(robot, data).translation[:, 0]
+    predicted = predict(robot, data).translation[:, 0]
     sag = compliance * weight * np.cos(q)
     angle = brentq(lambda t: t - (q - sag - compliance * weight * np.cos(t)), -1.0, 1.0, xtol=1e-15)
-    np.testing.assert_allclose(found, [np.cos(angle), 0.0, np.sin(angle)], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(predicted, [np.cos(angle), 0.0, np.sin(angle)], rtol=0, atol=1e-13)
 
 
 def test_a_payload_where_the_file_puts_it_sags_the_joint_and_none_does_not() -> None:
@@ -138,7 +138,7 @@ def test_poses_that_do_not_fit_the_robot_are_refused() -> None:
     data = circumstances(one.robot, 3)
     with pytest.raises(UsageError, match="needs the column q1 … qN"):
         predict(one.robot, dataclasses.replace(data, q=None))
-    with pytest.raises(UsageError, match="the robot has 6 joints, the poses have 5"):
+    with pytest.raises(UsageError, match="the robot has 6 joints, but the poses have 5"):
         predict(one.robot, dataclasses.replace(data, q=data.q[:5]))
 
 
@@ -151,7 +151,7 @@ def test_each_target_is_the_tool_of_its_rows() -> None:
         rows = data.target == name
         # Same motions, constant here and one array there: rounding of a metre.
         np.testing.assert_allclose(both[:, rows], predict(alone, data).translation[:, rows], rtol=0, atol=1e-14)
-    with pytest.raises(UsageError, match="the robot has targets a, b; the poses need a column target"):
+    with pytest.raises(UsageError, match="the robot has the targets a, b; add a column target to the poses"):
         predict(one.robot, dataclasses.replace(data, target=None))
 
 
@@ -163,23 +163,23 @@ def measured(robot: Robot, n: int, *, orientation: bool = True) -> Measurements:
 @pytest.mark.parametrize("name", CONFIGURED)
 def test_number_of_identifiable_geometric_parameters(name: str) -> None:
     # 4 R + 2 P + 6: Everett, Driels, Mooring 1987. Of a point three of the tool's six cannot be seen.
-    one = arm(name)
-    revolute = sum(joint.type == "revolute" for joint in one.robot.variables)
-    full = 4 * revolute + 2 * (len(one.names) - revolute) + 6
+    robot_arm = arm(name)
+    revolute = sum(joint.type == "revolute" for joint in robot_arm.robot.variables)
+    full = 4 * revolute + 2 * (len(robot_arm.names) - revolute) + 6
     for orientation, expected in ((True, full), (False, full - 3)):
-        data = measured(one.robot, 60, orientation=orientation)
-        free = [REGISTRY[effect].default(one, data) for effect in GEOMETRY]
-        found = fit(Model.of(one.robot, free), data).identifiability
-        assert found.kept.size == expected
-        assert len(found.dropped) == sum(len(e.terms(one, data)) for e in free) - expected
-        assert all(why.why for why in found.dropped)
+        data = measured(robot_arm.robot, 60, orientation=orientation)
+        free = [REGISTRY[effect].default(robot_arm, data) for effect in GEOMETRY]
+        identified = fit(Model.of(robot_arm.robot, free), data).identifiability
+        assert identified.kept.size == expected
+        assert len(identified.dropped) == sum(len(e.terms(robot_arm, data)) for e in free) - expected
+        assert all(why.why for why in identified.dropped)
 
 
 @pytest.mark.parametrize("orientation", [True, False])
 def test_the_fit_agrees_with_scipy_from_the_same_start(orientation: bool) -> None:
-    one = arm("puma560")
+    robot_arm = arm("puma560")
     robot = dataclasses.replace(
-        one.robot,
+        robot_arm.robot,
         effects=(
             {"effect": "joint_offset", "joints": ["j2", "j4"], "values": {"j2": 3e-3, "j4": -2e-3}},
             {"effect": "joint_compliance", "joints": ["j2"], "values": {"j2": 3e-5}},
@@ -187,12 +187,12 @@ def test_the_fit_agrees_with_scipy_from_the_same_start(orientation: bool) -> Non
     )
     data = measured(robot, 80, orientation=orientation)
     names = ("joint_offset", "link_geometry", "gear_ratio", "joint_compliance", "instrument_scale")
-    model = Model.of(one.robot, [REGISTRY[name].default(one, data) for name in names])
+    model = Model.of(robot_arm.robot, [REGISTRY[name].default(robot_arm, data) for name in names])
     options = Options(robust=False, misfit=(2e-5, 2e-5), tolerance=1e-13)
-    found = fit(model, data, options)
-    kept = found.identifiability.kept
-    peer, size = by_scipy(found, data, 2e-5, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    fitted = fit(model, data, options)
+    kept = fitted.identifiability.kept
+    peer, size = by_scipy(fitted, data, 2e-5, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert kept.size > 20
     # 1e-9 of the parameters' own length, and no parameter off by more than a millionth of its standard error.
-    assert np.linalg.norm(found.theta[kept] - peer.x * size) <= 1e-9 * np.linalg.norm(found.theta[kept])
-    np.testing.assert_allclose(found.theta[kept] / size, peer.x, rtol=1e-9, atol=1e-6)
+    assert np.linalg.norm(fitted.theta[kept] - peer.x * size) <= 1e-9 * np.linalg.norm(fitted.theta[kept])
+    np.testing.assert_allclose(fitted.theta[kept] / size, peer.x, rtol=1e-9, atol=1e-6)

@@ -1,17 +1,17 @@
-"""One chain for every description: elementary motions, their poses, and the exact Jacobian to every scalar.
+"""Kinematic chain of elementary motions: poses, and the exact Jacobian to every scalar.
 
 A chain is a product of elementary motions, each a rotation or a translation along a coordinate axis by one scalar:
 
     T = E_1(s_1) E_2(s_2) … E_K(s_K).
 
 A DH row is Rz(theta) Tz(d) Tx(a) Rx(alpha), a modified one Rx(alpha) Tx(a) Rz(theta) Tz(d), a URDF joint
-Tx Ty Tz Rz Ry Rx and its axis; base and tool are motions too. So equation (6) of Wu and Lee (1984) needs no case
-distinction: the column of scalar k is the twist of motion k carried to the tool,
+Tx Ty Tz Rz Ry Rx and its axis; base and tool are motions too. Equation (6) of Wu and Lee (1984) then needs no case
+distinction: the column of scalar k is the twist of motion k transformed to the tool,
 
     rotation:     dp = z_k x (p - o_k),  dphi = z_k
     translation:  dp = z_k,              dphi = 0
 
-with z_k the motion's axis and o_k a point on it, both in the measuring frame, from one forward sweep.
+with z_k the motion's axis and o_k a point on it, both in the measuring frame, from a single forward sweep.
 
 A scalar is a float where it is the same for all poses and an ``(N,)`` array where it varies; constant runs stay
 ``(3, 1)`` until the first varying scalar.
@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from robacc.geometry import Array, Poses, cross
 
 BLOCK = 4096
-"""Poses done at a time: a block's working arrays stay in the second-level cache."""
+"""Poses per block: the working arrays of a block stay in the second-level cache."""
 
-_TOGETHER = 2048
-"""Numbers of one row that a call works on, where calls would cost more than what they compute."""
+_ROW_SIZE = 2048
+"""Numbers per row in a NumPy call: with fewer, the call takes longer than the computation."""
 
 BASE = -1
 TOOL = -2
@@ -43,7 +43,7 @@ Scalar = float | NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One elementary motion: along or about coordinate ``axis`` of the frame it stands in."""
+    """Elementary motion along or about coordinate ``axis`` of the preceding frame."""
 
     kind: Literal["rotation", "translation"]
     axis: int
@@ -52,7 +52,7 @@ class Motion:
     owner: int
     """Index of the joint in the robot's list, or :data:`BASE` or :data:`TOOL`."""
     label: str
-    """``theta``, ``d``, ``alpha``, ``flex_x`` …; unique within its owner, or empty if it never varies."""
+    """``theta``, ``d``, ``alpha``, ``flex_x`` …; unique within the owner, or empty if it never varies."""
 
     @property
     def unit(self) -> str:
@@ -71,10 +71,10 @@ class JointDrive:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A mass carried by the chain, at ``com`` in the frame that stands after motion ``after - 1``."""
+    """Mass on the chain, at ``com`` in the frame after motion ``after - 1``."""
 
     after: int
-    """Number of motions before the body's frame: motions ``0 … after - 1`` move it."""
+    """Number of motions before the body's frame: motions ``0 … after - 1`` move the body."""
     owner: int
     com: tuple[float, float, float]
     mass: float
@@ -82,7 +82,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """What one forward sweep found, all in the measuring frame."""
+    """Results of a forward sweep, in the measuring frame."""
 
     poses: Poses
     """Tool poses over N."""
@@ -92,14 +92,14 @@ class Sweep:
     """The frame after each of the wanted motion counts (link frames), over N."""
 
     def twists(self) -> tuple[Array, Array]:
-        """Spatial twists (v, w), each ``(3, W, N)``: v + w x c is the velocity of every point c behind the motion."""
+        """Return spatial twists (v, w), each ``(3, W, N)``: a point c behind the motion has the velocity v + w x c."""
         linear, angular = self.jacobian[:3], self.jacobian[3:]
         return linear - cross(angular, self.poses.translation[:, None, :]), angular
 
 
 @dataclass(frozen=True)
 class Chain:
-    """A serial arm as elementary motions. Immutable; every method is a pure function of its arguments."""
+    """Serial arm as elementary motions. Immutable; every method is a pure function of its arguments."""
 
     motions: tuple[Motion, ...]
     drives: tuple[JointDrive, ...]
@@ -107,7 +107,7 @@ class Chain:
     """Number of joint variables."""
     bodies: tuple[Body, ...] = ()
     joint_axis: tuple[int, ...] = ()
-    """For each joint variable the motion that it drives."""
+    """Index of the motion that each joint variable drives."""
     _index: dict[tuple[int, str], int] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -115,30 +115,30 @@ class Chain:
         self._index.update({(m.owner, m.label): k for k, m in enumerate(self.motions) if m.label})
 
     def find(self, owner: int, label: str) -> int | None:
-        """Index of a motion, or None where the chain has none of that name."""
+        """Return the index of a motion, or None where the chain has no such motion."""
         return self._index.get((owner, label))
 
     def index(self, owner: int, label: str) -> int:
-        """Index of a motion that must exist."""
+        """Return the index of a motion that must exist."""
         return self._index[owner, label]
 
     def scalars(self, q: NDArray[Any]) -> list[Scalar]:
-        """The nominal scalars at joint variables ``q`` ``(J, N)``: floats where constant, ``(N,)`` where driven."""
+        """Return nominal scalars at joint variables ``q`` ``(J, N)``: floats where constant, ``(N,)`` where driven."""
         values: list[Scalar] = [motion.value for motion in self.motions]
         for drive in self.drives:
             values[drive.motion] = values[drive.motion] + drive.coefficient * q[drive.joint]
         return values
 
     def forward(self, q: NDArray[Any]) -> Poses:
-        """Nominal tool poses in the measuring frame for joint variables ``q`` ``(J, N)`` in rad or m."""
+        """Return nominal tool poses in the measuring frame for joint variables ``q`` ``(J, N)`` in rad or m."""
         return self.poses(self.scalars(q), q.shape[1])
 
     def poses(self, scalars: Sequence[Scalar], n: int) -> Poses:
-        """Tool poses for any scalars."""
+        """Return tool poses for any scalars."""
         dtype = _dtype(scalars)
         rotation = np.empty((3, 3, n), dtype=dtype)
         translation = np.empty((3, n), dtype=dtype)
-        # A constant motion of zero is the identity and costs nothing.
+        # A constant motion of zero is the identity and is skipped.
         active = [
             (motion, scalar)
             for motion, scalar in zip(self.motions, scalars, strict=True)
@@ -161,14 +161,14 @@ class Chain:
         wanted: Sequence[int] | None = None,
         frames: Sequence[int] = (),
     ) -> Sweep:
-        """Poses, and axis and origin of the ``wanted`` motions (default all), in one pass over the chain.
+        """Return poses, Jacobian columns of the ``wanted`` motions (default all) and frames, in one pass.
 
-        ``frames`` names motion counts after which the frame is kept (a body's ``after``).
+        ``frames`` are motion counts after which the frame is stored (a body's ``after``).
         """
         wanted = tuple(range(len(self.motions))) if wanted is None else tuple(wanted)
         dtype = _dtype(scalars)
         jacobian = np.empty((6, len(wanted), n), dtype=dtype)
-        kept = {count: _empty_poses(n, dtype) for count in frames}
+        stored = {count: _empty_poses(n, dtype) for count in frames}
         tip = _empty_poses(n, dtype)
         slots: dict[int, list[int]] = {}
         for slot, k in enumerate(wanted):
@@ -177,28 +177,28 @@ class Chain:
         for block in self.blocks(n):
             columns, origin = _start()
             for k, motion in enumerate(self.motions):
-                if k in kept:
-                    _store(kept[k], columns, origin, block)
+                if k in stored:
+                    _store(stored[k], columns, origin, block)
                 for slot in slots.get(k, ()):
-                    _note(jacobian[:, slot, block], motion, columns, origin)
+                    _store_axis(jacobian[:, slot, block], motion, columns, origin)
                 scalar = scalars[k]
                 if isinstance(scalar, float):
                     if scalar != 0.0:
                         origin = _advance(columns, origin, motion, scalar)
                 else:
                     origin = _advance(columns, origin, motion, scalar[block])
-            if len(self.motions) in kept:
-                _store(kept[len(self.motions)], columns, origin, block)
+            if len(self.motions) in stored:
+                _store(stored[len(self.motions)], columns, origin, block)
             _store(tip, columns, origin, block)
-            _carry(jacobian[:, :, block], rotations, origin)
-        return Sweep(tip, jacobian, tuple(kept[count] for count in frames))
+            _transform_to_tool(jacobian[:, :, block], rotations, origin)
+        return Sweep(tip, jacobian, tuple(stored[count] for count in frames))
 
     def jacobian(self, q: NDArray[Any], wanted: Sequence[int] | None = None) -> Array:
-        """Nominal ``(6, W, N)`` Jacobian to the ``wanted`` scalars (default all K), rows dp, dphi, measuring frame."""
+        """Return the nominal Jacobian ``(6, W, N)``, rows dp, dphi, to ``wanted`` scalars (default all K)."""
         return self.sweep(self.scalars(q), q.shape[1], wanted).jacobian
 
     def blocks(self, n: int) -> Iterator[slice]:
-        """Slices of at most :data:`BLOCK` poses that cover ``n``."""
+        """Return slices of at most :data:`BLOCK` poses that cover ``n``."""
         return (slice(start, min(start + BLOCK, n)) for start in range(0, n, BLOCK))
 
 
@@ -211,25 +211,25 @@ def _empty_poses(n: int, dtype: np.dtype[Any]) -> Poses:
     return Poses(np.empty((3, 3, n), dtype=dtype), np.empty((3, n), dtype=dtype))
 
 
-def _note(column: NDArray[Any], motion: Motion, columns: list[NDArray[Any]], origin: NDArray[Any]) -> None:
-    """Keep a rotation's origin and axis until the tool is known, a translation's axis for good."""
+def _store_axis(column: NDArray[Any], motion: Motion, columns: list[NDArray[Any]], origin: NDArray[Any]) -> None:
+    """Store a rotation's origin and axis until the tool is known, or a translation's axis and zeros."""
     column[:3] = origin if motion.kind == "rotation" else columns[motion.axis]
     column[3:] = columns[motion.axis] if motion.kind == "rotation" else 0.0
 
 
-def _carry(jacobian: NDArray[Any], rotations: Sequence[int], tip: NDArray[Any]) -> None:
-    """Replace rotations' origins ``jacobian[:3, rotations]`` by what they do to the tool: z x (p - o)."""
+def _transform_to_tool(jacobian: NDArray[Any], rotations: Sequence[int], tip: NDArray[Any]) -> None:
+    """Replace rotations' origins ``jacobian[:3, rotations]`` by the displacement of the tool, z x (p - o)."""
     n = jacobian.shape[-1]
-    # Few poses: many motions in one call; many poses: one motion after the other, which the first-level cache holds.
-    step = max(1, _TOGETHER // max(n, 1))
+    # Few poses: many motions per call; many poses: a motion at a time, which fits the first-level cache.
+    step = max(1, _ROW_SIZE // max(n, 1))
     for first in range(0, len(rotations), step):
-        some = rotations[first : first + step]
-        at: Any = some if step > 1 else slice(some[0], some[0] + 1)
-        x, y, z = tip[:, None] - jacobian[:3, at]
-        u, v, w = jacobian[3:, at]
-        jacobian[0, at] = v * z - w * y
-        jacobian[1, at] = w * x - u * z
-        jacobian[2, at] = u * y - v * x
+        chunk = rotations[first : first + step]
+        columns: Any = chunk if step > 1 else slice(chunk[0], chunk[0] + 1)
+        x, y, z = tip[:, None] - jacobian[:3, columns]
+        u, v, w = jacobian[3:, columns]
+        jacobian[0, columns] = v * z - w * y
+        jacobian[1, columns] = w * x - u * z
+        jacobian[2, columns] = u * y - v * x
 
 
 def _start() -> tuple[list[NDArray[Any]], NDArray[Any]]:
@@ -243,7 +243,7 @@ def _store(target: Poses, columns: list[NDArray[Any]], origin: NDArray[Any], blo
 
 
 def _advance(columns: list[NDArray[Any]], origin: NDArray[Any], motion: Motion, value: Scalar) -> NDArray[Any]:
-    """Apply one motion: turn two of the frame's three axes in place, or return the moved origin."""
+    """Apply a motion: turn two of the frame's axes in place, or return the moved origin."""
     if motion.kind == "translation":
         return origin + columns[motion.axis] * value
     cosine, sine = _cos_sin(value)
@@ -255,10 +255,10 @@ def _advance(columns: list[NDArray[Any]], origin: NDArray[Any], motion: Motion, 
 
 
 def _cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
-    """Cosine and sine; for arrays from one tangent of the half angle, which NumPy vectorises better than the pair.
+    """Return cosine and sine; for arrays from the tangent of the half angle, which NumPy vectorises better.
 
-    Absolute error stays below 4e-16, at pi too, where the tangent is some 1e16 and both quotients are still exact; a
-    complex step there needs the functions themselves.
+    The absolute error is below 4e-16, also at pi, where the tangent is about 1e16 and both quotients are still exact.
+    Complex arrays use the functions themselves, because a complex step at pi needs them.
     """
     if isinstance(angle, float):
         return math.cos(angle), math.sin(angle)

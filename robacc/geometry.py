@@ -1,6 +1,6 @@
 """Rigid-body geometry in structure-of-arrays form: components first, poses last.
 
-Conventions, stated once for the whole project:
+Conventions of the project:
 
 - a rotation is an array ``(3, 3, ...)``: ``R[i, j]`` over any batch axes, columns are the axes of the rotated frame;
 - a vector is an array ``(3, ...)``;
@@ -8,8 +8,8 @@ Conventions, stated once for the whole project:
 - a rotation vector is axis times angle in rad, ``(3, ...)``;
 - ``rpy`` are rotations about the fixed axes x, y, z: ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
 
-Every function is pure and broadcasts over the batch axes. Poses last keeps each component contiguous, which is what
-NumPy vectorises best.
+Every function is pure and broadcasts over the batch axes. With poses last each component is contiguous, which NumPy
+vectorises best.
 """
 
 from __future__ import annotations
@@ -22,39 +22,39 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _SMALL_ANGLE = 1e-4
-"""Below this angle (rad) the series of sin(x)/x and its like are exact to 1e-16 and the closed forms lose digits."""
+"""Angle (rad) below which series such as that of sin(x)/x are exact to 1e-16 and closed forms lose digits."""
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross product of vectors ``(3, ...)`` and ``(3, ...)``."""
+    """Return the cross product of vectors ``(3, ...)`` and ``(3, ...)``."""
     return np.stack((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
 
 
 def rotate(rotation: Array, vector: Array) -> Array:
-    """``R v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
+    """Return ``R v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
     result: Array = np.einsum("ij...,j...->i...", rotation, vector)
     return result
 
 
 def rotate_back(rotation: Array, vector: Array) -> Array:
-    """``R^T v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
+    """Return ``R^T v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
     result: Array = np.einsum("ji...,j...->i...", rotation, vector)
     return result
 
 
 def compose(first: Array, second: Array) -> Array:
-    """``R1 R2`` for two rotations ``(3, 3, ...)``."""
+    """Return ``R1 R2`` for two rotations ``(3, 3, ...)``."""
     result: Array = np.einsum("ij...,jk...->ik...", first, second)
     return result
 
 
 def transpose(rotation: Array) -> Array:
-    """``R^T`` of ``(3, 3, ...)``."""
+    """Return ``R^T`` of ``(3, 3, ...)``."""
     return np.swapaxes(rotation, 0, 1)
 
 
 def rotation_about(axis: int, angle: Array | float) -> Array:
-    """Rotation ``(3, 3, ...)`` by ``angle`` (rad) about coordinate axis 0, 1 or 2."""
+    """Return the rotation ``(3, 3, ...)`` by ``angle`` (rad) about coordinate axis 0, 1 or 2."""
     angle = np.asarray(angle, dtype=float)
     result = np.zeros((3, 3, *angle.shape))
     j, k = (axis + 1) % 3, (axis + 2) % 3
@@ -66,22 +66,22 @@ def rotation_about(axis: int, angle: Array | float) -> Array:
 
 
 def rotation_from_rpy(rpy: Array) -> Array:
-    """``Rz(yaw) Ry(pitch) Rx(roll)`` from ``rpy`` ``(3, ...)`` in rad."""
+    """Return ``Rz(yaw) Ry(pitch) Rx(roll)`` from ``rpy`` ``(3, ...)`` in rad."""
     roll, pitch, yaw = np.asarray(rpy, dtype=float)
     return compose(compose(rotation_about(2, yaw), rotation_about(1, pitch)), rotation_about(0, roll))
 
 
 def rpy_from_rotation(rotation: Array) -> Array:
-    """Roll, pitch, yaw ``(3, ...)`` in rad; at pitch of 90 degrees, where they are not unique, roll is set to 0.
+    """Return roll, pitch, yaw ``(3, ...)`` in rad; at a pitch of 90 degrees, where they are not unique, roll is 0.
 
-    Roll is what remains once yaw and pitch are taken out, so that the product gives the rotation back to rounding even
-    next to 90 degrees, where roll and yaw alone are ill determined.
+    Roll is computed after removing yaw and pitch, so that the product reproduces the rotation to rounding even near 90
+    degrees, where roll and yaw are ill-determined.
     """
     across = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], across)
     pole = across < 1e-15
     yaw = np.where(pole, np.arctan2(-rotation[0, 1], rotation[1, 1]), np.arctan2(rotation[1, 0], rotation[0, 0]))
-    # Second and third column of (Rz(yaw) Ry(pitch))^T R, along its own second axis.
+    # Second and third column of (Rz(yaw) Ry(pitch))^T R, along its second axis.
     sine, cosine = np.sin(yaw), np.cos(yaw)
     roll = np.arctan2(
         -(cosine * rotation[1, 2] - sine * rotation[0, 2]), cosine * rotation[1, 1] - sine * rotation[0, 1]
@@ -90,7 +90,7 @@ def rpy_from_rotation(rotation: Array) -> Array:
 
 
 def rotation_from_quaternion(quaternion: Array) -> Array:
-    """Rotation ``(3, 3, ...)`` from a quaternion w, x, y, z ``(4, ...)``, normalised first."""
+    """Return the rotation ``(3, 3, ...)`` of a quaternion w, x, y, z ``(4, ...)``, normalised first."""
     w, x, y, z = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
     return np.stack(
         (
@@ -102,13 +102,13 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:
-    """Quaternion w, x, y, z ``(4, ...)`` with w >= 0, by Shepperd's method (stable at any angle).
+    """Return the quaternion w, x, y, z ``(4, ...)`` with w >= 0, by Shepperd's method (stable at any angle).
 
     Source: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
     m = rotation
     trace = m[0, 0] + m[1, 1] + m[2, 2]
-    # The four squared components times four; the largest is taken as the divisor, so nothing small is divided by.
+    # The four squared components times four; the largest is the divisor, which avoids division by small numbers.
     squares = np.stack((1 + trace, 1 + 2 * m[0, 0] - trace, 1 + 2 * m[1, 1] - trace, 1 + 2 * m[2, 2] - trace))
     candidates = np.stack(
         (
@@ -126,7 +126,7 @@ def quaternion_from_rotation(rotation: Array) -> Array:
 
 
 def skew(vector: Array) -> Array:
-    """The matrix ``(3, 3, ...)`` with ``skew(v) u = v x u``."""
+    """Return the matrix ``(3, 3, ...)`` with ``skew(v) u = v x u``."""
     zero = np.zeros_like(vector[0])
     return np.stack(
         (
@@ -138,7 +138,7 @@ def skew(vector: Array) -> Array:
 
 
 def exp_so3(rotation_vector: Array) -> Array:
-    """Rotation ``(3, 3, ...)`` of a rotation vector ``(3, ...)`` (Rodrigues' formula)."""
+    """Return the rotation ``(3, 3, ...)`` of a rotation vector ``(3, ...)`` (Rodrigues' formula)."""
     vector = np.asarray(rotation_vector, dtype=float)
     angle = np.sqrt(np.sum(np.square(vector), axis=0))
     small = angle < _SMALL_ANGLE
@@ -152,9 +152,9 @@ def exp_so3(rotation_vector: Array) -> Array:
 
 
 def log_so3(rotation: Array) -> Array:
-    """Rotation vector ``(3, ...)`` in rad of length at most pi; exact near zero and near pi alike.
+    """Return the rotation vector ``(3, ...)`` in rad of length at most pi; exact near zero and near pi.
 
-    Taken through the quaternion: 2 atan2(|v|, w) v/|v| has no cancellation at either end.
+    The quaternion formula 2 atan2(|v|, w) v/|v| has no cancellation at either end.
     """
     quaternion = quaternion_from_rotation(rotation)
     vector = quaternion[1:]
@@ -168,10 +168,10 @@ def log_so3(rotation: Array) -> Array:
 
 
 def log_between(first: Array, second: Array) -> Array:
-    """Rotation vector ``(3, ...)`` of ``first second^T`` in rad, for two rotations ``(3, 3, ...)``.
+    """Return the rotation vector ``(3, ...)`` of ``first second^T`` in rad, for rotations ``(3, 3, ...)``.
 
-    Below 90 degrees straight from the sine and cosine of the angle, 2 sin v = sum_k second_k x first_k over columns,
-    which takes no product of matrices; the angle's tangent has no cancellation there.
+    Below 90 degrees it follows from the sine and cosine of the angle, 2 sin v = sum_k second_k x first_k over columns,
+    without a product of matrices; the angle's tangent has no cancellation there.
     """
     cosine = 0.5 * (np.sum(first * second, axis=(0, 1)) - 1.0)
     if np.any(cosine < 0):
@@ -187,7 +187,7 @@ def log_between(first: Array, second: Array) -> Array:
 
 
 def left_jacobian_inverse(rotation_vector: Array) -> Array:
-    """Inverse left Jacobian of SO(3), ``(3, 3, ...)``: d log(exp(e) R) = J_l^-1(log R) e for small e.
+    """Return the inverse left Jacobian of SO(3), ``(3, 3, ...)``: d log(exp(e) R) = J_l^-1(log R) e for small e.
 
     Source: T. D. Barfoot, State Estimation for Robotics (2017), eq. (7.79).
     """
@@ -205,7 +205,7 @@ def left_jacobian_inverse(rotation_vector: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Poses:
-    """Rigid transforms T = [R p; 0 1], one for each element of the batch axes."""
+    """Rigid transforms T = [R p; 0 1] over the batch axes."""
 
     rotation: Array
     """``(3, 3, ...)``"""
@@ -214,23 +214,23 @@ class Poses:
 
     @classmethod
     def identity(cls, *batch: int) -> Poses:
-        """Unit transforms over the given batch shape."""
+        """Return unit transforms over the given batch shape."""
         eye = np.eye(3).reshape(3, 3, *(1,) * len(batch))
         return cls(np.broadcast_to(eye, (3, 3, *batch)).copy(), np.zeros((3, *batch)))
 
     @classmethod
     def from_xyz_rpy(cls, xyz: Array, rpy: Array) -> Poses:
-        """``T(xyz) Rz(yaw) Ry(pitch) Rx(roll)`` from ``(3, ...)`` in m and rad."""
+        """Return ``T(xyz) Rz(yaw) Ry(pitch) Rx(roll)`` from ``(3, ...)`` in m and rad."""
         return cls(rotation_from_rpy(rpy), np.asarray(xyz, dtype=float))
 
     @classmethod
     def from_matrices(cls, matrices: Array) -> Poses:
-        """From homogeneous matrices ``(..., 4, 4)``, the layout other libraries use."""
+        """Return the transforms of homogeneous matrices ``(..., 4, 4)``, the usual layout of other libraries."""
         moved = np.moveaxis(np.asarray(matrices, dtype=float), (-2, -1), (0, 1))
         return cls(moved[:3, :3], moved[:3, 3])
 
     def matrices(self) -> Array:
-        """Homogeneous matrices ``(..., 4, 4)``."""
+        """Return homogeneous matrices ``(..., 4, 4)``."""
         result = np.zeros((4, 4, *self.translation.shape[1:]))
         result[:3, :3] = self.rotation
         result[:3, 3] = self.translation
@@ -238,12 +238,12 @@ class Poses:
         return np.moveaxis(result, (0, 1), (-2, -1))
 
     def __matmul__(self, other: Poses) -> Poses:
-        """``T1 T2``, broadcasting over the batch axes."""
+        """Return ``T1 T2``, broadcasting over the batch axes."""
         return Poses(
             compose(self.rotation, other.rotation),
             rotate(self.rotation, other.translation) + self.translation,
         )
 
     def inverse(self) -> Poses:
-        """``T^-1``."""
+        """Return ``T^-1``."""
         return Poses(transpose(self.rotation), -rotate_back(self.rotation, self.translation))

@@ -13,30 +13,30 @@ from robacc.errors import Counted
 from robacc.geometry import Array, Poses
 
 _BLOCK = 16384
-"""Poses hashed at a time: the working arrays of a block stay in the cache."""
-_ONE_COMMAND = 1e-3
-"""rad or m; what rounding, or joints read back in place of those commanded, may set between rows of one ``pose`` id.
-Over so little an arm's error changes by some thousandth of itself, so such rows are repetitions still."""
+"""Poses hashed per block: the working arrays of a block stay in the cache."""
+_SAME_COMMAND = 1e-3
+"""rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints that
+were read back. An arm's error changes by about a thousandth of itself over such a distance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grouping:
-    """Which rows are of one commanded pose."""
+    """Assignment of rows to commanded poses."""
 
     numbers: NDArray[np.int64]
-    """``(N,)`` from 0, the same for rows of one pose."""
-    doubted: NDArray[np.bool_] | None = None
-    """``(N,)`` rows whose id was not believed; None: there are none."""
+    """``(N,)`` from 0, equal for rows of the same pose."""
+    contradicted: NDArray[np.bool_] | None = None
+    """``(N,)`` rows whose commands contradict their id; None if there are none."""
 
     @property
     def repeated(self) -> NDArray[np.int64] | None:
-        """The numbers where some pose was measured more than once; None where each row is of its own."""
+        """The numbers, or None where no pose was measured more than once."""
         return None if self.numbers.max(initial=-1) + 1 == self.numbers.size else self.numbers
 
 
 @dataclass(frozen=True, slots=True)
 class Measurements:
-    """N measured poses. A column that the file did not have is None; none has a missing value."""
+    """N measured poses. A column that the file lacks is None; the others have no missing value."""
 
     position: Array
     """``(3, N)`` attained position of the target in the measuring frame, m."""
@@ -49,12 +49,12 @@ class Measurements:
     sigma_position: Array | None = None
     """``(3, N)`` measuring uncertainty, one standard deviation along x, y, z of the measuring frame, m."""
     sigma_rotation: Array | None = None
-    """``(N,)`` the same of the orientation about any axis, rad."""
+    """``(N,)`` measuring uncertainty of the orientation about any axis, rad."""
     pose: NDArray[Any] | None = None
     """``(N,)`` id of the commanded pose, text."""
     cycle: NDArray[Any] | None = None
     target: NDArray[Any] | None = None
-    """``(N,)`` name of the target measured, text."""
+    """``(N,)`` name of the measured target, text."""
     time: Array | None = None
     """``(N,)`` s"""
     temperature: Array | None = None
@@ -66,17 +66,17 @@ class Measurements:
     speed: Array | None = None
     """``(J, N)`` signed fraction of full speed"""
     rows: NDArray[np.int64] | None = None
-    """``(N,)`` 1-based line of the file that each pose stands on, or its row where the file has no lines."""
+    """``(N,)`` 1-based line of each pose in the file, or its row where the file has no lines."""
     counted: Counted = "line"
     source: str | None = None
-    """File name as given."""
+    """Name of the file as given."""
     sha256: str | None = None
     ordered: bool = False
-    """Whether rows are in the order measured."""
+    """Rows are in the order of measurement."""
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make every column read-only: a record that several computations share is not written to."""
+        """Make every column read-only, because several computations share the record."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(value, np.ndarray):
@@ -93,7 +93,7 @@ class Measurements:
         return None if self.rotation is None else Poses(self.rotation, self.position)
 
     def subset(self, index: NDArray[Any] | slice) -> Measurements:
-        """The poses of an index or boolean array, in its order; of a slice without copying them."""
+        """Return the poses of an index array, a boolean array or a slice (without a copy), in its order."""
         changes = {
             field.name: getattr(self, field.name)[..., index]
             for field in dataclasses.fields(self)
@@ -102,55 +102,56 @@ class Measurements:
         return dataclasses.replace(self, **changes)
 
     def line(self, i: int) -> int:
-        """The file's line of pose i; its number counted from 1 where there is no file."""
+        """Return the line of pose i in the file, or its number counted from 1 where there is no file."""
         return int(self.rows[i]) if self.rows is not None else i + 1
 
     def place(self, i: int) -> str:
-        """Where pose i stands, in words."""
+        """Return the line or row of pose i as text."""
         return f"{self.counted} {self.line(i)}"
 
     @property
     def commands(self) -> Array | None:
-        """Where the robot was sent: ``(J, N)`` joints, else ``(3, N)`` the commanded position, m; None: nobody says."""
+        """Commanded joints ``(J, N)``, else commanded positions ``(3, N)`` in m; None if the data have neither."""
         return self.q if self.q is not None else self.commanded_position
 
     def groups(self) -> NDArray[np.int64]:
-        """``(N,)`` number of the commanded pose that each row belongs to; rows of one pose share it.
+        """Return the number ``(N,)`` of each row's commanded pose.
 
-        By the ``pose`` column where there is one, else rows whose commanded joints (or commanded pose) are equal. An id
-        whose rows were sent to different places is not believed: of them only those with equal commands are one pose.
+        The ``pose`` column decides where there is one, else equal commanded joints (or commanded positions). Where the
+        commands of an id differ, only its rows with equal commands are the same pose.
         """
         return self._grouping().numbers
 
     def repetitions(self) -> Grouping | None:
-        """The same as a record; None where a quick look tells that each row is of its own.
+        """Return the grouping, or None where a quick test shows that no pose was repeated.
 
-        Without a ``pose`` column, that none was repeated is found in a fifth of the time that the groups take.
+        Without a ``pose`` column the test takes a fifth of the time of the grouping.
         """
         if self.n == 0 or (self.pose is None and (self.commands is None or _all_differ(self.commands))):
             return None
         return self._grouping()
 
-    def contradicted_ids(self, found: Grouping | None = None) -> tuple[str, ...]:
-        """A warning where rows that share a ``pose`` id were sent to different places; nothing where none were.
+    def contradicted_ids(self, grouping: Grouping | None = None) -> tuple[str, ...]:
+        """Warn of rows that share a ``pose`` id but were commanded to different poses.
 
         Args:
-            found: Of :meth:`repetitions`, where it is at hand: a million ids take a while to sort.
+            grouping: Result of :meth:`repetitions`, if known: sorting a million ids takes time.
         """
-        if self.pose is None or (doubted := (found or self._grouping()).doubted) is None:
+        if self.pose is None or (contradicted := (grouping or self._grouping()).contradicted) is None:
             return ()
-        rows = np.flatnonzero(doubted)
+        rows = np.flatnonzero(contradicted)
         names = np.unique(self.pose[rows])
         count = np.unique(self.pose).size
         rows = rows[self.pose[rows] == names[0]]
         commands = self.commands
         assert commands is not None
-        away = np.abs(commands[:, rows] - commands[:, rows[:1]]).max(axis=0)
-        places = f"{self.place(int(rows[0]))} and {self.place(int(rows[np.argmax(away)]))}"
-        many = f"{names.size} of {count} pose ids are" if count > 1 else "the one pose id is"
+        distance = np.abs(commands[:, rows] - commands[:, rows[:1]]).max(axis=0)
+        places = f"{self.place(int(rows[0]))} and {self.place(int(rows[np.argmax(distance)]))}"
+        verb = "has" if names.size == 1 else "have"
+        ids = f"{names.size} of {count} pose ids {verb}" if count > 1 else "the pose id has"
         return (
-            f"{f'{self.source}: ' if self.source else ''}{many} of rows that were commanded to different places, as "
-            f"{names[0]} is on {places}: of such rows only those with equal commands are taken for repetitions",
+            f"{f'{self.source}: ' if self.source else ''}{ids} rows with different commands, for example "
+            f"{names[0]} on {places}; only rows with equal commands count as repetitions",
         )
 
     def _grouping(self) -> Grouping:
@@ -158,10 +159,10 @@ class Measurements:
 
 
 def motion_between_rows(q: Array) -> tuple[Array, Array]:
-    """Direction in {-1, 0, 1} and relative speed, both ``(J, N)``, of straight moves from each row to the next.
+    """Return direction in {-1, 0, 1} and relative speed, both ``(J, N)``, of direct moves from row to row.
 
-    Speed is dq over the largest |dq| of that move, all joints ending together. The first row and a row equal to the
-    one before get 0.
+    Speed is dq over the largest |dq| of the move; all joints arrive together. The first row and a row equal to its
+    predecessor get 0.
     """
     speed = np.zeros(q.shape)
     np.subtract(q[:, 1:], q[:, :-1], out=speed[:, 1:])
@@ -172,11 +173,11 @@ def motion_between_rows(q: Array) -> tuple[Array, Array]:
 
 
 def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Grouping | None:
-    """Which rows are of one commanded pose, as :meth:`Measurements.groups` has it; None where nothing says.
+    """Group rows by commanded pose, as :meth:`Measurements.groups` does; None without ids and commands.
 
     Args:
-        ids: ``(N,)`` text, where there are ids.
-        commands: ``(K, N)`` rad or m, where they are known.
+        ids: ``(N,)`` text, or None.
+        commands: ``(K, N)`` rad or m, or None.
     """
     if ids is None:
         return None if commands is None else Grouping(_equal_columns(commands))
@@ -190,20 +191,20 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
 
 
 def _contradicted(number: NDArray[np.int64], commands: Array) -> NDArray[np.bool_]:
-    """``(G,)`` whether the rows of a group were sent to different places, each held against one of its group."""
+    """Return ``(G,)``, true where the commands of a group differ from those of its last row."""
     result = np.zeros(int(number.max(initial=-1)) + 1, dtype=bool)
-    one = np.empty(result.size, dtype=np.int64)
-    one[number] = np.arange(number.size)
+    last = np.empty(result.size, dtype=np.int64)
+    last[number] = np.arange(number.size)
     for row in commands:
-        result[number[np.abs(row - row[one[number]]) > _ONE_COMMAND]] = True
+        result[number[np.abs(row - row[last[number]]) > _SAME_COMMAND]] = True
     return result
 
 
 def _equal_columns(values: Array) -> NDArray[np.int64]:
-    """``(N,)`` number of each column of ``(K, N)``, the same for columns equal to 1e-9, by content and not by place.
+    """Number the columns of ``(K, N)``, ``(N,)``: columns equal to 1e-9 get the same number.
 
-    Sorting one hash a column takes a tenth of the time that sorting whole columns takes; a collision, which is all but
-    impossible, is noticed and sorted in full.
+    Sorting a hash per column takes a tenth of the time of sorting columns; a collision, which is almost impossible, is
+    detected, and the columns are then sorted.
     """
     mixed = _hashes(values)
     _, first, number = np.unique(mixed, return_index=True, return_inverse=True)
@@ -215,14 +216,14 @@ def _equal_columns(values: Array) -> NDArray[np.int64]:
 
 
 def _all_differ(values: Array) -> bool:
-    """Whether no two columns of ``(K, N)`` are equal to 1e-9, as far as a hash that never says so wrongly can tell."""
+    """Return whether all columns of ``(K, N)`` have different hashes, so that no two are equal to 1e-9."""
     mixed = _hashes(values)
     mixed.sort()
     return not np.any(mixed[1:] == mixed[:-1])
 
 
 def _hashes(values: Array) -> NDArray[np.uint64]:
-    """``(N,)`` a hash of each column of ``(K, N)``, rounded to 1e-9."""
+    """Return a hash ``(N,)`` of each column of ``(K, N)``, rounded to 1e-9."""
     result = np.empty(values.shape[1], dtype=np.uint64)
     for start in range(0, result.size, _BLOCK):
         mixed = np.zeros(min(_BLOCK, result.size - start), dtype=np.uint64)

@@ -1,4 +1,4 @@
-"""What became of each of several files that a command was given."""
+"""Outcome of each file, where a command processes several files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class EstimateHeadline:
-    """The figures of an estimate that stand in a table of many."""
+    """Metrics of an estimate that the table of several files shows."""
 
     n_poses: int
     rms: float
-    """Of the position error's length, m, as the next two."""
+    """RMS of the position error's length, m; the next two are of the length too."""
     p95: float
     max: float
     orientation_rms: float | None
@@ -28,16 +28,16 @@ class EstimateHeadline:
 
 @dataclass(frozen=True, slots=True)
 class FileOutcome:
-    """One file: its figures, or why there are none."""
+    """Outcome of a file: its headline, or the problems that prevented it."""
 
     name: str
-    """No two alike: the file's, with as many of its folders as it takes."""
+    """Unique name: the file's, with as many of its folders as needed."""
     exit_status: int
-    """That of the command on this file alone."""
+    """Exit status of the command on this file alone."""
     headline: EstimateHeadline | None = None
     problems: tuple[Problem, ...] = ()
     n_problems: int = 0
-    """Those found, of which ``problems`` are the first."""
+    """Number of problems, of which ``problems`` are the first."""
     warnings: tuple[str, ...] = ()
     gate: GateOutcome | None = None
     written: str | None = None
@@ -45,15 +45,15 @@ class FileOutcome:
 
     @property
     def failed(self) -> bool:
-        """Whether there is no result."""
+        """True where there is no result."""
         return self.headline is None
 
 
 def exit_status(outcomes: list[FileOutcome]) -> int:
-    """Of the command on all files: 1 a defect, 3 a file that could not be estimated, else the worst of the gates."""
-    statuses = {one.exit_status for one in outcomes}
+    """Return the exit status for all files: 1 a defect, 3 a file without a result, else the worst of the gates."""
+    statuses = {outcome.exit_status for outcome in outcomes}
     if 1 in statuses:
         return 1
-    if any(one.failed for one in outcomes):
+    if any(outcome.failed for outcome in outcomes):
         return 3
     return 4 if 4 in statuses else 5 if 5 in statuses else 0

@@ -1,4 +1,4 @@
-"""Quantities with their unit behind them, as options and files take them: ``0.02mm``, ``20 um``, ``0.01 deg``."""
+"""Quantities with units, as parameters and files give them: ``0.02mm``, ``20 um``, ``0.01 deg``."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Literal
 from robacc.errors import UsageError
 
 SIGNIFICANT_DIGITS = 12
-"""Significant digits of every number that is written to a file: 1e-12 of an arm's reach is far below any instrument,
-and digits beyond them differ between processors."""
+"""Significant digits of numbers in files: 1e-12 of an arm's reach is far below the resolution of any instrument, and
+further digits differ between processors."""
 
 Dimension = Literal["length", "angle"]
 
@@ -18,16 +18,16 @@ UNITS: dict[Dimension, dict[str, float]] = {
     "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6},
     "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180},
 }
-"""m or rad for each unit."""
+"""Size of each unit in m or rad."""
 _EXAMPLE: dict[Dimension, str] = {"length": "0.02mm", "angle": "0.005deg"}
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zµ]*)\s*", re.ASCII | re.IGNORECASE)
 
 
 def parse_quantity(text: str) -> tuple[float, Dimension | None] | None:
-    """A number in m or rad and what it is of; a bare number is of nothing.
+    """Parse a number with a unit into m or rad and its dimension; a bare number has no dimension.
 
     Returns:
-        None where the text is no finite number or its unit is not known.
+        None where the text is no finite number or the unit is unknown.
     """
     match = _NUMBER.fullmatch(text)
     if match is None or not math.isfinite(float(match[1])):
@@ -40,30 +40,31 @@ def parse_quantity(text: str) -> tuple[float, Dimension | None] | None:
     return None
 
 
-def size(value: float | str, kind: Dimension, option: str) -> float:
-    """A size in m or rad: of text, the number with its unit; what is a number already is in m or rad.
+def size(value: float | str, dimension: Dimension, name: str) -> float:
+    """Return a size in m or rad, from text with a unit or from a number in m or rad.
 
-    Text without a unit is refused but for zero, which is zero in any: whoever types 0.02 means mm as likely as m.
+    Text without a unit is refused unless it is zero, because 0.02 may mean mm or m. ``name`` is the parameter's name
+    for messages.
 
     Raises:
-        UsageError: it is not a finite number that is not negative, or its unit is another or missing.
+        UsageError: The value is negative or not finite, or its unit is missing or of another dimension.
     """
-    found = parse_quantity(value) if isinstance(value, str) else (float(value), None)
-    if found is None or not math.isfinite(found[0]) or found[1] not in (None, kind):
-        raise UsageError(f"{option}: expected a number with a unit ({', '.join(UNITS[kind])}), found {value!r}")
-    if found[0] < 0:
-        raise UsageError(f"{option}: expected a size that is not negative, found {value!r}")
-    if isinstance(value, str) and found[1] is None and found[0] != 0:
-        units = ", ".join(UNITS[kind])
-        raise UsageError(f"{option}: {value!r} has no unit; write one behind it ({units}), as in {_EXAMPLE[kind]}")
-    return found[0]
+    quantity = parse_quantity(value) if isinstance(value, str) else (float(value), None)
+    units = ", ".join(UNITS[dimension])
+    if quantity is None or not math.isfinite(quantity[0]) or quantity[1] not in (None, dimension):
+        raise UsageError(f"{name}: expected a number with a unit ({units}), found {value!r}")
+    if quantity[0] < 0:
+        raise UsageError(f"{name}: expected a size that is not negative, found {value!r}")
+    if isinstance(value, str) and quantity[1] is None and quantity[0] != 0:
+        raise UsageError(f"{name}: {value!r} has no unit; add a unit ({units}), for example {_EXAMPLE[dimension]}")
+    return quantity[0]
 
 
 def significant(value: float) -> float:
-    """The number rounded to :data:`SIGNIFICANT_DIGITS`; -0.0 becomes 0.0, NaN and infinities stay."""
+    """Return the number rounded to :data:`SIGNIFICANT_DIGITS`; -0.0 becomes 0.0, NaN and infinities stay."""
     return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0
 
 
 def number_text(value: float) -> str:
-    """Shortest text of the number rounded to :data:`SIGNIFICANT_DIGITS`; reading it back gives :func:`significant`."""
+    """Return the shortest text of the number rounded to :data:`SIGNIFICANT_DIGITS`; it reads as :func:`significant`."""
     return repr(significant(value))

@@ -480,7 +480,7 @@ def test_a_compliance_without_equilibrium_is_bad_input() -> None:
     soft = {"effect": "joint_compliance", "joints": ["j2"], "values": {"j2": 1.0}}
     robot = dataclasses.replace(robacc.read_robot("sample_data/trace/robot.yaml"), effects=(soft,))
     with pytest.raises(
-        robacc.InputError, match="a compliance is too large for the arm's weight; check its unit"
+        robacc.InputError, match="a compliance is too large for the arm's weight; check the unit"
     ) as caught:
         robacc.simulate(robot, poses=3)
     assert caught.value.exit_status == 3

@@ -131,8 +131,8 @@ def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--noise", "2cm"), "--noise: expected a number with a unit (m, mm, um), found '2cm'"),
-        (("--noise", "0.02"), "--noise: '0.02' has no unit; write one behind it (m, mm, um), as in 0.02mm"),
-        (("--noise-orientation", "1e-4"), "--noise-orientation: '1e-4' has no unit; write one behind it (rad, mrad,"),
+        (("--noise", "0.02"), "--noise: '0.02' has no unit; add a unit (m, mm, um), for example 0.02mm"),
+        (("--noise-orientation", "1e-4"), "--noise-orientation: '1e-4' has no unit; add a unit (rad, mrad,"),
         (("--outlier-size", "3"), "--outlier-size: '3' has no unit"),
         (("--noise", "-1mm"), "--noise: expected a size that is not negative, found '-1mm'"),
         (("--noise-orientation", "x"), "--noise-orientation: expected a number with a unit (rad, mrad, urad, deg)"),
@@ -153,7 +153,7 @@ def test_no_poses_is_wrong_usage_and_a_slide_without_limits_wrong_input(tmp_path
     assert "Invalid value for '--poses'" in refused("simulate", PUMA, "--poses", 0)
     path = tmp_path / "slide.yaml"
     path.write_text(SCARA.read_text(encoding="utf-8").replace("limits: [0, 195]", ""), encoding="utf-8")
-    assert "the slide j3 has no limits" in refused("simulate", path, "--poses", 3, status=3)
+    assert "the prismatic joint j3 has no limits" in refused("simulate", path, "--poses", 3, status=3)
 
 
 def test_an_effect_that_lacks_its_circumstance_names_the_options(tmp_path: Path) -> None:

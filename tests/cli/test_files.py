@@ -119,9 +119,9 @@ def test_content_decides_the_format(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.stl", "solid", "is a shape (.stl), which has no joints; a robot file (YAML) or a URDF is needed"),
-        ("a.urdf.xacro", "<robot/>", "is xacro, not yet URDF; run xacro on it first"),
-        ("a.csv", "x,y\n1,2\n", "is a table, not a robot; a robot file (YAML) or a URDF is needed"),
+        ("a.stl", "solid", "is a mesh (.stl), which has no joints; give a robot file (YAML) or a URDF"),
+        ("a.urdf.xacro", "<robot/>", "is xacro, not URDF; convert it first"),
+        ("a.csv", "x,y\n1,2\n", "is a table, not a robot description; give a robot file (YAML) or a URDF"),
         ("a.sdf", "<sdf/>", "the root element is <sdf>, so this is an SDF model"),
         ("a.xml", "<mujoco/>", "the root element is <mujoco>, so this is a MuJoCo model"),
         ("a.urdf", "robacc: 1", "not well-formed XML"),
@@ -136,5 +136,5 @@ def test_other_files_are_named(tmp_path: Path, name: str, content: str, message:
 def test_links_with_a_robot_file_are_wrong_usage(tmp_path: Path) -> None:
     path = write(tmp_path / "arm.yaml", MINIMAL)
     for option in ({"base_link": "a"}, {"tip_link": "b"}):
-        with pytest.raises(UsageError, match="--base-link and --tip-link choose a chain of a URDF"):
+        with pytest.raises(UsageError, match="`base_link` and `tip_link` choose a chain of a URDF"):
             read_robot(path, **option)

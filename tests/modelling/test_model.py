@@ -106,8 +106,8 @@ def test_links_that_grow_by_a_hundred_kelvin() -> None:
 @pytest.mark.parametrize("name", ["stanford", "scara", "urdf:stanford"])
 def test_a_slides_travel_grows_with_the_links_unless_its_scale_does_not(name: str) -> None:
     """At the temperature that makes every length a thousandth longer the whole arm is as if drawn larger."""
-    one = arm(name)
-    bare = dataclasses.replace(one.robot, base=Frame(), tool=Frame(), targets={}, effects=())
+    robot_arm = arm(name)
+    bare = dataclasses.replace(robot_arm.robot, base=Frame(), tool=Frame(), targets={}, effects=())
     data = dataclasses.replace(circumstances(bare, 7), temperature=np.full(7, 120.0))
     nominal = predict(bare, data).translation
     entry = {"effect": "thermal_expansion", "values": {"value": 1e-5}}
@@ -119,40 +119,40 @@ def test_a_slides_travel_grows_with_the_links_unless_its_scale_does_not(name: st
     step = 1e-6
     moved = dataclasses.replace(data, q=data.q + step * np.eye(len(data.q))[:, [slide]])
     direction = (predict(bare, moved).translation - nominal) / step
-    travel = one.chain.scalars(data.q)[one.chain.drives[slide].motion]
+    travel = robot_arm.chain.scalars(data.q)[robot_arm.chain.drives[slide].motion]
     np.testing.assert_allclose(grown - fixed, 1e-3 * travel * direction, rtol=0, atol=1e-8)
 
 
 def test_a_known_value_and_the_same_one_free_predict_the_same() -> None:
-    one = arm("puma560")
-    data = circumstances(one.robot, 9)
+    robot_arm = arm("puma560")
+    data = circumstances(robot_arm.robot, 9)
     for name, values in (("gear_ratio", {"j2": 1e-3}), ("joint_compliance", {"j2": 1e-4}), ("backlash", {"j3": 1e-3})):
         entry = {"effect": name, "joints": list(values), "values": values}
-        known = predict(dataclasses.replace(one.robot, effects=(entry,)), data)
-        free = Model.of(one.robot, [REGISTRY[name].default(one, data, tuple(values))]).bind(data)
+        known = predict(dataclasses.replace(robot_arm.robot, effects=(entry,)), data)
+        free = Model.of(robot_arm.robot, [REGISTRY[name].default(robot_arm, data, tuple(values))]).bind(data)
         np.testing.assert_array_equal(free.poses(np.array(list(values.values()))).translation, known.translation)
 
 
 def test_poses_that_do_not_fit_the_robot_are_refused() -> None:
-    one = arm("puma560")
-    data = circumstances(one.robot, 3)
+    robot_arm = arm("puma560")
+    data = circumstances(robot_arm.robot, 3)
     with pytest.raises(UsageError, match="needs the column q1 … qN"):
-        predict(one.robot, dataclasses.replace(data, q=None))
+        predict(robot_arm.robot, dataclasses.replace(data, q=None))
     with pytest.raises(UsageError, match="the robot has 6 joints, but the poses have 5"):
-        predict(one.robot, dataclasses.replace(data, q=data.q[:5]))
+        predict(robot_arm.robot, dataclasses.replace(data, q=data.q[:5]))
 
 
 def test_each_target_is_the_tool_of_its_rows() -> None:
-    one = arm("targets:puma560")
-    data = circumstances(one.robot, 12)
-    both = predict(one.robot, data).translation
-    for name, frame in one.robot.targets.items():
-        alone = dataclasses.replace(one.robot, targets={}, tool=frame)
+    robot_arm = arm("targets:puma560")
+    data = circumstances(robot_arm.robot, 12)
+    both = predict(robot_arm.robot, data).translation
+    for name, frame in robot_arm.robot.targets.items():
+        alone = dataclasses.replace(robot_arm.robot, targets={}, tool=frame)
         rows = data.target == name
         # Same motions, constant here and one array there: rounding of a metre.
         np.testing.assert_allclose(both[:, rows], predict(alone, data).translation[:, rows], rtol=0, atol=1e-14)
     with pytest.raises(UsageError, match="the robot has the targets a, b; add a column target to the poses"):
-        predict(one.robot, dataclasses.replace(data, target=None))
+        predict(robot_arm.robot, dataclasses.replace(data, target=None))
 
 
 def measured(robot: Robot, n: int, *, orientation: bool = True) -> Measurements:

@@ -75,8 +75,8 @@ def test_an_id_of_rows_that_went_to_different_places_is_not_believed(column: str
     np.testing.assert_array_equal(repeated(data), groups)
     far = 1 + int(np.argmax(np.abs(sent[:, [2, 3, 4]] - sent[:, [1]]).max(axis=0)))
     assert data.contradicted_ids() == (
-        f"1 of 3 pose ids are of rows that were commanded to different places, as a is on line 1 and line {far + 1}: "
-        "of such rows only those with equal commands are taken for repetitions",
+        f"1 of 3 pose ids has rows with different commands, for example a on line 1 and line {far + 1}; "
+        "only rows with equal commands count as repetitions",
     )
 
 

@@ -21,16 +21,16 @@ def test_a_pose_id_that_the_joints_contradict_is_no_repetition(tmp_path: Path) -
     data = dataclasses.replace(data, pose=np.array([f"P{i % 10}" for i in range(data.n)]))
     (tmp_path / "poses.csv").write_text(format_poses(data), encoding="utf-8")
     arguments = (str(tmp_path / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"), "--format", "json")
-    told = "10 of 10 pose ids are of rows that were commanded to different places, as P0 is on line 2 and line "
+    warning = "10 of 10 pose ids have rows with different commands, for example P0 on line 2 and line "
     for more in (("calibrate", "--fit", "base_frame,tool_frame"), ("trace", "--declared", "base_frame,tool_frame")):
         done = CliRunner().invoke(app, [more[0], *arguments, *more[1:]], catch_exceptions=False)
         found = json.loads(done.stdout)
         assert found["noise"]["source"] == "residual"
         assert len(set(found["poses"]["group"])) == data.n
-        assert any(told in text for text in found["warnings"])
-        assert told in done.stderr
+        assert any(warning in text for text in found["warnings"])
+        assert warning in done.stderr
     estimated = json.loads(CliRunner().invoke(app, ["estimate", *arguments]).stdout)
-    assert sum(told in text for text in estimated["warnings"]) == 1
+    assert sum(warning in text for text in estimated["warnings"]) == 1
     # Cycles of ISO 9283 are by their ids all the same, with a warning of their own.
     judged = json.loads(CliRunner().invoke(app, ["iso9283", *arguments]).stdout)
     assert judged["n_commanded_poses"] == 10

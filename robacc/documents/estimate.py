@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from robacc.accuracy.error_frames import Moments
+from robacc.accuracy.error_frames import FrameStatistics
 from robacc.accuracy.estimation import EstimateResult, WorstPose
 from robacc.accuracy.pose_errors import ErrorFrame
 from robacc.documents.poses import pose_document, robot_document, rounded
@@ -45,7 +45,9 @@ def payload(result: EstimateResult) -> dict[str, Any]:
     }
 
 
-def pose_payload(data: Measurements, robot: Robot | None, moments: Mapping[ErrorFrame, Moments]) -> dict[str, Any]:
+def pose_payload(
+    data: Measurements, robot: Robot | None, moments: Mapping[ErrorFrame, FrameStatistics]
+) -> dict[str, Any]:
     """Keys from the data: their measuring uncertainty; the robot, every pose, and position errors in both frames."""
     return {
         "noise": _noise(data),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.stages import Gain, Residuals
 from robacc.calibration import Calibration
 from robacc.documents.poses import curve_document, pose_document, robot_document
-from robacc.documents.stages import StageErrors, stage_document
+from robacc.documents.stages import ErrorRows, stage_document
 from robacc.documents.statistics import parameters_document
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
 from robacc.fitting.identifiability import Identifiability
@@ -142,7 +142,7 @@ def _pose_keys(
     return {
         "robot": robot_document(robot, data.q),
         "poses": poses(data, result.residuals, fit.kept),
-        "poses_apart": None if apart is None or result.apart is None else poses(apart, result.apart, None),
+        "poses_apart": None if apart is None or result.holdout is None else poses(apart, result.holdout, None),
     }
 
 
@@ -210,10 +210,10 @@ def _stages(
     result: Calibration | Trace, fit: Fit, data: Measurements, apart: Measurements | None, seed: int
 ) -> dict[str, dict[str, Any]]:
     """Return ``nominal``, ``before`` and ``after``."""
-    residuals, holdout = result.residuals, result.apart
+    residuals, holdout = result.residuals, result.holdout
     groups, used = data.groups(), fit.kept
     fitted = (residuals.nominal, residuals.before, residuals.after)
-    held_out: tuple[Array | None, ...] = (residuals.nominal, residuals.held_before, residuals.held_after)
+    held_out: tuple[Array | None, ...] = (residuals.nominal, residuals.held_out_before, residuals.held_out_after)
     held_out_groups, held_out_used = groups, used
     if holdout is not None and apart is not None:
         held_out = (holdout.nominal, holdout.before, holdout.after)
@@ -222,8 +222,8 @@ def _stages(
     return {
         name: stage_document(
             stage,
-            StageErrors(errors, used, groups),
-            None if held_out_errors is None else StageErrors(held_out_errors, held_out_used, held_out_groups),
+            ErrorRows(errors, used, groups),
+            None if held_out_errors is None else ErrorRows(held_out_errors, held_out_used, held_out_groups),
             seed,
         )
         for (name, stage), errors, held_out_errors in zip(stages.items(), fitted, held_out, strict=True)

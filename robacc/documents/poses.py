@@ -68,8 +68,8 @@ def _stages(found: Residuals) -> dict[str, Any]:
         "nominal": found.nominal,
         "before": found.before,
         "after": found.after,
-        "held_out_before": found.held_before,
-        "held_out_after": found.held_after,
+        "held_out_before": found.held_out_before,
+        "held_out_after": found.held_out_after,
     }
     return {
         "errors_m": {name: None if one is None else rounded(one[:3]) for name, one in named.items()},

@@ -156,7 +156,7 @@ def _allocation(allocation: Allocation) -> dict[str, Any]:
 
 
 def _comparison(comparison: MeasuredComparison) -> dict[str, Any]:
-    evidence, found = comparison.evidence, comparison.consistency
+    evidence, found = comparison.statistics, comparison.consistency
     noise = evidence.noise
     alignment = comparison.alignment
     return {

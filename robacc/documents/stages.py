@@ -17,7 +17,7 @@ from robacc.statistics.intervals import Interval
 CONFIDENCE = 0.95
 
 
-class StageErrors(NamedTuple):
+class ErrorRows(NamedTuple):
     """The residuals that figures are of."""
 
     residual: Array
@@ -28,7 +28,7 @@ class StageErrors(NamedTuple):
     """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
 
 
-def stage_document(stage: Stage, fitted: StageErrors, held: StageErrors | None, seed: int) -> dict[str, Any]:
+def stage_document(stage: Stage, fitted: ErrorRows, held: ErrorRows | None, seed: int) -> dict[str, Any]:
     """One stage: of the poses fitted, and of those held out where there are such.
 
     Intervals of fitted figures do not know that the poses were fitted; those held out are the ones to judge by.
@@ -39,7 +39,7 @@ def stage_document(stage: Stage, fitted: StageErrors, held: StageErrors | None, 
     }
 
 
-def _poses(figures: PoseMetrics, errors: StageErrors, seed: int) -> dict[str, Any]:
+def _poses(figures: PoseMetrics, errors: ErrorRows, seed: int) -> dict[str, Any]:
     found: dict[str, Any] = {"position": None, "orientation": None}
     groups = errors.groups[errors.used]
     for name, unit, rows, four in (

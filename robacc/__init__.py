@@ -1,14 +1,14 @@
-"""robacc: how accurate is the arm, why, and what would make it better.
+"""robacc: accuracy of robot arms, the causes of their errors, and corrected models.
 
-Every command is a call with the same options, and its result has the same figures:
+Every command of the command line is a function with the same options and the same results:
 
     >>> import robacc
-    >>> found = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
-    >>> found.n_poses, found.grade.grade
+    >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+    >>> result.n_poses, result.grade.grade
     (60, 'F')
 
-A result becomes the document that the command writes by ``document()``, ``to_json()`` and ``save()``. Names are loaded
-when they are first used, so that ``import robacc`` costs next to nothing.
+``document()``, ``to_json()`` and ``save()`` of a result give the JSON document that the command writes. Names are
+loaded at their first use, so that ``import robacc`` is fast.
 """
 
 from __future__ import annotations
@@ -79,15 +79,15 @@ _HOMES = {
     "write_poses": "api.reading",
     "write_robot": "api.reading",
 }
-"""The module of each name; a test holds them to the imports above, which type checkers read."""
+"""Module of each name; a test compares them with the imports above, which type checkers read."""
 
 __all__ = ["__version__", *_HOMES]
 
 
-if not TYPE_CHECKING:  # a type checker that saw this would take every misspelled name for one that is there
+if not TYPE_CHECKING:  # a type checker would accept every misspelled name
 
     def __getattr__(name: str) -> object:
-        """Load a name when it is first used."""
+        """Load a name at its first use."""
         if name not in _HOMES:
             raise AttributeError(f"module 'robacc' has no attribute {name!r}")
         from importlib import import_module

@@ -1,4 +1,4 @@
-"""``python -m robacc``, and the command ``robacc``: the signals that end it, from its first moment on."""
+"""``python -m robacc`` and the command ``robacc``, with their signal handlers."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import time
 from types import FrameType
 from typing import NoReturn
 
-_IMPATIENT = 1.0
-"""s within which a second interrupt is the first one's echo: what is being cleared away then must not be disturbed."""
-_last_interrupt = -_IMPATIENT
+_REPEAT_TIME = 1.0
+"""Time in s after an interrupt in which another is ignored, so that the clean-up is not disturbed."""
+_last_interrupt = -_REPEAT_TIME
 
 
 def main() -> None:
     """Run the command line and exit with its status."""
     try:
-        _answer_signals()
-        # Within the try, for the imports are half of the time that a short command takes.
+        _handle_signals()
+        # Inside the try: the imports take half the time of a short command.
         from robacc.cli.main import main as run
 
         run()
@@ -26,8 +26,8 @@ def main() -> None:
         sys.exit(128 + signal.SIGINT)
 
 
-def _answer_signals() -> None:
-    """Be ended by an exception, which lets files half written and processes at work be cleared away."""
+def _handle_signals() -> None:
+    """Raise an exception for signals, so that partial files are removed and processes are ended."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
     for name in ("SIGTERM", "SIGHUP"):
@@ -38,8 +38,8 @@ def _answer_signals() -> None:
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     global _last_interrupt
-    since, _last_interrupt = time.monotonic() - _last_interrupt, time.monotonic()
-    if since > _IMPATIENT:
+    elapsed, _last_interrupt = time.monotonic() - _last_interrupt, time.monotonic()
+    if elapsed > _REPEAT_TIME:
         raise KeyboardInterrupt
 
 

@@ -20,7 +20,7 @@ from robacc.robots.description import Robot
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Calibrated(FitResult, Calibration):
-    """A calibrated robot and how well it predicts, with what it was computed from."""
+    """Calibrated robot and its errors, with the inputs."""
 
     command: ClassVar[str] = "calibrate"
     fit_inputs: FitInputs
@@ -58,19 +58,19 @@ def calibrate(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Calibrated:
-    """Fit the named effects to measured poses and say how much better the robot is predicted, fitted and held out.
+    """Fit named effects to measured poses and compute the error before and after, on fitted and on held-out poses.
 
-    An effect of joints named without brackets is fitted on the joints where the data show it; with brackets, exactly
-    there.
+    An effect with joints in brackets is fitted to these joints. Without brackets it is fitted to the joints where the
+    data show it.
 
     Args:
         poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
         robot: Robot file (YAML) or URDF that commanded the poses, or a robot read before.
-        fit: Effects to fit, as in ``("base_frame", "joint_offset[j2,j3]", "gear_ratio[all]")``.
-        prior: Use the robot file's tolerances as priors of its geometry.
-        shrink: Draw ``joint_offset`` and ``link_geometry``, asked for without brackets, to the robot file's values
-            where most of them do not differ.
-        robust: Leave out rows that are no part of the rest, naming them.
+        fit: Effects to fit, such as ``("base_frame", "joint_offset[j2,j3]", "gear_ratio[all]")``.
+        prior: Use the tolerances of the robot file as priors of its geometry.
+        shrink: Shrink ``joint_offset`` and ``link_geometry``, if named without brackets, to the nominal values where
+            the data show no difference.
+        robust: Leave out outliers and list them; else all rows are fitted.
         folds: Number of folds of cross-validation; each is held out in turn.
         holdout: Separate validation poses, in place of cross-validation.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
@@ -88,12 +88,13 @@ def calibrate(
 
     Example:
         >>> import robacc
-        >>> found = robacc.calibrate(
+        >>> result = robacc.calibrate(
         ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", fit=("base_frame", "tool_frame")
         ... )
-        >>> print(f"{found.nominal.fitted.position.rms * 1e3:.2f} to {found.after.fitted.position.rms * 1e3:.2f} mm")
+        >>> before, after = result.nominal.fitted.position, result.after.fitted.position
+        >>> print(f"{before.rms * 1e3:.2f} to {after.rms * 1e3:.2f} mm")
         1.80 to 0.47 mm
-        >>> print(found.model_yaml().splitlines()[1])
+        >>> print(result.model_yaml().splitlines()[1])
         robacc: 1
     """
     arguments = locals()

@@ -14,7 +14,7 @@ from robacc.api.result import Provenance, Result, check_range, fields_of, option
 from robacc.comparison.compared_result import ComparedResult
 from robacc.comparison.comparing import ResultComparison
 from robacc.comparison.comparing import compare as compare_results
-from robacc.comparison.reading import subject
+from robacc.comparison.reading import read_compared_result
 from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult
 from robacc.errors import InputError, Problem, UsageError
@@ -82,13 +82,13 @@ def compare(
     check_range("seed", seed, 0)
     if scale is not None and grade is None:
         raise UsageError("`scale` needs `grade`, the grade to check the results for")
-    subjects, inputs = _load(results)
+    compared_results, inputs = _load(results)
     grades, scale_record = load_grade_scale(scale)
     comparison = compare_results(
-        subjects,
-        baseline=_baseline_name(baseline, results, subjects),
+        compared_results,
+        baseline=_baseline_name(baseline, results, compared_results),
         by=by,
-        wanted=grade,
+        required_grade=grade,
         scale=grades,
         confidence=confidence,
         seed=seed,
@@ -109,18 +109,18 @@ def _load(results: Sequence[Source]) -> tuple[list[ComparedResult], list[InputFi
     if [path_of(source) for source in results].count(STDIN) > 1:
         raise UsageError("standard input can be read only once")
     problems: list[Problem] = []
-    subjects: list[ComparedResult] = []
+    compared_results: list[ComparedResult] = []
     inputs: list[InputFile] = []
     for source, name in zip(results, _names(results), strict=True):
         try:
             result = load_result(source)
-            subjects.append(subject(result.document, name, result.name, result.sha256))
+            compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
             inputs.append(result.record)
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(problems)
-    return subjects, inputs
+    return compared_results, inputs
 
 
 def _names(results: Sequence[Source]) -> list[str]:
@@ -148,7 +148,9 @@ def _path(source: Source) -> str:
     return source.command if isinstance(source, Result) else os.fspath(source)
 
 
-def _baseline_name(baseline: str | None, results: Sequence[Source], subjects: Sequence[ComparedResult]) -> str | None:
+def _baseline_name(
+    baseline: str | None, results: Sequence[Source], compared_results: Sequence[ComparedResult]
+) -> str | None:
     """Return the short name of the baseline, which may be given as a path."""
     paths = [_path(source) for source in results]
-    return subjects[paths.index(baseline)].name if baseline in paths else baseline
+    return compared_results[paths.index(baseline)].name if baseline in paths else baseline

@@ -142,7 +142,7 @@ def predict(
     comparison = None
     if measured is not None:
         comparison = compare_with_measured(
-            arm, measured, parameters, what=aligned, noise=noise_std, confidence=confidence, seed=seed
+            arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed
         )
     options = options_of(
         predict,

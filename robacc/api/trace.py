@@ -20,7 +20,7 @@ from robacc.tracing.trace import trace as trace_effects
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Traced(FitResult, Trace):
-    """What the loop found, with what it was computed from."""
+    """Result of a trace, with its inputs."""
 
     command: ClassVar[str] = "trace"
     fit_inputs: FitInputs
@@ -56,15 +56,15 @@ def trace(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Traced:
-    """Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it.
+    """Find the effects that explain the residual, and compute the error before and after on held-out poses.
 
     Args:
         poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
         robot: Robot file (YAML) or URDF that commanded the poses, or a robot read before.
-        declared: Effects known to be there, as in ``("base_frame", "tool_frame")``: fitted before and after.
+        declared: Effects known to be present, such as ``("base_frame", "tool_frame")``: part of the baseline.
         folds: Number of folds of cross-validation; each is held out in turn.
         holdout: Separate validation poses, in place of cross-validation.
-        empirical: Whether corrections without a name may compete at the end.
+        empirical: Allow empirical corrections after the named effects.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
@@ -72,8 +72,8 @@ def trace(
         progress: Called with a label of the work, the number of steps done, and the number of all steps.
 
     Returns:
-        The verdict, the findings with their rivals and coefficients, the error before and after, and the robot with
-        the findings written into it.
+        The verdict, the findings with their alternatives and coefficients, the error before and after, and the robot
+        with the identified effects.
 
     Raises:
         InputError: A file or array cannot be used, the data hold a mistake, or the poses are too few.
@@ -81,13 +81,13 @@ def trace(
 
     Example:
         >>> import robacc
-        >>> found = robacc.trace(
+        >>> result = robacc.trace(
         ...     "sample_data/trace/poses.csv",
         ...     robot="sample_data/trace/robot.yaml",
         ...     declared="base_frame,tool_frame,joint_offset,link_geometry",
         ...     folds=2,
         ... )
-        >>> found.verdict, [(one.effect, one.joints) for one in found.findings]
+        >>> result.verdict, [(finding.effect, finding.joints) for finding in result.findings]
         ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
     """
     arguments = locals()

@@ -1,1 +1,1 @@
-"""One file a command: parse, load, call one function, render."""
+"""The command line: each command parses its options, makes one call of :mod:`robacc.api`, and renders the result."""

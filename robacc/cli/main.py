@@ -1,7 +1,7 @@
-"""The command line's frame: which commands there are, and what an error becomes.
+"""Entry point of the command line: the commands, and the exit status of every error.
 
-A command's module is imported when the command runs, so ``robacc --help`` costs what a bare typer program costs.
-Command modules import NumPy and what uses it inside their functions, for the same reason.
+The module of a command is imported when the command runs, so that ``robacc --help`` is fast. For the same reason,
+modules of commands import NumPy and its users inside their functions.
 """
 
 from __future__ import annotations
@@ -21,43 +21,41 @@ from robacc.render.text.console import say_error, say_interrupted
 from robacc.version import __version__
 
 COMMANDS = {
-    "estimate": "Cartesian error at each measured pose, its covariances, and an accuracy grade.",
-    "trace": (
-        "Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it."
-    ),
-    "calibrate": "Fit the named effects to measured poses and report the error before and after, fitted and held out.",
-    "predict": "Covariances, error budget and grade to be expected from parameter tolerances.",
-    "iso9283": "The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.",
-    "iso9283-poses": "The cube of ISO 9283 in an arm's workspace and its five poses, with joint angles, as a CSV.",
-    "check": "Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.",
-    "compare": "Stored results side by side: which differences are real, and which results demonstrate a grade.",
-    "report": "Stored results as one HTML page: story, pictures, tables, to be looked at, printed and signed.",
-    "plot": "One picture of a stored result as SVG, PNG or PDF.",
-    "show": "The chain, joints, limits, reach and masses of a robot file or URDF.",
-    "effects": "The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.",
-    "init": "A robot file and a CSV of measured poses to begin with, commented, from a URDF or a number of joints.",
-    "simulate": "A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.",
-    "export": "A model as URDF, as far as a URDF can carry it; the rest is said.",
-    "schema": "The JSON Schema of a command's result: every key, its unit, and which keys are always there.",
+    "estimate": "Compute the Cartesian error of measured poses, its covariances and the accuracy grade.",
+    "trace": "Find the effects that explain the residual; report the error before and after on held-out poses.",
+    "calibrate": "Fit named effects to measured poses; report the error before and after, fitted and held out.",
+    "predict": "Predict covariances, error budget and grade from parameter tolerances.",
+    "iso9283": "Compute the pose criteria of ISO 9283 from cycles of commanded poses.",
+    "iso9283-poses": "Plan the cube of ISO 9283 and its five poses for an arm, with joint values, as a CSV.",
+    "check": "Check a stored result against a gate; exit 0: pass, 4: fail, 5: inconclusive.",
+    "compare": "Compare stored results: significant differences, ranking and confirmed grades.",
+    "report": "Write stored results as an HTML page with charts and tables, to read, print and sign.",
+    "plot": "Write a chart of a stored result as SVG, PNG or PDF.",
+    "show": "Show the chain, joints, limits, reach and masses of a robot file or URDF.",
+    "effects": "List the effects: equation, unit, usual size, required data and similar effects.",
+    "init": "Write a commented robot file and a CSV of poses to start from, for a URDF or a number of joints.",
+    "simulate": "Simulate measured poses of a robot with the effects of its file, as a CSV.",
+    "export": "Write a robot model as URDF, with a warning for every part that a URDF cannot represent.",
+    "schema": "Print the JSON Schema of a command's result: keys, units and required keys.",
 }
-"""Name of each command, with _ for - its module's and its function's too, and its line in ``robacc --help``."""
+"""Each command and its line in ``robacc --help``; its module and its function have the same name, with _ for -."""
 
 INTERRUPTED = 130
-"""128 + SIGINT, what a shell reports of a program that was interrupted."""
+"""Exit status of an interrupted program in a shell: 128 + SIGINT."""
 BROKEN_PIPE = 141
-"""128 + SIGPIPE: whoever read the output had enough."""
+"""Exit status when the reader of the output has closed it: 128 + SIGPIPE."""
 
 
 class Commands(TyperGroup):
-    """The group of commands; loads the one that is asked for, and turns errors into lines and exit statuses."""
+    """Group of commands; loads the requested command, and turns errors into messages and exit statuses."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that ``args`` names, with its own options; the rest of the arguments."""
-        name, command, rest = super().resolve_command(ctx, args)
-        return name, _load(name) if name in COMMANDS else command, rest
+        """Return the name, the command with its options, and the remaining arguments."""
+        name, command, arguments = super().resolve_command(ctx, args)
+        return name, _load(name) if name in COMMANDS else command, arguments
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; the one place where an error meets the terminal."""
+        """Run the command and report its error; no other function writes errors to the terminal."""
         try:
             return super().invoke(ctx)
         except RobaccError as error:
@@ -69,10 +67,10 @@ class Commands(TyperGroup):
 
 
 class CheckedCommand(TyperCommand):
-    """A command whose call is looked over before it runs."""
+    """Command that checks its options before it runs."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command, unless it would overwrite what it reads or be of no use."""
+        """Run the command, unless it would overwrite an input or its options contradict each other."""
         from robacc.cli.output import check_call
 
         check_call(ctx.params)
@@ -80,26 +78,26 @@ class CheckedCommand(TyperCommand):
 
 
 def _load(name: str) -> Any:
-    """The command ``name`` from its own module."""
-    single, own = typer.Typer(add_completion=False), name.replace("-", "_")
-    single.command(name, cls=CheckedCommand)(getattr(import_module(f"robacc.cli.commands.{own}"), own))
-    return typer.main.get_command(single)
+    """Import the module of a command and return the command."""
+    program, module = typer.Typer(add_completion=False, rich_markup_mode=None), name.replace("-", "_")
+    program.command(name, cls=CheckedCommand)(getattr(import_module(f"robacc.cli.commands.{module}"), module))
+    return typer.main.get_command(program)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_requested: bool) -> None:
+    if is_requested:
         print(f"robacc {__version__}")
         raise typer.Exit
 
 
 def _placeholder() -> Callable[[], None]:
     def command() -> None:
-        """Stands for a command in lists of commands; :class:`Commands` puts the real one in its place."""
+        """Stand for a command in ``robacc --help``; :class:`Commands` replaces it when it runs."""
 
     return command
 
 
-app = typer.Typer(name="robacc", cls=Commands, no_args_is_help=True, rich_markup_mode="rich")
+app = typer.Typer(name="robacc", cls=Commands, no_args_is_help=True, rich_markup_mode=None)
 
 
 @app.callback()
@@ -108,7 +106,7 @@ def robacc(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """How accurate is the arm, why, and what would make it better."""
+    """Measure the accuracy of a robot arm, find the causes of its errors, and correct its model."""
 
 
 for _name, _summary in COMMANDS.items():
@@ -116,14 +114,14 @@ for _name, _summary in COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line and exit with its status; a defect ends in Python's own traceback and status 1."""
-    # Before NumPy is loaded: on the small matrices of this work, threads of the linear algebra wait for one another for
-    # longer than they compute (100 poses took eight times as long). One thread rounds alike on every machine.
+    """Run the command line and exit with its status; a defect of robacc shows a traceback and exits with 1."""
+    # Set before NumPy is imported. On small matrices, threads of the linear algebra spend more time waiting than
+    # computing: 100 poses took eight times as long. One thread also rounds the same on every machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            # A terminal that cannot show "±" shows "?" instead of ending the program.
+            # A terminal that cannot show "±" shows "?"; without this, the program would end.
             stream.reconfigure(errors="replace")
     try:
         _run()
@@ -136,42 +134,42 @@ def main() -> None:
     except OSError as error:
         if error.filename is not None:
             raise
-        # Files name themselves, and say_error() told of them already: this is standard output, full or closed.
+        # An error without a file name is about standard output, which is full or closed.
         say_error(InputError(Problem(f"cannot be written: {str(error.strerror or error).lower()}", "standard output")))
         _discard_output()
         sys.exit(InputError.exit_status)
 
 
 def _run() -> None:
-    """Run the command that is asked for, help and version included, and write all of its output.
+    """Run the requested command, help and version included, and write all of its output.
 
     Raises:
         SystemExit: always, with the status.
-        BrokenPipeError: whoever read standard output or the messages had enough.
+        BrokenPipeError: the reader of standard output or of the messages has closed it.
     """
     try:
         typer.main.get_command(app)(prog_name="robacc")
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):
-            # typer and rich end the program themselves then, with the status of a crash.
+            # typer and rich would exit with the status of a crash.
             raise BrokenPipeError from end
         sys.stdout.flush()
         raise
 
 
 def _open_closed_streams() -> None:
-    """A stream that the shell closed (``>&-``) is None, and its number would be the next file's."""
+    """Open the null device for a stream that the shell closed (``>&-``); else the next file would get its number."""
     if sys.stdin is None:
         sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: SIM115 (until the process ends)
     if sys.stdout is None:
-        # For reading, so that a result that goes nowhere is an error, and one that goes to a file is none.
+        # Opened for reading: a result on standard output is an error, a result in a file is not.
         sys.stdout = open(os.devnull, encoding="utf-8")  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
 
 def _discard_output() -> None:
-    """What is still buffered would fail again, loudly, when the interpreter closes the streams."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    """Send buffered output to the null device; else the interpreter reports the same error again at its exit."""
+    null_device = os.open(os.devnull, os.O_WRONLY)
     for number in (1, 2):
-        os.dup2(nowhere, number)
+        os.dup2(null_device, number)

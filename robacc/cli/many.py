@@ -1,4 +1,4 @@
-"""``robacc estimate`` on several files: each by itself, all at once, one table in the end."""
+"""``robacc estimate`` on several files: one result for each, and one table of all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, TextIO
 
-from robacc.cli.many_work import Asked, FileTask, estimate_one
+from robacc.cli.many_work import EstimateOptions, FileTask, estimate_file
 from robacc.cli.options import Format
 from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, UsageError
@@ -21,33 +21,35 @@ if TYPE_CHECKING:
     from robacc.parallel import Died
 
 _SUFFIXES = {Format.table: ".txt", Format.json: ".json", Format.markdown: ".md", Format.github: ".txt"}
-"""Of a file's result in a folder of results."""
-_OF_A_FILE = 3 * 2**20
-"""Bytes of poses that take as long as what every file takes beside its poses, some 50 ms."""
-_OF_A_PROCESS = 24 * 2**20
-"""Bytes of poses that take as long as starting a process, some 400 ms."""
+"""Suffix of the result of a file, by form."""
+_FILE_COST = 3 * 2**20
+"""Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
+_PROCESS_COST = 24 * 2**20
+"""Cost of starting a process, about 400 ms, in bytes of poses that take the same time."""
 
 
-def estimate_each(paths: Sequence[str], asked: Asked, outlets: Outlets, per_pose: str | None, jobs: int | None) -> None:
-    """Estimate every file, write the results, and end with the worst exit status.
+def estimate_each(
+    paths: Sequence[str], options: EstimateOptions, outlets: Outlets, per_pose: str | None, jobs: int | None
+) -> None:
+    """Estimate every file, write the results, and exit with the worst status.
 
     Args:
         paths: The files, in the order of the table.
-        asked: Of each of them.
-        outlets: What is wanted, and where; where the output is a folder, each result becomes a file in it.
-        per_pose: Folder for each file's errors, pose by pose.
-        jobs: Files at a time; None is as many as there are cores and the files are worth.
+        options: Options for every file.
+        outlets: Forms and files; if the output is a folder, each result becomes a file in it.
+        per_pose: Folder for the errors at each pose, one file for each file of poses.
+        jobs: Number of files at a time; None chooses it from the cores and the sizes of the files.
 
     Raises:
-        UsageError: the call fits no file.
-        InputError: what all files need cannot be read, or a result cannot be written.
-        typer.Exit: a file could not be estimated (3), or its gate was not passed (4 or 5).
+        UsageError: the options fit no file.
+        InputError: an input of all files cannot be read, or a result cannot be written.
+        typer.Exit: a file could not be estimated (3), or its gate did not pass (4 or 5).
     """
     import tempfile
 
     import typer
 
-    _check_call(paths, asked, per_pose)
+    _check_call(paths, options, per_pose)
     folder = _folder(outlets.output)
     with ExitStack() as stack:
         documents = None
@@ -58,7 +60,7 @@ def estimate_each(paths: Sequence[str], asked: Asked, outlets: Outlets, per_pose
             FileTask(
                 path,
                 name,
-                asked,
+                options,
                 outlets.form,
                 outlets.gate,
                 _target(folder, name, _SUFFIXES[outlets.form]),
@@ -69,35 +71,35 @@ def estimate_each(paths: Sequence[str], asked: Asked, outlets: Outlets, per_pose
         ]
         _check_targets(tasks)
         outcomes = _run(tasks, jobs or _jobs(paths), folder)
-        _say(outcomes)
+        _report_problems(outcomes)
         _write(outcomes, tasks, outlets, folder)
     if status := exit_status(outcomes):
         raise typer.Exit(status)
 
 
-def _check_call(paths: Sequence[str], asked: Asked, per_pose: str | None) -> None:
-    """What is wrong for every file is said once, before the first of them."""
+def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | None) -> None:
+    """Raise an error that concerns every file once, before the first file is read."""
     from robacc.accuracy.estimation import check_call
     from robacc.api.inputs import load_grade_scale, load_optional_robot
 
     if "-" in paths:
-        raise UsageError("standard input is one file and has no name for a table: give - alone")
+        raise UsageError("- (standard input) has no name for the table of several files; give it alone")
     if len({os.path.realpath(path) for path in paths}) < len(paths):
-        twice = next(path for number, path in enumerate(paths) if os.path.realpath(path) in _real(paths[:number]))
-        raise UsageError(f"{twice} is given twice")
+        repeated = next(path for i, path in enumerate(paths) if os.path.realpath(path) in _real_paths(paths[:i]))
+        raise UsageError(f"{repeated} is given twice; give each file once")
     if per_pose is not None and _folder(per_pose) is None:
-        raise UsageError(f"--per-pose {per_pose}: of several files it is a folder; name one, with / at its end")
-    arm, _ = load_optional_robot(asked.robot, asked.base_link, asked.tip_link)
-    check_call(arm, asked.align, asked.confidence)
-    load_grade_scale(asked.scale)
+        raise UsageError(f"--per-pose {per_pose}: several files need a folder; name one that ends with /")
+    arm, _ = load_optional_robot(options.robot, options.base_link, options.tip_link)
+    check_call(arm, options.align, options.confidence)
+    load_grade_scale(options.scale)
 
 
-def _real(paths: Sequence[str]) -> set[str]:
+def _real_paths(paths: Sequence[str]) -> set[str]:
     return {os.path.realpath(path) for path in paths}
 
 
 def _folder(path: str) -> str | None:
-    """The folder that an option names, which a / at its end makes where there is none; None where it is no folder."""
+    """Return the folder that an option names, or None for a file; a folder with / at its end is made."""
     from robacc.io.files import make_folder
 
     if path.endswith(("/", os.sep)):
@@ -107,17 +109,17 @@ def _folder(path: str) -> str | None:
 
 
 def distinct_names(paths: Sequence[str]) -> list[str]:
-    """The files' names, each with as many of its folders as tell it from the others."""
+    """Return the names of the files, with as many folders as make them distinct."""
     parts = [PurePath(os.path.normpath(path)).parts for path in paths]
     depth = [1] * len(parts)
     while True:
         names = ["/".join(part[-count:]) for part, count in zip(parts, depth, strict=True)]
-        times = Counter(names)
-        alike = [number for number, name in enumerate(names) if times[name] > 1 and depth[number] < len(parts[number])]
-        if not alike:
+        counts = Counter(names)
+        ambiguous = [i for i, name in enumerate(names) if counts[name] > 1 and depth[i] < len(parts[i])]
+        if not ambiguous:
             return names
-        for number in alike:
-            depth[number] += 1
+        for i in ambiguous:
+            depth[i] += 1
 
 
 def _target(folder: str | None, name: str, suffix: str) -> str | None:
@@ -128,26 +130,27 @@ def _target(folder: str | None, name: str, suffix: str) -> str | None:
 
 
 def _check_targets(tasks: Sequence[FileTask]) -> None:
-    """Refuse to write two results into one file, or one over an input."""
+    """Raise UsageError if a result would overwrite an input or another result."""
     written: dict[str, str] = {}
-    inputs = _real([task.path for task in tasks])
+    inputs = _real_paths([task.path for task in tasks])
     for task in tasks:
         for target in (task.result, task.per_pose):
             if target is None:
                 continue
             place = os.path.realpath(target)
             if place in inputs:
-                raise UsageError(f"{target} is an input too, and would be overwritten; name another folder")
+                raise UsageError(f"{target} is also an input and would be overwritten; name another folder")
             if (other := written.setdefault(place, task.path)) != task.path:
-                raise UsageError(f"{other} and {task.path} would both be written to {target}; rename one")
+                message = f"the results of {other} and {task.path} would both be written to {target}"
+                raise UsageError(f"{message}; rename one of the files")
 
 
 def _jobs(paths: Sequence[str]) -> int:
-    """A process a core, as far as there is work that is worth starting it."""
+    """Return the number of processes: one for each core, but no more than the work is worth."""
     from robacc.parallel import usable_cores
 
-    work = sum(_OF_A_FILE + (os.path.getsize(path) if os.path.isfile(path) else 0) for path in paths)
-    return max(1, min(usable_cores(), len(paths), 1 + work // _OF_A_PROCESS))
+    work = sum(_FILE_COST + (os.path.getsize(path) if os.path.isfile(path) else 0) for path in paths)
+    return max(1, min(usable_cores(), len(paths), 1 + work // _PROCESS_COST))
 
 
 def _run(tasks: Sequence[FileTask], jobs: int, folder: str | None) -> list[FileOutcome]:
@@ -158,8 +161,8 @@ def _run(tasks: Sequence[FileTask], jobs: int, folder: str | None) -> list[FileO
     try:
         with progress_bar() as progress:
             progress("estimating", 0, len(tasks))
-            for number, outcome in each(estimate_one, tasks, jobs):
-                outcomes[number] = _of_dead(tasks[number], outcome) if isinstance(outcome, Died) else outcome
+            for number, outcome in each(estimate_file, tasks, jobs):
+                outcomes[number] = _crashed(tasks[number], outcome) if isinstance(outcome, Died) else outcome
                 progress("estimating", len(outcomes), len(tasks))
     except KeyboardInterrupt:
         if folder is None or not outcomes:
@@ -168,42 +171,42 @@ def _run(tasks: Sequence[FileTask], jobs: int, folder: str | None) -> list[FileO
     return [outcomes[number] for number in range(len(tasks))]
 
 
-def _of_dead(task: FileTask, died: Died) -> FileOutcome:
-    """What to say of a file whose process ended before it was done."""
+def _crashed(task: FileTask, died: Died) -> FileOutcome:
+    """Return the outcome of a file whose process ended before its work was done."""
     if 0 < died.exit_code < 128:
-        message, status = "robacc crashed on it, which is a defect; what it said stands above", 1
+        message, status = "robacc crashed on this file, which is a defect of robacc; the traceback is above", 1
     else:
-        message, status = "its process was ended from outside, perhaps for want of memory; try --jobs 1", 3
+        message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
     return FileOutcome(task.name, status, problems=(Problem(message, task.path),), n_problems=1)
 
 
-def _say(outcomes: Sequence[FileOutcome]) -> None:
-    """Warnings and errors of every file, in the files' order."""
+def _report_problems(outcomes: Sequence[FileOutcome]) -> None:
+    """Write the warnings and errors of every file, in the order of the files."""
     from robacc.render.text.console import say_error, say_warnings
 
     say_warnings(_warnings(outcomes))
-    for one in outcomes:
-        if one.failed:
-            say_error(InputError(one.problems, total=one.n_problems))
+    for outcome in outcomes:
+        if outcome.failed:
+            say_error(InputError(outcome.problems, total=outcome.n_problems))
 
 
 def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: Outlets, folder: str | None) -> None:
-    """The overview of all files, and what else is wanted of all of them together."""
+    """Write the table of all files and the requested files."""
     from robacc.cli.output import page_text, write
     from robacc.io.files import write_text
     from robacc.render.text.many import draw_many, many_annotations
     from robacc.render.text.markdown import markdown
 
-    asked = tasks[0].asked
+    options = tasks[0].options
 
     def table(stream: TextIO) -> None:
-        draw_many(outcomes, asked.robot, asked.align, stream)
+        draw_many(outcomes, options.robot, options.align, stream)
 
     if outlets.junit is not None:
         from robacc.render.text.junit import junit_of_files
 
         write_text(outlets.junit, junit_of_files("estimate", outcomes))
-    if outlets.report is not None and not all(one.failed for one in outcomes):
+    if outlets.report is not None and not all(outcome.failed for outcome in outcomes):
         write_text(outlets.report, _page(outcomes, tasks))
     output = outlets.output if folder is None else "-"
     if outlets.form is Format.json:
@@ -219,43 +222,44 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
-    """Of every file, with its name."""
-    return tuple(text if one.name in text else f"{one.name}: {text}" for one in outcomes for text in one.warnings)
+    """Return the warnings of every file, with its name."""
+    from robacc.render.text.parameter_names import as_options
+
+    return tuple(
+        text if outcome.name in text else f"{outcome.name}: {text}"
+        for outcome in outcomes
+        for text in map(as_options, outcome.warnings)
+    )
 
 
 def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder: str | None) -> Iterator[str]:
-    """The JSON document of all files; with a folder the whole results are there, else in it."""
+    """Yield the JSON document of all files; it has the full results unless they are in ``folder``."""
     from robacc.documents.envelope import InputFile, envelope
     from robacc.documents.many import entry, many_pieces, totals
     from robacc.io.files import sha256_of
 
-    asked = tasks[0].asked
-    shared = ((asked.robot, "robot"), (asked.scale, "scale"), (tasks[0].gate, "gate"))
+    options = tasks[0].options
+    shared = ((options.robot, "robot"), (options.scale, "scale"), (tasks[0].gate, "gate"))
     head = envelope(
         "estimate-many",
         totals(outcomes),
-        options={
-            "align": list(asked.align),
-            "frame": asked.frame,
-            "confidence": asked.confidence,
-            "ordered": asked.ordered,
-            "base_link": asked.base_link,
-            "tip_link": asked.tip_link,
-        },
+        options=options.recorded(),
         inputs=[InputFile.at(path, sha256_of(path), kind) for path, kind in shared if path is not None],
-        seed=asked.seed,
+        seed=options.seed,
     )
-    whole = (
-        None if one.failed or folder is not None else task.document for one, task in zip(outcomes, tasks, strict=True)
+    documents = (
+        None if outcome.failed or folder is not None else task.document
+        for outcome, task in zip(outcomes, tasks, strict=True)
     )
-    return many_pieces(head, zip(map(entry, outcomes), whole, strict=True))
+    return many_pieces(head, zip(map(entry, outcomes), documents, strict=True))
 
 
 def _page(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask]) -> str:
-    """The page of all results side by side."""
+    """Return the HTML page of all results."""
     from robacc.render.html.page import render
 
-    done = [task for one, task in zip(outcomes, tasks, strict=True) if not one.failed and task.document is not None]
+    pairs = zip(outcomes, tasks, strict=True)
+    done = [task for outcome, task in pairs if not outcome.failed and task.document is not None]
     return render(
         [json.loads(Path(str(task.document)).read_text(encoding="utf-8")) for task in done],
         [task.name for task in done],

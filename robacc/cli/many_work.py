@@ -1,4 +1,4 @@
-"""One of several files that ``robacc estimate`` was given: what a process of its own does with it."""
+"""Estimate of one of several files, in a process of its own."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from robacc.gates.evaluate import GateOutcome
 
 
-class Asked(NamedTuple):
-    """What is asked of every file alike, by the names that :func:`robacc.api.estimate.estimate` has for it."""
+class EstimateOptions(NamedTuple):
+    """Options for every file, with the names of the parameters of :func:`robacc.api.estimate.estimate`."""
 
     robot: str | None
     align: tuple[str, ...]
@@ -30,28 +30,36 @@ class Asked(NamedTuple):
     tip_link: str | None
     seed: int
 
+    def recorded(self) -> dict[str, Any]:
+        """Return the options of the JSON document; robot and scale stand among its inputs, the seed has its own key."""
+        return {
+            name: list(value) if name == "align" else value
+            for name, value in self._asdict().items()
+            if name not in ("robot", "scale", "seed")
+        }
+
 
 class FileTask(NamedTuple):
-    """One file, and where what becomes of it goes."""
+    """A file of poses, its options, and the files to write."""
 
     path: str
     name: str
-    asked: Asked
+    options: EstimateOptions
     form: Format
     gate: str | None
     result: str | None
-    """File for the result in the form that is wanted."""
+    """File for the result in the requested form."""
     document: str | None
-    """File for the result's JSON document, from which one of all files is put together."""
+    """File for the JSON document of the result, which becomes part of the document of all files."""
     per_pose: str | None
 
 
-def estimate_one(task: FileTask) -> FileOutcome:
-    """The estimate of one file, written where the task says; what is wrong with the file is an outcome too."""
+def estimate_file(task: FileTask) -> FileOutcome:
+    """Estimate a file and write its results; an error in the file becomes part of the outcome."""
     from robacc.api.estimate import estimate
 
     try:
-        return _written(task, estimate(task.path, **task.asked._asdict()))
+        return _write_files(task, estimate(task.path, **task.options._asdict()))
     except InputError as error:
         return FileOutcome(task.name, error.exit_status, problems=error.problems, n_problems=error.total)
     except RobaccError as error:
@@ -59,7 +67,7 @@ def estimate_one(task: FileTask) -> FileOutcome:
         return FileOutcome(task.name, error.exit_status, problems=(problem,), n_problems=1)
 
 
-def _written(task: FileTask, found: Estimate) -> FileOutcome:
+def _write_files(task: FileTask, result: Estimate) -> FileOutcome:
     from robacc.documents.gate_files import read_gate
     from robacc.io.files import write_pieces, write_text
     from robacc.io.json_text import json_pieces
@@ -67,20 +75,20 @@ def _written(task: FileTask, found: Estimate) -> FileOutcome:
     outcome: GateOutcome | None = None
     document: Mapping[str, Any] = {}
     if task.gate is not None:
-        document, outcome = found.gated(read_gate(task.gate))
+        document, outcome = result.gated(read_gate(task.gate))
     elif task.document is not None or task.form is Format.json:
-        document = found.document()
-    warnings = (*found.warnings, *(() if outcome is None else outcome.warnings))
+        document = result.document()
+    warnings = (*result.warnings, *(() if outcome is None else outcome.warnings))
     if task.per_pose is not None:
-        write_text(task.per_pose, found.per_pose_csv())
+        write_text(task.per_pose, result.per_pose_csv())
     if task.document is not None:
         write_pieces(task.document, json_pieces(document))
     if task.result is not None:
-        _write_result(task, task.result, found, document, outcome, warnings)
+        _write_result(task, task.result, result, document, outcome, warnings)
     return FileOutcome(
         task.name,
         0 if outcome is None else outcome.exit_status,
-        _headline(found),
+        _headline(result),
         warnings=warnings,
         gate=outcome,
         written=None if task.result is None else PurePath(task.result).name,
@@ -90,37 +98,37 @@ def _written(task: FileTask, found: Estimate) -> FileOutcome:
 def _write_result(
     task: FileTask,
     path: str,
-    found: Estimate,
+    result: Estimate,
     document: Mapping[str, Any],
     outcome: GateOutcome | None,
     warnings: tuple[str, ...],
 ) -> None:
-    """As the command on this file alone writes it."""
+    """Write the result as the command does for a single file."""
     from robacc.cli.output import with_gate, write_result
 
     def table(stream: TextIO) -> None:
         from robacc.render.text.estimate import draw_estimate
 
-        draw_estimate(found, task.path, task.asked.robot, stream)
+        draw_estimate(result, task.path, task.options.robot, stream)
 
     write_result(
         Outlets(task.form, path),
         "estimate",
         document=lambda: document,
         table=table if outcome is None else with_gate(table, outcome, task.form),
-        found=outcome,
+        outcome=outcome,
         warnings=warnings,
     )
 
 
-def _headline(found: Estimate) -> EstimateHeadline:
-    position, orientation = found.position, found.orientation
+def _headline(result: Estimate) -> EstimateHeadline:
+    position, orientation = result.position, result.orientation
     return EstimateHeadline(
-        found.n_poses,
+        result.n_poses,
         position.rms,
         position.p95,
         position.max,
         None if orientation is None else orientation.rms,
-        found.grade.grade,
-        found.grade.demonstrated,
+        result.grade.grade,
+        result.grade.demonstrated,
     )

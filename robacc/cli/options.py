@@ -1,4 +1,4 @@
-"""Options that several commands share, declared once so that they are spelled and explained alike."""
+"""Options that several commands share, declared once so that every command spells and explains them the same."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 
 class Format(StrEnum):
-    """How a result is written."""
+    """Form of a result."""
 
     table = "table"
     json = "json"
@@ -18,7 +18,7 @@ class Format(StrEnum):
 
 
 class PlainFormat(StrEnum):
-    """How something is written that is no result to judge."""
+    """Form of output that no gate applies to."""
 
     table = "table"
     json = "json"
@@ -28,13 +28,13 @@ PosesArgument = Annotated[
     str, typer.Argument(metavar="POSES", help="CSV or Parquet of measured poses; - reads standard input.")
 ]
 RobotOption = Annotated[
-    str | None, typer.Option("--robot", metavar="FILE", help="Robot file (YAML) or URDF that commands the poses.")
+    str | None, typer.Option("--robot", metavar="FILE", help="Robot file (YAML) or URDF of the measured robot.")
 ]
 BaseLinkOption = Annotated[
-    str | None, typer.Option("--base-link", metavar="NAME", help="URDF: the link that the chain starts at.")
+    str | None, typer.Option("--base-link", metavar="NAME", help="First link of the chain in a URDF.")
 ]
 TipLinkOption = Annotated[
-    str | None, typer.Option("--tip-link", metavar="NAME", help="URDF: the link that the chain ends at.")
+    str | None, typer.Option("--tip-link", metavar="NAME", help="Last link of the chain in a URDF.")
 ]
 OrderedOption = Annotated[
     bool,
@@ -42,30 +42,43 @@ OrderedOption = Annotated[
 ]
 FormatOption = Annotated[
     Format,
-    typer.Option("--format", help="A table to read, JSON for programs, a job's summary, or annotations of a run."),
+    typer.Option("--format", help="Form of the output: github writes annotations of a run, markdown a job summary."),
 ]
-PlainFormatOption = Annotated[PlainFormat, typer.Option("--format", help="A table to read, or JSON for programs.")]
+PlainFormatOption = Annotated[PlainFormat, typer.Option("--format", help="Form of the output.")]
 OutputOption = Annotated[
-    str, typer.Option("--output", "-o", metavar="FILE", help="Write there, whole or not at all; - is standard output.")
+    str, typer.Option("--output", "-o", metavar="FILE", help="File to write; - is standard output.")
 ]
 GateOption = Annotated[
     str | None,
-    typer.Option("--gate", metavar="FILE", help="Judge the result by this gate file (YAML); exit 4 fail, 5 undecided."),
+    typer.Option("--gate", metavar="FILE", help="Gate file (YAML) with criteria; exit 4: fail, 5: inconclusive."),
 ]
 JunitOption = Annotated[
-    str | None, typer.Option("--junit", metavar="FILE", help="Write the gate's outcome there, as JUnit XML.")
+    str | None, typer.Option("--junit", metavar="FILE", help="File for the gate's outcome as JUnit XML.")
 ]
 ReportOption = Annotated[
-    str | None, typer.Option("--report", metavar="FILE", help="Write the result there, as one HTML page.")
+    str | None, typer.Option("--report", metavar="FILE", help="File for the result as an HTML page.")
 ]
 ScaleOption = Annotated[
-    str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML); default is the package's own.")
+    str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML) in place of the built-in scale.")
 ]
 SeedOption = Annotated[
-    int, typer.Option("--seed", metavar="N", min=0, help="Seed of everything drawn at random, bootstrap included.")
+    int, typer.Option("--seed", metavar="N", min=0, help="Seed of the random numbers, bootstrap included.")
 ]
 ConfidenceOption = Annotated[
-    float, typer.Option("--confidence", metavar="P", help="Confidence of every interval, between 0.5 and 1.")
+    float, typer.Option("--confidence", metavar="P", help="Confidence level of every interval, between 0.5 and 1.")
+]
+NeededRobotOption = Annotated[
+    str, typer.Option("--robot", metavar="FILE", help="Robot file (YAML) or URDF of the measured robot.")
+]
+WriteModelOption = Annotated[
+    str | None, typer.Option("--write-model", metavar="FILE", help="File for the fitted robot, as a robot file (YAML).")
+]
+HoldoutOption = Annotated[
+    str | None,
+    typer.Option("--holdout", metavar="FILE", help="CSV of validation poses, in place of cross-validation."),
+]
+FoldsOption = Annotated[
+    int, typer.Option("--folds", metavar="K", min=2, max=50, help="Number of folds of cross-validation.")
 ]
 OUTPUTS = frozenset({"output", "per_pose", "write_model", "junit", "report", "urdf"})
-"""Parameters of commands that name a file to write."""
+"""Parameters of commands that name files to write."""

@@ -1,4 +1,4 @@
-"""Hand a finished result to standard output or to a file, whole or not at all: the end that commands share."""
+"""Write a result to standard output or to files; commands share it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Outlets(NamedTuple):
-    """Where a result goes, and in which forms: what the shared options say."""
+    """Forms and files of a result, from the options that commands share."""
 
     form: Format
     output: str
@@ -26,30 +26,30 @@ class Outlets(NamedTuple):
     report: str | None = None
 
 
-def deliver(outlets: Outlets, found: Result, table: Callable[[TextIO], None]) -> None:
-    """Say a result's warnings, judge it where a gate is given, and write it in the form that is wanted.
+def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -> None:
+    """Write the warnings of a result, check it against the gate if there is one, and write it in the requested form.
 
     Args:
-        outlets: What is wanted, and where.
-        found: The result; its document is made only where it is needed.
-        table: Draws the result onto a stream; called only where a table is wanted.
+        outlets: Forms and files.
+        result: The result; its document is built only if it is needed.
+        table: Draws the result onto a stream; called only for a table.
 
     Raises:
         InputError: a file cannot be written, or the gate cannot be read.
-        typer.Exit: the gate was not passed: status 4 or 5.
+        typer.Exit: the gate did not pass: status 4 or 5.
     """
     from robacc.render.text.console import say_warnings
 
-    say_warnings(found.warnings)
+    say_warnings(result.warnings)
     if outlets.gate is None:
-        document = cache(found.document)
-        write_result(outlets, found.command, document=document, table=table, found=None, warnings=found.warnings)
+        document = cache(result.document)
+        write_result(outlets, result.command, document=document, table=table, outcome=None, warnings=result.warnings)
         return
     from robacc.documents.gate_files import read_gate
 
-    judged_document, outcome = found.gated(read_gate(outlets.gate))
+    gated_document, outcome = result.gated(read_gate(outlets.gate))
     say_warnings(outcome.warnings)
-    conclude(outlets, found.command, judged_document, table, outcome, found.warnings)
+    conclude(outlets, result.command, gated_document, table, outcome, result.warnings)
 
 
 def conclude(
@@ -57,22 +57,22 @@ def conclude(
     command: str,
     document: Mapping[str, Any],
     table: Callable[[TextIO], None] | None,
-    found: GateOutcome,
+    outcome: GateOutcome,
     warnings: Sequence[str] = (),
 ) -> None:
-    """Write a judged result, and end the command with the gate's exit status.
+    """Write a result with a gate, and exit with the status of the gate.
 
     Args:
-        outlets: What is wanted, and where.
-        command: The command's name.
-        document: The result with its gate.
-        table: Draws the result itself; None where the gate's outcome is all there is.
-        found: The gate's outcome.
-        warnings: Of the result, said already.
+        outlets: Forms and files.
+        command: Name of the command.
+        document: JSON document with the gate.
+        table: Draws the result; None to write the outcome of the gate only.
+        outcome: Outcome of the gate.
+        warnings: Warnings of the result, which were written already.
 
     Raises:
         InputError: a file cannot be written.
-        typer.Exit: the gate was not passed: status 4 or 5.
+        typer.Exit: the gate did not pass: status 4 or 5.
     """
     import typer
 
@@ -80,26 +80,31 @@ def conclude(
         from robacc.io.files import write_text
         from robacc.render.text.junit import junit
 
-        write_text(outlets.junit, junit(command, found))
-    every = (*warnings, *found.warnings)
-    shown = with_gate(table, found, outlets.form)
-    write_result(outlets, command, document=lambda: document, table=shown, found=found, warnings=every)
-    if found.exit_status:
-        raise typer.Exit(found.exit_status)
+        write_text(outlets.junit, junit(command, outcome))
+    write_result(
+        outlets,
+        command,
+        document=lambda: document,
+        table=with_gate(table, outcome, outlets.form),
+        outcome=outcome,
+        warnings=(*warnings, *outcome.warnings),
+    )
+    if outcome.exit_status:
+        raise typer.Exit(outcome.exit_status)
 
 
-def with_gate(table: Callable[[TextIO], None] | None, found: GateOutcome, form: Format) -> Callable[[TextIO], None]:
-    """Draws a result's report with its gate below; forms other than the table show the gate in a way of their own."""
+def with_gate(table: Callable[[TextIO], None] | None, outcome: GateOutcome, form: Format) -> Callable[[TextIO], None]:
+    """Return a function that draws a result and, for a table, its gate below; other forms write the gate themselves."""
     from robacc.render.text.gate import draw_gate
 
-    def shown(stream: TextIO) -> None:
+    def draw(stream: TextIO) -> None:
         if table is not None:
             table(stream)
         if form is Format.table:
             stream.write("\n" if table is not None else "")
-            draw_gate(found, stream)
+            draw_gate(outcome, stream)
 
-    return shown
+    return draw
 
 
 def write_result(
@@ -108,18 +113,18 @@ def write_result(
     *,
     document: Callable[[], Mapping[str, Any]],
     table: Callable[[TextIO], None],
-    found: GateOutcome | None,
+    outcome: GateOutcome | None,
     warnings: Sequence[str],
 ) -> None:
-    """Write a result, judged or not: the page first, so that what fails there leaves nothing on standard output.
+    """Write a result; the HTML page comes first, so that its failure leaves nothing on standard output.
 
     Args:
-        outlets: What is wanted, and where.
-        command: The command's name.
-        document: Makes the result's JSON document, with its gate; called only where it is needed.
+        outlets: Forms and files.
+        command: Name of the command.
+        document: Makes the JSON document, with the gate; called only if it is needed.
         table: Draws the result onto a stream.
-        found: The gate's outcome.
-        warnings: Of the result and its gate, said already.
+        outcome: Outcome of the gate.
+        warnings: Warnings of the result and the gate, which were written already.
 
     Raises:
         InputError: a file cannot be written.
@@ -129,14 +134,17 @@ def write_result(
         from robacc.io.files import write_text
 
         write_text(outlets.report, page_of_document(document()))
+    from robacc.render.text.parameter_names import as_options
+
+    texts = tuple(map(as_options, warnings))
     if outlets.form is Format.markdown:
         from robacc.render.text.markdown import markdown
 
-        write(outlets.output, (markdown(command, page_text(table), found, tuple(warnings)),))
+        write(outlets.output, (markdown(command, page_text(table), outcome, texts),))
     elif outlets.form is Format.github:
         from robacc.render.text.annotations import github_annotations
 
-        write(outlets.output, (github_annotations(command, page_text(table), found, tuple(warnings)),))
+        write(outlets.output, (github_annotations(command, page_text(table), outcome, texts),))
     else:
         emit(PlainFormat(outlets.form.value), outlets.output, table=table, document=document)
 
@@ -144,9 +152,9 @@ def write_result(
 def emit(
     form: PlainFormat, output: str, *, table: Callable[[TextIO], None], document: Callable[[], Mapping[str, Any]]
 ) -> None:
-    """Write what is no result to judge as ``form`` to ``output`` (``-`` is standard output).
+    """Write a table or a JSON document to ``output`` (``-`` is standard output).
 
-    Only the form that is wanted is made: ``table`` draws onto a stream, ``document`` builds the JSON document.
+    Only the requested form is made: ``table`` draws onto a stream, ``document`` builds the JSON document.
 
     Raises:
         InputError: the file cannot be written.
@@ -163,12 +171,12 @@ def emit(
 
 
 def check_call(parameters: Mapping[str, Any]) -> None:
-    """Refuse a call that would end badly before it computes anything: by its parameters' names and values.
+    """Raise an error for options that cannot work, before anything is computed.
 
     Raises:
-        UsageError: an output has no name, or would overwrite an input or another output, standard input is named twice,
-            ``--junit`` stands without ``--gate``, or ``--report`` without the libraries it takes.
-        InputError: the gate cannot be read, or an output is a folder or in one that does not exist.
+        UsageError: an output has no name or would overwrite an input or another output, standard input is named twice,
+            ``--junit`` is given without ``--gate``, or a library that ``--report`` needs is not installed.
+        InputError: the gate cannot be read, or an output is a folder or in a folder that does not exist.
     """
     from robacc.errors import UsageError
 
@@ -178,11 +186,11 @@ def check_call(parameters: Mapping[str, Any]) -> None:
         from robacc.render.plots.optional_dependencies import need
 
         need("matplotlib", "plotly", "jinja2")
-    named = [one for name, value in parameters.items() if name not in OUTPUTS for one in _texts(value)]
-    if named.count("-") > 1:
-        raise UsageError("standard input can be read once, and - names it twice; name files")
-    inputs = [one for one in named if _is_file(one)]
-    # A gate that comes through a pipe can be read once: later, when there is a result to judge.
+    texts = [text for name, value in parameters.items() if name not in OUTPUTS for text in _texts(value)]
+    if texts.count("-") > 1:
+        raise UsageError("standard input can be read only once, but - is given more than once; name files")
+    inputs = [text for text in texts if _is_file(text)]
+    # A gate from a pipe can be read only once, which happens when there is a result to check.
     if (gate := parameters.get("gate")) is not None and not _is_stream(gate):
         from robacc.documents.gate_files import baseline_path, read_gate
 
@@ -194,32 +202,32 @@ def _check_outputs(parameters: Mapping[str, Any], inputs: Sequence[str]) -> None
     from robacc.errors import UsageError
     from robacc.io.files import target_of
 
-    several = len(_texts(parameters.get("poses"))) > 1
+    is_folder_allowed = len(_texts(parameters.get("poses"))) > 1
     written: dict[str, str] = {}
     for name in sorted(OUTPUTS & parameters.keys()):
         option = f"--{name.replace('_', '-')}"
         for path in _texts(parameters[name]):
             if not path:
-                raise UsageError(f"{option} names no file")
+                raise UsageError(f"{option}: expected the name of a file, found nothing")
             if path == "-":
                 other = written.setdefault(path, option)
                 if other != option:
                     raise UsageError(f"{other} and {option} both name standard output; name a file for one of them")
                 continue
-            if _is_file(path) and any(os.path.samefile(path, one) for one in inputs):
-                raise UsageError(f"{option} {path} is an input too, and would be overwritten; name another file")
+            if _is_file(path) and any(os.path.samefile(path, file) for file in inputs):
+                raise UsageError(f"{option} {path} is also an input and would be overwritten; name another file")
             other = written.setdefault(os.path.realpath(path), option)
             if other != option:
                 raise UsageError(f"{other} and {option} both name {path}; name two files")
-            # Of several files of poses each has a file of its own in a folder, which is made.
-            if not (several and (path.endswith(("/", os.sep)) or os.path.isdir(path))):
+            # With several files of poses, each result is a file in a folder, which is made.
+            if not (is_folder_allowed and (path.endswith(("/", os.sep)) or os.path.isdir(path))):
                 target_of(path)
 
 
 def _texts(value: Any) -> tuple[str, ...]:
     if isinstance(value, str):
         return (value,)
-    return tuple(one for one in value if isinstance(one, str)) if isinstance(value, list | tuple) else ()
+    return tuple(item for item in value if isinstance(item, str)) if isinstance(value, list | tuple) else ()
 
 
 def _is_stream(path: str) -> bool:
@@ -234,14 +242,14 @@ def _is_file(path: str) -> bool:
 
 
 def page_text(table: Callable[[TextIO], None]) -> str:
-    """What a report draws, as plain text."""
+    """Return the drawing as plain text."""
     page = io.StringIO()
     table(page)
     return page.getvalue()
 
 
 def write(output: str, pieces: Iterable[str]) -> None:
-    """Write text to a file, whole or not at all, or to standard output where ``output`` is ``-``.
+    """Write text to a file, or to standard output if ``output`` is ``-``; a failure leaves no partial file.
 
     Raises:
         InputError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""What `report`, `plot` and `--report` have in common: from a document to a page."""
+"""HTML page of results, for the command ``report`` and the option ``--report``."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ if TYPE_CHECKING:
 
 
 def page_of_results(results: Sequence[StoredResult]) -> str:
-    """The page of stored results.
+    """Return the page of stored results.
 
     Raises:
-        InputError: a result is not what its command writes.
+        InputError: a result does not follow the schema of its command.
         UsageError: the extra ``report`` is not installed.
     """
     from robacc.documents.read_result import understood
     from robacc.render.html.page import page_of, result_of
 
-    laid_out = []
-    for place, one in enumerate(results, 1):
-        with understood(one.name, one.command):
-            laid_out.append(result_of(one.document, place))
-    names = [one.record.name for one in results]
-    return page_of(laid_out, [one.document for one in results], _distinct(names))
+    sections = []
+    for number, result in enumerate(results, 1):
+        with understood(result.name, result.command):
+            sections.append(result_of(result.document, number))
+    names = [result.record.name for result in results]
+    return page_of(sections, [result.document for result in results], _unique(names))
 
 
 def page_of_document(document: Mapping[str, Any]) -> str:
-    """The page of a result that was just computed, from its JSON text as it would be stored."""
+    """Return the page of a result that was just computed, from the JSON text that would be stored."""
     import json
 
     from robacc.io.json_text import json_text
@@ -37,8 +37,8 @@ def page_of_document(document: Mapping[str, Any]) -> str:
     return render([json.loads(json_text(document))], [str(document["command"])])
 
 
-def _distinct(names: Sequence[str]) -> list[str]:
-    """Names of which none stands twice."""
+def _unique(names: Sequence[str]) -> list[str]:
+    """Return the names with a number after each repeated name."""
     return [
         name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
     ]

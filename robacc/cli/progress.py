@@ -1,4 +1,4 @@
-"""A bar on standard error for long work."""
+"""Progress bar on standard error."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
-    """Drawn only on a terminal: call it with what is being done, how much is done, of how much."""
+    """Yield a function that shows progress on a terminal: label of the work, steps done, all steps."""
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        yield lambda what, done, of: None
+        yield lambda label, done, total: None
         return
     from rich.console import Console
     from rich.progress import Progress
@@ -20,7 +20,7 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=None)
 
-        def show(what: str, done: int, of: int) -> None:
-            bar.update(task, description=what, completed=done, total=of)
+        def show(label: str, done: int, total: int) -> None:
+            bar.update(task, description=label, completed=done, total=total)
 
         yield show

@@ -38,10 +38,11 @@ GATED = {"check": (0, 4, 5)}
 
 
 def example(name: str) -> str:
-    shown = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "400", "TERMINAL_WIDTH": "400"}).stdout
-    told = shown.partition("╭")[0].rstrip().splitlines()
-    match = re.fullmatch(r" *Example: (robacc \S.*?) *", told[-1])
-    assert match, f"the help of {name} ends with {told[-1]!r}, not with an example"
+    text = CliRunner().invoke(app, [name, "--help"]).stdout
+    description = re.split(r"^(?:Arguments|Options):$", text, flags=re.MULTILINE)[0]
+    last_paragraph = " ".join(description.strip().split("\n\n")[-1].split())
+    match = re.fullmatch(r"Example: (robacc \S.*)", last_paragraph)
+    assert match, f"the help of {name} ends with {last_paragraph!r}, not with an example"
     return match[1]
 
 
@@ -63,3 +64,9 @@ def test_the_example_at_the_end_of_the_help_runs(name: str, tmp_path: Path, monk
     for flag, file in itertools.pairwise(words):
         if flag in ("--output", "--write-model", "--urdf", "--folder"):
             assert (tmp_path / file).exists()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_fits_80_columns(name: str) -> None:
+    lines = CliRunner().invoke(app, [name, "--help"]).stdout.splitlines()
+    assert max(map(len, lines)) <= 80

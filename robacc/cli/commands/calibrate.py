@@ -1,4 +1,4 @@
-"""``robacc calibrate``: fit the effects that are named, and say how much better the robot is predicted."""
+"""``robacc calibrate``: fit named effects to measured poses."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.fitting import FoldsOption, HoldoutOption, NeededRobotOption, WriteModelOption
 from robacc.cli.options import (
     BaseLinkOption,
+    FoldsOption,
     Format,
     FormatOption,
     GateOption,
+    HoldoutOption,
     JunitOption,
+    NeededRobotOption,
     OrderedOption,
     OutputOption,
     PosesArgument,
     ReportOption,
     SeedOption,
     TipLinkOption,
+    WriteModelOption,
 )
 
 
@@ -30,23 +33,23 @@ def calibrate(
         typer.Option(
             "--fit",
             metavar="EFFECT,…",
-            help="Effects to fit, as in base_frame,joint_offset[j2,j3],gear_ratio[all]; see robacc effects.",
+            help="Effects to fit, such as base_frame,joint_offset[j2,j3]; robacc effects lists them.",
         ),
     ],
     write_model: WriteModelOption = None,
     prior: Annotated[
-        bool, typer.Option("--prior/--no-prior", help="Use the robot file's tolerances as priors of its geometry.")
+        bool, typer.Option("--prior/--no-prior", help="Use the tolerances of the robot file as priors of its geometry.")
     ] = False,
     shrink: Annotated[
         bool,
         typer.Option(
             "--shrink/--no-shrink",
-            help="Draw joint_offset and link_geometry, asked for without brackets, to the robot file's values where "
-            "most of them do not differ.",
+            help="Shrink joint_offset and link_geometry, if named without brackets, to nominal values where the data "
+            "show no difference.",
         ),
     ] = True,
     robust: Annotated[
-        bool, typer.Option("--robust/--all-rows", help="Leave out rows that are no part of the rest, naming them.")
+        bool, typer.Option("--robust/--all-rows", help="Leave out outliers and list them, or fit all rows.")
     ] = True,
     holdout: HoldoutOption = None,
     folds: FoldsOption = 5,
@@ -60,20 +63,20 @@ def calibrate(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Fit the named effects to measured poses and report the error before and after, fitted and held out.
+    """Fit named effects to measured poses and report the error before and after, on fitted and on held-out poses.
 
-    An effect of joints named without brackets is fitted on the joints where the data show it; with brackets, exactly
-    there.
+    An effect with joints in brackets is fitted to these joints. Without brackets it is fitted to the joints where the
+    data show it.
 
     Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
     """
-    from robacc.api.calibrate import calibrate as calibrated
+    from robacc.api.calibrate import calibrate as run_calibrate
     from robacc.cli.output import Outlets, deliver
     from robacc.cli.progress import progress_bar
     from robacc.render.text.calibrate import draw_calibration
 
     with progress_bar() as progress:
-        found = calibrated(
+        result = run_calibrate(
             poses,
             robot=robot,
             fit=fit,
@@ -89,9 +92,9 @@ def calibrate(
             progress=progress,
         )
     if write_model is not None:
-        found.write_model(write_model)
+        result.write_model(write_model)
     deliver(
         Outlets(form, output, gate, junit, report),
-        found,
-        lambda stream: draw_calibration(found, found.fit_inputs.data, poses, robot, fit, stream),
+        result,
+        lambda stream: draw_calibration(result, result.fit_inputs.data, poses, robot, fit, stream),
     )

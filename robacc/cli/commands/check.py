@@ -1,4 +1,4 @@
-"""``robacc check``: a stored result held against a gate."""
+"""``robacc check``: check a stored result against a gate."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ def check(
     result: Annotated[
         str, typer.Argument(metavar="RESULT", help="Result of any command as JSON; - reads standard input.")
     ],
-    gate: Annotated[str, typer.Option("--gate", metavar="FILE", help="Gate file (YAML): what the result must meet.")],
+    gate: Annotated[str, typer.Option("--gate", metavar="FILE", help="Gate file (YAML) with the criteria.")],
     junit: JunitOption = None,
     report: ReportOption = None,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Hold a stored result against a gate: exit 0 where it passes, 4 where it fails, 5 where it is undecided.
+    """Check a stored result against a gate.
+
+    The exit status is 0 for pass, 4 for fail and 5 for inconclusive.
 
     Example: robacc check result.json --gate gate.yaml
     """
-    from robacc.api.check import check as checked
+    from robacc.api.check import check as run_check
     from robacc.cli.output import Outlets, conclude
     from robacc.render.text.console import say_warnings
 
-    found = checked(result, gate)
-    say_warnings(found.warnings)
-    conclude(Outlets(form, output, gate, junit, report), "check", found.document(), None, found)
+    outcome = run_check(result, gate)
+    say_warnings(outcome.warnings)
+    conclude(Outlets(form, output, gate, junit, report), "check", outcome.document(), None, outcome)

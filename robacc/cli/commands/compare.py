@@ -1,4 +1,4 @@
-"""``robacc compare``: stored results side by side."""
+"""``robacc compare``: compare stored results."""
 
 from __future__ import annotations
 
@@ -24,17 +24,22 @@ def compare(
     ],
     baseline: Annotated[
         str | None,
-        typer.Option("--baseline", metavar="NAME", help="Hold the others against this one; default is the first."),
+        typer.Option(
+            "--baseline", metavar="NAME", help="Result that the others are compared with; default: the first."
+        ),
     ] = None,
     by: Annotated[
         str | None,
-        typer.Option("--by", metavar="KEY", help="Rank by this figure, as in position.p95; default is position.rms."),
+        typer.Option(
+            "--by", metavar="KEY", help="Figure for the ranking, such as position.p95; default: position.rms."
+        ),
     ] = None,
     grade: Annotated[
-        str | None, typer.Option("--grade", metavar="GRADE", help="Say which of the results demonstrate this grade.")
+        str | None, typer.Option("--grade", metavar="GRADE", help="Grade to check each result for.")
     ] = None,
     scale: Annotated[
-        str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML); default is the results' own.")
+        str | None,
+        typer.Option("--scale", metavar="FILE", help="Grade scale (YAML) in place of the scale of the results."),
     ] = None,
     confidence: ConfidenceOption = 0.95,
     seed: SeedOption = 0,
@@ -44,20 +49,20 @@ def compare(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Stored results side by side: which differences are real, and which results demonstrate a grade.
+    """Compare stored results: every shared figure, significant differences, ranking and confirmed grades.
 
-    Differences are tested in pairs where the poses are the same.
+    Differences are paired if the results have the same poses.
 
     Example: robacc compare arm1.json arm2.json --grade D
     """
-    from robacc.api.compare import compare as compared
+    from robacc.api.compare import compare as run_compare
     from robacc.cli.output import Outlets, deliver
 
-    found = compared(*results, baseline=baseline, by=by, grade=grade, scale=scale, confidence=confidence, seed=seed)
+    result = run_compare(*results, baseline=baseline, by=by, grade=grade, scale=scale, confidence=confidence, seed=seed)
 
     def table(stream: TextIO) -> None:
         from robacc.render.text.compare import draw_comparison
 
-        draw_comparison(found, stream)
+        draw_comparison(result, stream)
 
-    deliver(Outlets(form, output, gate, junit, report), found, table)
+    deliver(Outlets(form, output, gate, junit, report), result, table)

@@ -1,4 +1,4 @@
-"""``robacc effects``: the catalogue of what can be wrong with an arm."""
+"""``robacc effects``: the catalogue of effects."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 
 
 def effects(
-    name: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="One effect, in detail.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="Effect to describe in detail.")] = None,
     robot: RobotOption = None,
     poses: Annotated[
-        str | None, typer.Option("--poses", metavar="POSES", help="With --robot: whether these poses can show it.")
+        str | None,
+        typer.Option("--poses", metavar="FILE", help="CSV of poses; says which effects they can show. Needs --robot."),
     ] = None,
     ordered: OrderedOption = False,
     base_link: BaseLinkOption = None,
@@ -33,7 +34,7 @@ def effects(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """The catalogue of effects: equation, unit, usual size, needs, and what each is confused with.
+    """List the effects: equation, unit, usual size, required data and similar effects.
 
     Example: robacc effects backlash --robot robot.yaml
     """
@@ -46,7 +47,7 @@ def effects(
     from robacc.render.text.effects import draw_effects
 
     if robot is None and (poses or ordered or base_link or tip_link):
-        raise UsageError("--poses, --ordered, --base-link and --tip-link go with --robot")
+        raise UsageError("--poses, --ordered, --base-link and --tip-link need --robot")
     if name is not None:
         registry.effect_class(name)
     arm, data = _load(robot, poses, base_link, tip_link, ordered)

@@ -1,4 +1,4 @@
-"""``robacc estimate``: measured poses in, their errors and what they say of the arm out."""
+"""``robacc estimate``: errors of measured poses, their statistics and the grade."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from robacc.cli.options import (
 
 
 class FrameName(StrEnum):
-    """The axes that errors are written in."""
+    """Axes of the errors."""
 
     tool = "tool"
     base = "base"
@@ -39,20 +39,26 @@ def estimate(
     robot: RobotOption = None,
     align: Annotated[
         str | None,
-        typer.Option("--align", metavar="EFFECT,…", help="Fit base_frame, tool_frame or both to the poses first."),
+        typer.Option(
+            "--align", metavar="EFFECT,…", help="Frames to fit to the poses first: base_frame, tool_frame or both."
+        ),
     ] = None,
     frame: Annotated[
         FrameName | None,
-        typer.Option("--frame", help="Axes of the errors: the commanded target's, or the measuring frame's."),
+        typer.Option(
+            "--frame", help="Axes of the errors: tool of the commanded target, or base of the measuring frame."
+        ),
     ] = None,
     scale: ScaleOption = None,
     confidence: ConfidenceOption = 0.95,
     per_pose: Annotated[
-        str | None, typer.Option("--per-pose", metavar="FILE", help="Write each pose's error there, as CSV.")
+        str | None, typer.Option("--per-pose", metavar="FILE", help="CSV to write with the error of each pose.")
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option("--jobs", metavar="N", min=1, help="Several files: so many at once; default is a core each."),
+        typer.Option(
+            "--jobs", metavar="N", min=1, help="Number of files to process at a time; default: number of cores."
+        ),
     ] = None,
     ordered: OrderedOption = False,
     base_link: BaseLinkOption = None,
@@ -64,20 +70,20 @@ def estimate(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Cartesian error at each measured pose, its covariances, and an accuracy grade.
+    """Compute the Cartesian error of measured poses, its covariances and the accuracy grade.
 
-    The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns.
-    Several files, as in DIR/*.csv, are estimated each by itself and make one table; one that fails does not end the
-    rest. With --output DIR/ each result becomes a file there.
+    With --robot, the commanded pose is the robot's pose at the commanded joints; without, it is read from the cmd_
+    columns. Several files, such as DIR/*.csv, are estimated one by one and shown in one table; an error in one file
+    does not stop the others. With --output DIR/ each result becomes a file in that folder.
 
     Example: robacc estimate poses.csv --robot robot.yaml --align base_frame,tool_frame
     """
-    from robacc.api.estimate import estimate as estimated
+    from robacc.api.estimate import estimate as run_estimate
     from robacc.api.result import effect_names
-    from robacc.cli.many_work import Asked
+    from robacc.cli.many_work import EstimateOptions
     from robacc.cli.output import Outlets, deliver
 
-    asked = Asked(
+    options = EstimateOptions(
         robot,
         effect_names(align),
         None if frame is None else frame.value,
@@ -92,17 +98,17 @@ def estimate(
     if len(poses) > 1:
         from robacc.cli.many import estimate_each
 
-        estimate_each(poses, asked, outlets, per_pose, jobs)
+        estimate_each(poses, options, outlets, per_pose, jobs)
         return
-    found = estimated(poses[0], **asked._asdict())
+    result = run_estimate(poses[0], **options._asdict())
 
     def table(stream: TextIO) -> None:
         from robacc.render.text.estimate import draw_estimate
 
-        draw_estimate(found, poses[0], robot, stream)
+        draw_estimate(result, poses[0], robot, stream)
 
     if per_pose is not None:
         from robacc.io.files import write_text
 
-        write_text(per_pose, found.per_pose_csv())
-    deliver(outlets, found, table)
+        write_text(per_pose, result.per_pose_csv())
+    deliver(outlets, result, table)

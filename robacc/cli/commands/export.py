@@ -1,4 +1,4 @@
-"""``robacc export``: a model as a URDF, and what a URDF cannot carry of it."""
+"""``robacc export``: a robot model as URDF."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ def export(
     model: Annotated[str, typer.Argument(metavar="MODEL", help="Robot file (YAML) or URDF.")],
     urdf: Annotated[
         str,
-        typer.Option("--urdf", metavar="FILE", help="Write the URDF there, whole or not at all; - is standard output."),
+        typer.Option("--urdf", metavar="FILE", help="URDF to write; - is standard output."),
     ],
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     form: PlainFormatOption = PlainFormat.table,
 ) -> None:
-    """A model as URDF, as far as a URDF can carry it; the rest is said.
+    """Write a robot model as URDF, with a warning for every part that a URDF cannot represent.
 
     Example: robacc export robot.yaml --urdf arm.urdf
     """
@@ -35,7 +35,7 @@ def export(
     from robacc.robots.urdf import robot_to_urdf
 
     if form is PlainFormat.json and urdf == "-":
-        raise UsageError("--format json tells of the file that --urdf names; name one other than -")
+        raise UsageError("--format json and --urdf - both write to standard output; name a file for --urdf")
     robot = read_robot(model, base_link=base_link, tip_link=tip_link)
     text, losses = robot_to_urdf(absorb_constants(robot))
     if urdf == "-":
@@ -43,7 +43,7 @@ def export(
         sys.stdout.flush()
     else:
         write_text(urdf, text)
-    say_warnings(f"a URDF cannot carry {loss}" for loss in losses)
+    say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if form is PlainFormat.json:
         payload = {"urdf_sha256": sha256_of(urdf), "not_carried": list(losses)}
         inputs = (results.InputFile.at(model, sha256_of(model), "robot"),)

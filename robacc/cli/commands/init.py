@@ -1,4 +1,4 @@
-"""``robacc init``: a robot file and a CSV of poses to begin with, commented, and valid as they are."""
+"""``robacc init``: a commented robot file and a CSV of poses to start from."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from robacc.cli.options import BaseLinkOption, TipLinkOption
 
 def init(
     source: Annotated[
-        str | None, typer.Argument(metavar="[URDF]", help="The arm's URDF; without one say how many --joints.")
+        str | None, typer.Argument(metavar="[URDF]", help="URDF of the arm; without it, give --joints.")
     ] = None,
     joints: Annotated[
-        int | None, typer.Option("--joints", metavar="N", help="Joints of an example arm to put your numbers into.")
+        int | None, typer.Option("--joints", metavar="N", help="Number of joints of the example arm, without a URDF.")
     ] = None,
-    robot: Annotated[str, typer.Option("--robot", metavar="FILE", help="The robot file to write.")] = "robot.yaml",
-    poses: Annotated[str, typer.Option("--poses", metavar="FILE", help="The CSV to write.")] = "poses.csv",
+    robot: Annotated[str, typer.Option("--robot", metavar="FILE", help="Robot file to write.")] = "robot.yaml",
+    poses: Annotated[str, typer.Option("--poses", metavar="FILE", help="CSV to write.")] = "poses.csv",
     folder: Annotated[
-        str, typer.Option("--folder", metavar="DIR", help="Folder for both, made where there is none.")
+        str, typer.Option("--folder", metavar="DIR", help="Folder of both files; made if it does not exist.")
     ] = ".",
-    force: Annotated[bool, typer.Option("--force", help="Write over files that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
 ) -> None:
-    """A robot file and a CSV of measured poses to begin with, commented, from a URDF or a number of joints.
+    """Write a commented robot file and a CSV of poses to start from, for a URDF or a number of joints.
 
-    Both are valid as they are; the CSV's rows are made up, for yours to take their place.
+    Both files are valid. The rows of the CSV are simulated; replace them with your measurements.
 
     Example: robacc init --joints 6 --folder my-arm
     """
@@ -40,31 +40,31 @@ def init(
     from robacc.simulation.templates import poses_template, robot_template, urdf_template
 
     if (source is None) == (joints is None):
-        raise UsageError("give either a URDF or --joints, how many joints the arm has")
+        raise UsageError("give either a URDF or --joints, the number of joints")
     files = os.path.normpath(os.path.join(folder, robot)), os.path.normpath(os.path.join(folder, poses))
     _check_free(files, source, force)
     names = PurePath(files[0]).name, PurePath(files[1]).name
     if source is None:
         if base_link or tip_link:
-            raise UsageError("--base-link and --tip-link choose a chain of a URDF")
+            raise UsageError("--base-link and --tip-link choose a chain of a URDF, so they need a URDF")
         text = robot_template(joints or 0, *names)
     else:
-        arm = read_robot(source, base_link=base_link, tip_link=tip_link)
-        if arm.convention != "urdf":
-            raise UsageError(f"{source} is a robot file already; init makes one from a URDF")
-        text = urdf_template(arm, PurePath(source).name, *names)
-    described = parse_robot(text, files[0])
-    table, rows = poses_template(described, *names)
+        model = read_robot(source, base_link=base_link, tip_link=tip_link)
+        if model.convention != "urdf":
+            raise UsageError(f"{source} is a robot file already; robacc init needs a URDF")
+        text = urdf_template(model, PurePath(source).name, *names)
+    arm = parse_robot(text, files[0])
+    table, rows = poses_template(arm, *names)
     make_folder(folder)
     write_text(files[0], text)
     write_text(files[1], table)
-    count = len(described.variables)
-    print(f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} rows, made up)")
+    count = len(arm.variables)
+    print(f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} simulated rows)")
     print("next:")
     if source is None:
-        print(f"  put your arm's numbers into {files[0]}")
+        print(f"  enter the dimensions of your arm in {files[0]}")
     print(f"  robacc show {files[0]}")
-    print(f"  put what you measured into {files[1]}, in the place of its rows")
+    print(f"  replace the rows of {files[1]} with your measurements")
     print(f"  robacc estimate {files[1]} --robot {files[0]} --align base_frame,tool_frame")
 
 
@@ -75,8 +75,8 @@ def _check_free(files: tuple[str, str], urdf: str | None, force: bool) -> None:
         raise UsageError(f"--robot and --poses both name {files[0]}; name two files")
     for path in files:
         if urdf is not None and os.path.realpath(path) == os.path.realpath(urdf):
-            raise UsageError(f"{path} is the URDF, and would be overwritten; name another file")
-    there = [path for path in files if os.path.exists(path)]
-    if there and not force:
-        verb = "exists" if len(there) == 1 else "exist"
-        raise UsageError(f"{' and '.join(there)} {verb} already; --force writes over, --folder names another place")
+            raise UsageError(f"{path} is the URDF and would be overwritten; name another file")
+    existing = [path for path in files if os.path.exists(path)]
+    if existing and not force:
+        verb = "exists" if len(existing) == 1 else "exist"
+        raise UsageError(f"{' and '.join(existing)} {verb} already; overwrite with --force, or name another --folder")

@@ -1,4 +1,4 @@
-"""``robacc iso9283``: cycles of commanded poses in, the pose criteria of ISO 9283 out."""
+"""``robacc iso9283``: pose criteria of ISO 9283 from cycles of commanded poses."""
 
 from __future__ import annotations
 
@@ -27,23 +27,28 @@ def iso9283(
         list[str],
         typer.Argument(
             metavar="POSES [POSES …]",
-            help="CSV or Parquet of measured poses, one file a robot; - reads standard input.",
+            help="CSV or Parquet of measured poses, one file for each robot; - reads standard input.",
         ),
     ],
     robot: RobotOption = None,
     align: Annotated[
         str | None,
         typer.Option(
-            "--align", metavar="EFFECT,…", help="Fit base_frame, tool_frame or both to each file's poses first."
+            "--align",
+            metavar="EFFECT,…",
+            help="Frames to fit to the poses of each file first: base_frame, tool_frame or both.",
         ),
     ] = None,
     rated_load: Annotated[
-        float | None, typer.Option("--rated-load", metavar="KG", help="What payload_kg is held against.")
+        float | None,
+        typer.Option("--rated-load", metavar="KG", help="Rated load of the robot, compared with payload_kg."),
     ] = None,
     drift_windows: Annotated[
         int | None,
         typer.Option(
-            "--drift-windows", metavar="N", help="Parts of the run that are compared; default: of ten visits."
+            "--drift-windows",
+            metavar="N",
+            help="Number of windows of the run for drift; default: windows of ten visits.",
         ),
     ] = None,
     confidence: ConfidenceOption = 0.95,
@@ -57,17 +62,17 @@ def iso9283(
     junit: JunitOption = None,
     report: ReportOption = None,
 ) -> None:
-    """The pose criteria of ISO 9283 that cycles of commanded poses support, and which conditions they meet.
+    """Compute the pose criteria of ISO 9283 from cycles of commanded poses, and check the conditions of the standard.
 
-    The commanded pose is the robot's own at the commanded joints where --robot is given, else the file's cmd_ columns;
-    with neither there is repeatability, and no accuracy. Several files are several robots.
+    With --robot, the commanded pose is the robot's pose at the commanded joints; without, it is read from the cmd_
+    columns. If neither is known, the result has repeatability but no accuracy.
 
     Example: robacc iso9283 cycles.csv --robot robot.yaml
     """
-    from robacc.api.iso9283 import iso9283 as evaluated
+    from robacc.api.iso9283 import iso9283 as run_iso9283
     from robacc.cli.output import Outlets, deliver
 
-    found = evaluated(
+    result = run_iso9283(
         *poses,
         robot=robot,
         align=align or (),
@@ -83,6 +88,6 @@ def iso9283(
     def table(stream: TextIO) -> None:
         from robacc.render.text.iso9283 import draw_iso9283
 
-        draw_iso9283(found, robot, stream)
+        draw_iso9283(result, robot, stream)
 
-    deliver(Outlets(form, output, gate, junit, report), found, table)
+    deliver(Outlets(form, output, gate, junit, report), result, table)

@@ -1,4 +1,4 @@
-"""``robacc iso9283-poses``: the cube of ISO 9283 and its five poses for an arm, as a CSV to command and to fill in."""
+"""``robacc iso9283-poses``: the cube of ISO 9283 and its five poses for an arm, as a CSV."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class PlaneName(StrEnum):
-    """The cube's planes, by the direction in which each rises."""
+    """Planes of the cube, by the direction in which they rise."""
 
     x_up = "x+"
     x_down = "x-"
@@ -25,7 +25,7 @@ class PlaneName(StrEnum):
 
 
 class OrientationName(StrEnum):
-    """How the tool is held."""
+    """Orientation of the tool."""
 
     down = "down"
     forward = "forward"
@@ -37,32 +37,36 @@ def iso9283_poses(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
     edge: Annotated[
         str | None,
-        typer.Option("--edge", metavar="SIZE", help="The cube's edge, as 400mm; else the largest preferred that fits."),
+        typer.Option(
+            "--edge",
+            metavar="SIZE",
+            help="Edge of the cube, such as 400mm; default: the largest preferred edge that fits.",
+        ),
     ] = None,
     plane: Annotated[
         PlaneName | None,
-        typer.Option("--plane", help="Where the plane of the poses rises to; else the clearest of joint limits."),
+        typer.Option("--plane", help="Direction in which the plane rises; default: the farthest from joint limits."),
     ] = None,
     orientation: Annotated[
         OrientationName | None,
-        typer.Option("--orientation", help="Of the tool; else the first of these that the arm can hold."),
+        typer.Option("--orientation", help="Orientation of the tool; default: the first that the arm can reach."),
     ] = None,
-    cycles: Annotated[int, typer.Option("--cycles", min=1, max=10_000, help="Times P1 to P5 are gone through.")] = 30,
+    cycles: Annotated[int, typer.Option("--cycles", min=1, max=10_000, help="Number of cycles through P1 to P5.")] = 30,
     payload: Annotated[
-        float | None, typer.Option("--payload", metavar="KG", min=0.0, help="Write the load as payload_kg.")
+        float | None, typer.Option("--payload", metavar="KG", min=0.0, help="Payload to write as payload_kg.")
     ] = None,
     target: Annotated[
-        str | None, typer.Option("--target", metavar="NAME", help="Of a robot with several: which one.")
+        str | None, typer.Option("--target", metavar="NAME", help="Target, for a robot with several.")
     ] = None,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """The cube of ISO 9283 in an arm's workspace and its five poses, with joint angles, as a CSV.
+    """Plan the cube of ISO 9283 in the workspace of an arm and its five poses, and write them as a CSV.
 
-    The CSV has pose, cycle, the joints and the commanded pose; with the measured x, y, z and orientation added to it,
-    robacc iso9283 takes it. With --output the CSV goes there, and what was chosen is told on standard output.
+    The CSV has pose, cycle, joints and commanded pose. Add the measured x, y, z and orientation, and robacc iso9283
+    reads it. With --output, a summary of the plan is written to standard output.
 
     Example: robacc iso9283-poses robot.yaml --payload 6 --output plan.csv
     """
@@ -77,28 +81,30 @@ def iso9283_poses(
     from robacc.render.text.iso9283_poses import proposal_comments
 
     if form is PlainFormat.json and output == "-":
-        raise UsageError("--format json tells of the file that --output names; name one")
+        raise UsageError("--format json needs --output, the CSV that it describes")
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
-    found = propose(
+    proposal = propose(
         arm,
         edge=None if edge is None else size(edge, "length", "--edge"),
         plane=None if plane is None else plane.value,
         orientation=None if orientation is None else orientation.value,
         target=target,
     )
-    head = "".join(f"# {line}\n" for line in proposal_comments(found, arm.name))
-    text = head + format_poses(planned_poses(found, cycles, payload), attained=False)
+    head = "".join(f"# {line}\n" for line in proposal_comments(proposal, arm.name))
+    text = head + format_poses(planned_poses(proposal, cycles, payload), attained=False)
     if output == "-":
         sys.stdout.write(text)
         sys.stdout.flush()
         return
     write_text(output, text)
     options = {"edge": edge, "plane": plane, "orientation": orientation, "target": target}
-    _tell(found, arm, robot, output, form, {**options, "cycles": cycles, "payload": payload})
+    _write_summary(proposal, arm, robot, output, form, {**options, "cycles": cycles, "payload": payload})
 
 
-def _tell(found: Proposal, arm: Robot, robot: str, output: str, form: PlainFormat, options: Mapping[str, Any]) -> None:
-    """What was chosen, to standard output."""
+def _write_summary(
+    proposal: Proposal, arm: Robot, robot: str, output: str, form: PlainFormat, options: Mapping[str, Any]
+) -> None:
+    """Write a summary of the plan to standard output."""
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
     from robacc.documents.iso9283 import proposal_payload
@@ -106,10 +112,10 @@ def _tell(found: Proposal, arm: Robot, robot: str, output: str, form: PlainForma
     from robacc.render.text.iso9283_poses import draw_proposal
 
     inputs = (results.InputFile.at(robot, sha256_of(robot), "robot"),)
-    payload = {**proposal_payload(found), "file_sha256": sha256_of(output)}
+    payload = {**proposal_payload(proposal), "file_sha256": sha256_of(output)}
     emit(
         form,
         "-",
-        table=lambda stream: draw_proposal(found, arm, stream),
+        table=lambda stream: draw_proposal(proposal, arm, stream),
         document=lambda: results.envelope("iso9283-poses", payload, options=options, inputs=inputs, seed=None),
     )

@@ -1,4 +1,4 @@
-"""``robacc plot``: one picture of a stored result as a file, for a paper or a job's summary."""
+"""``robacc plot``: a chart of a stored result as a file."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ def plot(
         str, typer.Argument(metavar="RESULT", help="Result of any command as JSON; - reads standard input.")
     ],
     output: Annotated[
-        str, typer.Option("--output", "-o", metavar="FILE", help="Write there; its ending (svg, png, pdf) is the form.")
+        str, typer.Option("--output", "-o", metavar="FILE", help="File to write; its suffix is .svg, .png or .pdf.")
     ],
     kind: Annotated[
         str,
-        typer.Option("--kind", metavar="KIND", help="Which picture; a kind that is not there lists those that are."),
+        typer.Option("--kind", metavar="KIND", help="Kind of chart; an unknown kind lists the kinds of the result."),
     ],
     number: Annotated[
         int,
-        typer.Option("--number", metavar="N", min=1, help="Of several of a kind, the one; findings in their order."),
+        typer.Option("--number", metavar="N", min=1, help="Number of the chart among several of its kind."),
     ] = 1,
 ) -> None:
-    """One picture of a stored result as SVG, PNG or PDF.
+    """Write a chart of a stored result as SVG, PNG or PDF.
 
-    It is the picture that the report has. It needs the extra: pip install 'robacc[report]'.
+    The chart is the one in the report. Needs an extra: pip install 'robacc[report]'.
 
     Example: robacc plot trace.json --kind effect --number 2 --output backlash.pdf
     """
@@ -41,7 +41,7 @@ def plot(
 
     form = PurePath(output).suffix.removeprefix(".").lower()
     if form not in FORMS:
-        raise UsageError(f"--output {output}: a picture's name ends in .svg, .png or .pdf, which says its form")
+        raise UsageError(f"--output {output}: expected a name that ends in .svg, .png or .pdf")
     need("matplotlib")
     stored = read_result(result)
     with understood(stored.name, stored.command):

@@ -1,4 +1,4 @@
-"""``robacc predict``: tolerances in, the accuracy to be expected out; and held against measured poses."""
+"""``robacc predict``: accuracy predicted from parameter tolerances, and compared with measured poses."""
 
 from __future__ import annotations
 
@@ -26,39 +26,55 @@ from robacc.prediction import DEFAULT_SAMPLES
 def predict(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
     poses: Annotated[
-        str | None, typer.Option("--poses", metavar="FILE", help="CSV of poses whose joints to predict at.")
+        str | None, typer.Option("--poses", metavar="FILE", help="CSV of poses; the prediction is for their joints.")
     ] = None,
     samples: Annotated[
         int | None,
         typer.Option(
-            "--samples", metavar="N", help=f"Configurations over the joint ranges; default {DEFAULT_SAMPLES}."
+            "--samples",
+            metavar="N",
+            help=f"Number of configurations over the joint ranges; default: {DEFAULT_SAMPLES}.",
         ),
     ] = None,
     target: Annotated[
-        str | None, typer.Option("--target", metavar="NAME", help="Of several targets, the one that samples are of.")
+        str | None,
+        typer.Option(
+            "--target", metavar="NAME", help="Target of the sampled configurations, for a robot with several."
+        ),
     ] = None,
     tolerances: Annotated[
-        str | None, typer.Option("--tolerances", metavar="FILE", help="Tolerances (YAML) that go before the robot's.")
+        str | None,
+        typer.Option(
+            "--tolerances", metavar="FILE", help="Tolerance file (YAML); overrides the tolerances of the robot file."
+        ),
     ] = None,
     scale: ScaleOption = None,
     allocate: Annotated[
-        str | None, typer.Option("--allocate", metavar="GRADE", help="Find tolerances that would reach this grade.")
+        str | None, typer.Option("--allocate", metavar="GRADE", help="Grade to find tolerances for.")
     ] = None,
     against: Annotated[
         str | None,
-        typer.Option("--against", metavar="FILE", help="CSV of measured poses to hold the prediction against."),
+        typer.Option("--against", metavar="FILE", help="CSV of measured poses to compare the prediction with."),
     ] = None,
     align: Annotated[
         str | None,
-        typer.Option("--align", metavar="EFFECT,…", help="Fit base_frame, tool_frame or both to --against first."),
+        typer.Option(
+            "--align",
+            metavar="EFFECT,…",
+            help="Frames to fit to the poses of --against first: base_frame, tool_frame or both.",
+        ),
     ] = None,
     noise: Annotated[
         str | None,
-        typer.Option("--noise", metavar="P[,R]", help="Measuring noise along, and about, an axis, as 0.02mm,0.01deg."),
+        typer.Option(
+            "--noise",
+            metavar="P[,R]",
+            help="Standard deviation of the measurement noise along and about an axis, such as 0.02mm,0.01deg.",
+        ),
     ] = None,
     confidence: ConfidenceOption = 0.95,
     per_pose: Annotated[
-        str | None, typer.Option("--per-pose", metavar="FILE", help="Write each pose's prediction there, as CSV.")
+        str | None, typer.Option("--per-pose", metavar="FILE", help="CSV to write with the prediction at each pose.")
     ] = None,
     ordered: OrderedOption = False,
     base_link: BaseLinkOption = None,
@@ -70,16 +86,16 @@ def predict(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Covariances, error budget and grade to be expected from parameter tolerances.
+    """Predict covariances, error budget and grade from parameter tolerances.
 
-    At the poses of --poses, else at those of --against, else at configurations spread over the joint ranges.
+    The prediction is for the joints of --poses, else of --against, else for configurations over the joint ranges.
 
     Example: robacc predict robot.yaml --tolerances tolerances.yaml --allocate C
     """
-    from robacc.api.predict import predict as predicted
+    from robacc.api.predict import predict as run_predict
     from robacc.cli.output import Outlets, deliver
 
-    found = predicted(
+    result = run_predict(
         robot,
         poses=poses,
         samples=samples,
@@ -100,10 +116,10 @@ def predict(
     def table(stream: TextIO) -> None:
         from robacc.render.text.predict import draw_prediction
 
-        draw_prediction(found.robot, found, found.allocation, found.comparison, stream)
+        draw_prediction(result.robot, result, result.allocation, result.comparison, stream)
 
     if per_pose is not None:
         from robacc.io.files import write_text
 
-        write_text(per_pose, found.per_pose_csv())
-    deliver(Outlets(form, output, gate, junit, report), found, table)
+        write_text(per_pose, result.per_pose_csv())
+    deliver(Outlets(form, output, gate, junit, report), result, table)

@@ -1,4 +1,4 @@
-"""``robacc report``: stored results as one HTML page, to be looked at, printed and signed."""
+"""``robacc report``: stored results as an HTML page."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ import typer
 def report(
     results: Annotated[
         list[str],
-        typer.Argument(metavar="RESULT [RESULT …]", help="Results of any command as JSON; several stand side by side."),
+        typer.Argument(metavar="RESULT [RESULT …]", help="Results of any command as JSON; - reads standard input."),
     ],
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="FILE", help="Write the page there; - is standard output.")
-    ],
+    output: Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Page to write; - is standard output.")],
 ) -> None:
-    """Stored results as one HTML page: story, pictures, tables, to be looked at, printed and signed.
+    """Write stored results as an HTML page with charts and tables, to read, print and sign.
 
-    The page is one file that opens without a network and prints on A4. It needs an extra: pip install 'robacc[report]'.
+    The page is a single file that needs no network and prints on A4. Needs an extra: pip install 'robacc[report]'.
 
     Example: robacc report result.json --output report.html
     """
@@ -30,5 +28,5 @@ def report(
 
     need("matplotlib", "plotly", "jinja2")
     if results.count("-") > 1:
-        raise UsageError("standard input can be read once")
+        raise UsageError("standard input can be read only once")
     write(output, (page_of_results([read_result(path) for path in results]),))

@@ -1,4 +1,4 @@
-"""``robacc show``: what a robot file or URDF says, in mm and degrees."""
+"""``robacc show``: a robot file or URDF, in mm and degrees."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def show(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """The chain, joints, limits, reach and masses of a robot file or URDF.
+    """Show the chain, joints, limits, reach and masses of a robot file or URDF.
 
     Example: robacc show robot.yaml
     """

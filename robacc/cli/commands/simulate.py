@@ -1,7 +1,8 @@
-"""``robacc simulate``: a CSV of measured poses of a robot that has the effects its file lists."""
+"""``robacc simulate``: simulated measurements of a robot with the effects of its file."""
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import Annotated
 
@@ -11,7 +12,7 @@ from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainF
 
 
 class Sampling(StrEnum):
-    """How joint variables are chosen within their limits."""
+    """Distribution of the joint variables within their limits."""
 
     even = "even"
     random = "random"
@@ -20,65 +21,84 @@ class Sampling(StrEnum):
 def simulate(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
     poses: Annotated[
-        int | None, typer.Option("--poses", metavar="N", min=1, max=1_000_000, help="Commanded poses, sampled.")
+        int | None,
+        typer.Option("--poses", metavar="N", min=1, max=1_000_000, help="Number of commanded poses to sample."),
     ] = None,
     at: Annotated[
-        str | None, typer.Option("--at", metavar="FILE", help="Commanded poses of a CSV instead, in the order visited.")
+        str | None, typer.Option("--at", metavar="FILE", help="CSV of commanded poses, in the order visited.")
     ] = None,
     seed: SeedOption = 0,
-    cycles: Annotated[int, typer.Option("--cycles", min=1, max=100_000, help="Visits of every commanded pose.")] = 1,
+    cycles: Annotated[
+        int, typer.Option("--cycles", min=1, max=100_000, help="Number of visits to every commanded pose.")
+    ] = 1,
     sampling: Annotated[
-        Sampling, typer.Option("--sampling", help="Joint variables of low discrepancy, or uniform at random.")
+        Sampling,
+        typer.Option("--sampling", help="Low-discrepancy sequence, or uniform distribution of the joint variables."),
     ] = Sampling.even,
     noise: Annotated[
-        str, typer.Option("--noise", metavar="SIZE", help="Standard deviation along each axis, such as 0.02mm.")
+        str,
+        typer.Option(
+            "--noise",
+            metavar="SIZE",
+            help="Standard deviation of the measurement noise along each axis, such as 0.02mm.",
+        ),
     ] = "0",
     noise_orientation: Annotated[
-        str, typer.Option("--noise-orientation", metavar="SIZE", help="The same about each axis, such as 0.005deg.")
+        str,
+        typer.Option(
+            "--noise-orientation", metavar="SIZE", help="Standard deviation about each axis, such as 0.005deg."
+        ),
     ] = "0",
     sigma: Annotated[
-        bool, typer.Option("--sigma", help="Write the noise as sigma_x, sigma_y, sigma_z, sigma_r.")
+        bool, typer.Option("--sigma", help="Write the noise as columns sigma_x, sigma_y, sigma_z, sigma_r.")
     ] = False,
-    outliers: Annotated[int, typer.Option("--outliers", metavar="K", min=0, help="Rows made wrong.")] = 0,
+    outliers: Annotated[int, typer.Option("--outliers", metavar="K", min=0, help="Number of outliers.")] = 0,
     outlier_size: Annotated[
-        str, typer.Option("--outlier-size", metavar="SIZE", help="How far an outlier is off, such as 5mm.")
+        str, typer.Option("--outlier-size", metavar="SIZE", help="Position error of an outlier, such as 5mm.")
     ] = "10mm",
     position_only: Annotated[
-        bool, typer.Option("--position-only/--orientation", help="Whether orientation is not measured.")
+        bool, typer.Option("--position-only/--orientation", help="Measure position only, or position and orientation.")
     ] = False,
     commanded: Annotated[
-        bool, typer.Option("--commanded", help="Write cmd_ columns: the robot without its effects.")
+        bool, typer.Option("--commanded", help="Write cmd_ columns with the poses of the robot without its effects.")
     ] = False,
     motion: Annotated[
-        bool, typer.Option("--motion/--no-motion", help="Write direction and speed of approach, from the poses' order.")
+        bool,
+        typer.Option(
+            "--motion/--no-motion", help="Write direction and speed of approach, from the order of the poses."
+        ),
     ] = True,
     time_step: Annotated[
-        float | None, typer.Option("--time-step", metavar="S", min=0.0, help="Seconds between poses; writes time_s.")
+        float | None,
+        typer.Option("--time-step", metavar="S", min=0.0, help="Seconds between poses, written as time_s."),
     ] = None,
     temperature: Annotated[
         str | None,
-        typer.Option("--temperature", metavar="C[:C]", help="Constant, or a warm-up from one to another, as 22:28."),
+        typer.Option("--temperature", metavar="C[:C]", help="Constant temperature, or a warm-up such as 22:28."),
     ] = None,
     payload: Annotated[
-        str | None, typer.Option("--payload", metavar="KG,…", help="Payloads, one of them at random at each pose.")
+        str | None,
+        typer.Option("--payload", metavar="KG,…", help="Payloads; each pose has one of them, chosen at random."),
     ] = None,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """A CSV of simulated poses, exact and nonlinear, with the effects that the robot file lists.
+    """Simulate measured poses of a robot with the effects of its file, and write them as a CSV.
+
+    The simulation uses the exact nonlinear model.
 
     Example: robacc simulate robot.yaml --poses 60 --seed 1 --noise 0.03mm --output simulated.csv
     """
     import sys
 
-    from robacc.api.simulate import simulate as simulated
+    from robacc.api.simulate import simulate as run_simulate
     from robacc.errors import UsageError
 
     if form is PlainFormat.json and output == "-":
-        raise UsageError("--format json tells of the file that --output names; name one")
-    found = simulated(
+        raise UsageError("--format json needs --output, the CSV that it describes")
+    result = run_simulate(
         robot,
         poses=poses,
         at=at,
@@ -100,29 +120,43 @@ def simulate(
         tip_link=tip_link,
     )
     if output == "-":
-        sys.stdout.writelines(found.csv_pieces())
+        sys.stdout.writelines(result.csv_pieces())
         sys.stdout.flush()
         return
-    found.write(output)
+    result.write(output)
     if form is PlainFormat.json:
         from robacc.cli.output import emit
 
-        emit(form, "-", table=lambda stream: None, document=found.document)
+        emit(form, "-", table=lambda stream: None, document=result.document)
 
 
 def _temperature(text: str | None) -> tuple[float, float] | None:
-    from robacc.cli.quantities import numbers
     from robacc.errors import UsageError
 
     if text is None:
         return None
-    ends = numbers(text, ":", "--temperature")
+    ends = _numbers(text, ":", "--temperature")
     if len(ends) > 2:
-        raise UsageError(f"--temperature: expected one number or two as 22:28, found {text!r}")
+        raise UsageError(f"--temperature: expected a number, or two such as 22:28, found {text!r}")
     return ends[0], ends[-1]
 
 
 def _payloads(text: str | None) -> tuple[float, ...]:
-    from robacc.cli.quantities import numbers
+    return () if text is None else _numbers(text, ",", "--payload")
 
-    return () if text is None else numbers(text, ",", "--payload")
+
+def _numbers(text: str, separator: str, option: str) -> tuple[float, ...]:
+    """Return the finite numbers of a list.
+
+    Raises:
+        UsageError: a part of the list is not a finite number.
+    """
+    from robacc.errors import UsageError
+
+    try:
+        values = tuple(float(part) for part in text.split(separator))
+    except ValueError:
+        values = (math.nan,)
+    if not all(map(math.isfinite, values)):
+        raise UsageError(f"{option}: expected numbers separated by {separator!r}, found {text!r}")
+    return values

@@ -1,4 +1,4 @@
-"""``robacc trace``: find the residual, trace it to the effect the model lacks, add it, and report before and after."""
+"""``robacc trace``: find the effects that explain the residual of measured poses."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.fitting import FoldsOption, HoldoutOption, NeededRobotOption, WriteModelOption
 from robacc.cli.options import (
     BaseLinkOption,
+    FoldsOption,
     Format,
     FormatOption,
     GateOption,
+    HoldoutOption,
     JunitOption,
+    NeededRobotOption,
     OrderedOption,
     OutputOption,
     PosesArgument,
     ReportOption,
     SeedOption,
     TipLinkOption,
+    WriteModelOption,
 )
 
 
@@ -28,7 +31,9 @@ def trace(
     declared: Annotated[
         str,
         typer.Option(
-            "--declared", metavar="EFFECT,…", help="Effects known to be there: fitted on both sides, before and after."
+            "--declared",
+            metavar="EFFECT,…",
+            help="Effects known to be present: part of the baseline and of the extended model.",
         ),
     ] = "",
     write_model: WriteModelOption = None,
@@ -36,7 +41,10 @@ def trace(
     folds: FoldsOption = 5,
     empirical: Annotated[
         bool,
-        typer.Option("--empirical/--named-only", help="Whether corrections without a name may compete at the end."),
+        typer.Option(
+            "--empirical/--named-only",
+            help="Allow empirical corrections after the named effects, or named effects only.",
+        ),
     ] = True,
     ordered: OrderedOption = False,
     base_link: BaseLinkOption = None,
@@ -48,17 +56,17 @@ def trace(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Close the loop: residual, cause, correction, and the error before and after on poses that had no part in it.
+    """Find the effects that explain the residual, and report the error before and after on held-out poses.
 
     Example: robacc trace poses.csv --robot robot.yaml --declared base_frame,tool_frame --write-model better.yaml
     """
-    from robacc.api.trace import trace as traced
+    from robacc.api.trace import trace as run_trace
     from robacc.cli.output import Outlets, deliver
     from robacc.cli.progress import progress_bar
     from robacc.render.text.trace import draw_trace
 
     with progress_bar() as progress:
-        found = traced(
+        result = run_trace(
             poses,
             robot=robot,
             declared=declared,
@@ -72,9 +80,9 @@ def trace(
             progress=progress,
         )
     if write_model is not None:
-        found.write_model(write_model)
+        result.write_model(write_model)
     deliver(
         Outlets(form, output, gate, junit, report),
-        found,
-        lambda stream: draw_trace(found, poses, robot, declared, stream),
+        result,
+        lambda stream: draw_trace(result, poses, robot, declared, stream),
     )

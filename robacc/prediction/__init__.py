@@ -1,4 +1,4 @@
-"""Accuracy predicted from tolerances, equations (6) to (8), and the prediction held against measured poses."""
+"""Accuracy predicted from tolerances, equations (6) to (8), and comparison of the prediction with measured poses."""
 
 DEFAULT_SAMPLES = 1000
-"""Configurations that an arm is predicted at where nothing says which."""
+"""Default number of configurations at which an arm is predicted."""

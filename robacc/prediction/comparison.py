@@ -1,4 +1,4 @@
-"""The prediction held against measured poses of one robot: tests, and the variance components that the poses show."""
+"""Comparison of the prediction with measured poses of one robot: tests and estimated variance components."""
 
 from __future__ import annotations
 
@@ -9,42 +9,43 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.fitting.registration import Alignment, align
+from robacc.fitting import registration
+from robacc.fitting.registration import Alignment
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.observation import residuals
 from robacc.prediction.components import Components, variance_components
 from robacc.prediction.consistency import Consistency, consistency
 from robacc.prediction.parameters import ToleranceParameter
-from robacc.prediction.sufficient_statistics import Evidence, gather_evidence
+from robacc.prediction.sufficient_statistics import SufficientStatistics, reduce_residuals
 from robacc.robots.description import Robot
 
-_FEWEST_ALIGNED = 3
-"""With fewer poses, base and tool absorb all that was measured."""
-_FAR = 20.0
-"""Errors of more times the predicted size are no tolerances', they are frames' or units'."""
+_MIN_REGISTERED_POSES = 3
+"""With fewer poses, base and tool absorb everything that was measured."""
+_HINT_FACTOR = 20.0
+"""Errors larger than the prediction by this factor come from frames or units, not from tolerances."""
 
 Noise = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredComparison:
-    """What :func:`compare_with_measured` found."""
+    """Result of :func:`compare_with_measured`."""
 
     n_poses: int
     source: str
     position_rms: float
-    """Of the measured errors, as aligned, m."""
+    """RMS of the measured errors after registration, m."""
     orientation_rms: float | None
-    """rad; None where no orientation was measured."""
+    """rad; None if no orientation was measured."""
     alignment: Alignment | None
-    evidence: Evidence
+    statistics: SufficientStatistics
     consistency: Consistency
     components: Components | None
     hint: str | None
-    """What errors too large for any tolerance suggest."""
+    """Likely cause of errors that are too large for tolerances."""
     one_draw: str
-    """What it does to the tests that the poses are of one robot, and how that is accounted for."""
+    """Effect of the single robot on the tests, and how they account for it."""
 
 
 def compare_with_measured(
@@ -52,86 +53,88 @@ def compare_with_measured(
     data: Measurements,
     parameters: Sequence[ToleranceParameter],
     *,
-    what: Sequence[str] = (),
+    align: Sequence[str] = (),
     noise: Noise = (None, None),
     confidence: float = 0.95,
     seed: int = 0,
 ) -> MeasuredComparison:
-    """Is the error of these poses what the tolerances predict, and what tolerances do the poses show?
+    """Test the measured errors against the prediction, and estimate the tolerances from them.
 
     Args:
-        robot: Nominal; its effects are part of what it commands.
+        robot: Nominal robot; its effects are part of the command.
         data: Measured poses with joint variables.
-        parameters: Whose errors are predicted.
-        what: Of ``base_frame`` and ``tool_frame``, what is fitted to the poses first.
-        noise: See :func:`robacc.prediction.sufficient_statistics.gather_evidence`.
-        confidence: Of the components' intervals.
-        seed: Of the likelihood ratio's null distribution.
+        parameters: Parameters with predicted errors.
+        align: ``base_frame``, ``tool_frame`` or both are fitted to the poses first.
+        noise: See :func:`robacc.prediction.sufficient_statistics.reduce_residuals`.
+        confidence: Confidence of the components' intervals.
+        seed: Seed of the likelihood ratio's null distribution.
 
     Raises:
-        InputError: no poses or no joints, or the noise cannot be estimated.
-        UsageError: noise that is not positive, a confidence out of range, something that cannot be aligned.
+        InputError: There are no poses or no joints, or the noise cannot be estimated.
+        UsageError: The noise is not positive, the confidence is out of range, or a frame cannot be fitted.
     """
-    _check(data, noise, confidence)
-    alignment = align(robot, data, what) if what else None
-    aligned = robot if alignment is None else alignment.robot
-    if alignment is not None and data.n < _FEWEST_ALIGNED:
-        fix = "measure more poses, or align nothing"
-        text = f"an alignment of {data.n} poses leaves nothing to compare"
+    _check_arguments(data, noise, confidence)
+    alignment = registration.align(robot, data, align) if align else None
+    registered_robot = robot if alignment is None else alignment.robot
+    if alignment is not None and data.n < _MIN_REGISTERED_POSES:
+        fix = "measure more poses, or leave out `align`"
+        text = f"fitting frames to {data.n} poses leaves no errors to compare"
         raise InputError(Problem(text, data.source, fix=fix))
-    evidence = gather_evidence(aligned, data, parameters, noise=noise, aligned=tuple(what))
-    errors = residuals(data, predict(aligned, data))
-    tests = consistency(evidence, seed=seed)
+    statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
+    errors = residuals(data, predict(registered_robot, data))
+    tests = consistency(statistics, seed=seed)
     return MeasuredComparison(
         data.n,
         data.source or "the data",
         _rms(errors[:3]),
         None if data.rotation is None else _rms(errors[3:]),
         alignment,
-        evidence,
+        statistics,
         tests,
-        variance_components(evidence, parameters, confidence),
+        variance_components(statistics, parameters, confidence),
         _hint(tests, alignment),
-        _one_draw(evidence),
+        _one_draw(statistics),
     )
 
 
 def _hint(tests: Consistency, alignment: Alignment | None) -> str | None:
-    if tests.scale is None or tests.scale.factor < _FAR:
+    if tests.scale is None or tests.scale.factor < _HINT_FACTOR:
         return None
     if alignment is None:
-        return "errors this large come from frames that do not agree; try --align base_frame,tool_frame"
-    return "errors this large come from units, joint signs or the order of the joints rather than from tolerances"
+        return 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
+    return "errors this large come from units, joint signs or the order of the joints, not from tolerances"
 
 
-def _check(data: Measurements, noise: Noise, confidence: float) -> None:
+def _check_arguments(data: Measurements, noise: Noise, confidence: float) -> None:
     if data.n == 0:
-        raise InputError(Problem("has no poses to compare the prediction with", data.source))
+        raise InputError(Problem("has no poses to compare with the prediction", data.source))
     if data.q is None:
         fix = "add q1, q2, …"
-        raise InputError(Problem("has no joint columns for the robot to be commanded by", data.source, fix=fix))
+        raise InputError(Problem("has no joint columns: the comparison needs the joint values", data.source, fix=fix))
     if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
-        raise UsageError("the measuring noise is a standard deviation above zero")
+        raise UsageError("`noise` is a standard deviation above 0")
     if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence is a probability of at least 0.5 and below 1, not {confidence:g}")
+        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
 
 
 def _rms(errors: np.typing.NDArray[np.float64]) -> float:
     return math.sqrt(float(np.mean(np.sum(np.square(errors), axis=0))))
 
 
-def _one_draw(evidence: Evidence) -> str:
-    directions = evidence.y.size
+def _one_draw(statistics: SufficientStatistics) -> str:
+    n_directions = statistics.y.size
     text = (
-        f"all {evidence.n_poses} poses are of one robot and share one draw of its parameters, so they are not "
-        f"{evidence.n_poses} independent tests of the tolerances; the covariance of all poses together, "
-        f"J V Jᵀ + noise, was used. Of {evidence.n_components} measured numbers {directions} speak of the parameters"
+        f"all {statistics.n_poses} poses are of one robot and share the same parameter errors, so they are not "
+        f"{statistics.n_poses} independent tests of the tolerances. The tests use the covariance of all poses, "
+        f"J V Jᵀ + noise. Of {statistics.n_values} measured numbers, {n_directions} depend on the parameters"
     )
-    if directions:
+    if n_directions:
         # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
-        known = 100.0 / math.sqrt(2.0 * directions)
-        text += f": the size of the tolerances is known to some {known:.0f} %"
-        text += ", and more poses do not help, more robots do" if evidence.rest_dof else "; more poses would show more"
-    if evidence.n_aligned:
-        text += f". The alignment used {evidence.n_aligned} degrees of freedom, which no longer count"
+        relative_std = 100.0 / math.sqrt(2.0 * n_directions)
+        text += f": the size of the tolerances is known to about {relative_std:.0f} %"
+        text += (
+            "; more robots improve it, more poses do not" if statistics.noise_dof else "; more poses would improve it"
+        )
+    if statistics.n_aligned:
+        text += f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted"
     return text

@@ -1,16 +1,17 @@
-r"""The variance components Vθ, Vr, Vl, Vα by maximum likelihood, from measured poses of one robot.
+r"""Variance components Vθ, Vr, Vl, Vα by maximum likelihood, from measured poses of one robot.
 
-Each kind of parameter (theta, d, a, alpha; of a URDF the offsets, the lengths and the angles of origins) has its
-predicted variances times one factor φ_c, so with the evidence y (see :mod:`robacc.prediction.sufficient_statistics`)
+Each kind of parameter (theta, d, a, alpha; for a URDF the offsets, and the lengths and angles of origins) has its
+predicted variances times one factor φ_c, so the sufficient statistic y
+(see :mod:`robacc.prediction.sufficient_statistics`) has the distribution
 
     y ~ N(0, C),  C = I + K_0 + Σ_c φ_c K_c,  K_c = E_c E_c^T,
 
-E_c the whitened effects of one predicted standard deviation of each parameter of the kind, K_0 those of base and tool,
-whose tolerances are taken as given. log-likelihood -(log|C| + y^T C^-1 y)/2; score and expected information in
-log φ by S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 6.2 and 6.3.
+with E_c the whitened effects of one predicted standard deviation of each parameter of the kind, and K_0 those of base
+and tool, whose tolerances are not estimated. The log-likelihood is -(log|C| + y^T C^-1 y)/2; score and expected
+information in log φ by S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 6.2 and 6.3.
 
-A kind has as many degrees of freedom as it has parameters that the poses show, six for six joints: a variance from six
-numbers is known to a factor of three or so, however many poses there are. Intervals are by profile likelihood with
+A kind has as many degrees of freedom as it has identifiable parameters, six for six joints: a variance from six numbers
+is known to a factor of about three, regardless of the number of poses. Intervals are by profile likelihood with
 Bartlett's correction for that many degrees of freedom: for a variance from n Gaussian numbers the likelihood ratio at
 the truth has mean n (log(n/2) - ψ(n/2)) rather than 1 (M. S. Bartlett, Proc. Royal Society A 160 (1937) 268-282).
 """
@@ -26,18 +27,18 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array
 from robacc.prediction.parameters import ToleranceParameter
-from robacc.prediction.sufficient_statistics import Evidence
+from robacc.prediction.sufficient_statistics import SufficientStatistics
 from robacc.statistics.distributions import chi2_quantile
 
 GIVEN = frozenset({"base", "tool"})
-"""Components that are not estimated: lengths and angles of one frame are too few and too unlike to share a factor."""
-_LOWEST, _HIGHEST = -16.0, 16.0
-"""log φ: a millionth of a predicted standard deviation's square root and less is none."""
-_STEPS = 200
-_LONGEST_STEP = 2.0
-_CONVERGED = 1e-7
-_FEWEST = 1.0
-"""Degrees of freedom that a component must be left with when the others are free too, to be called estimated."""
+"""Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
+_LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
+"""Range of log φ; a factor at its lower end counts as zero."""
+_MAX_STEPS = 200
+_STEP_LIMIT = 2.0
+_LIKELIHOOD_TOLERANCE = 1e-7
+_MIN_DOF = 1.0
+"""Smallest number of degrees of freedom, with the other components free, of an estimated component."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,18 +56,18 @@ class Component:
     """``factor`` times ``predicted``."""
     lower: float
     upper: float | None
-    """Of ``factor``; None where the poses give no upper limit."""
+    """Limit of ``factor``; None if the poses give no upper limit."""
     dof: float
     """Effective degrees of freedom, the other components free: 2 (expected information of log φ at the prediction)."""
     likelihood_ratio: float
-    """Of the prediction for this component, the others free."""
+    """Likelihood ratio of the prediction for this component, the others free."""
     why: str | None
-    """Why it is not told apart; the numbers are then of little worth."""
+    """Reason why the component is not identifiable; its numbers are then unreliable."""
 
 
 @dataclass(frozen=True, slots=True)
 class Components:
-    """All of them, and how well they were told apart."""
+    """All variance components, with notes on those that are not identifiable."""
 
     components: tuple[Component, ...]
     confidence: float
@@ -74,185 +75,208 @@ class Components:
 
 
 def variance_components(
-    evidence: Evidence, parameters: Sequence[ToleranceParameter], confidence: float = 0.95
+    statistics: SufficientStatistics, parameters: Sequence[ToleranceParameter], confidence: float = 0.95
 ) -> Components | None:
-    """Estimate one factor for each kind of parameter; None where the poses show none of them.
+    """Estimate one factor for each kind of parameter; return None if no parameter affects the poses.
 
     Args:
-        evidence: Of ``parameters``.
-        parameters: The predicted ones, in the evidence's order.
-        confidence: Of the intervals.
+        statistics: Sufficient statistics of the poses for ``parameters``.
+        parameters: Parameters with predicted errors, in the order of the statistics.
+        confidence: Confidence of the intervals.
     """
-    problem = _Problem.of(evidence, parameters)
-    if evidence.y.size == 0 or not problem.names:
+    problem = _LikelihoodProblem.of(statistics, parameters)
+    if statistics.y.size == 0 or not problem.names:
         return None
-    eta, top = problem.maximise(np.zeros(len(problem.names)), np.ones(len(problem.names), dtype=bool))
+    log_factors, maximum = problem.maximise(np.zeros(len(problem.names)), np.ones(len(problem.names), dtype=bool))
     information = problem.information(np.zeros(len(problem.names)))
     notes, components = [], []
-    for c, name in enumerate(problem.names):
-        own = [parameter for parameter in parameters if parameter.component == name]
-        dof = 2.0 * _left(information, c)
-        why = _why(problem.names, information, c, dof)
-        predicted = math.sqrt(float(np.mean([parameter.sd**2 for parameter in own])))
-        factor = math.exp(0.5 * eta[c]) if eta[c] > _LOWEST + 1.0 else 0.0
-        threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _FEWEST))
-        lower, upper = problem.profile_interval(c, eta, top, threshold)
-        ratio = max(0.0, 2.0 * (top - problem.at(c, 0.0, eta)[1]))
+    for index, name in enumerate(problem.names):
+        members = [parameter for parameter in parameters if parameter.component == name]
+        dof = 2.0 * _marginal_information(information, index)
+        reason = _unidentified_reason(problem.names, information, index, dof)
+        predicted = math.sqrt(float(np.mean([parameter.sd**2 for parameter in members])))
+        factor = math.exp(0.5 * log_factors[index]) if log_factors[index] > _LOG_FACTOR_MIN + 1.0 else 0.0
+        threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
+        lower, upper = problem.profile_interval(index, log_factors, maximum, threshold)
+        ratio = max(0.0, 2.0 * (maximum - problem.maximise_with(index, 0.0, log_factors)[1]))
         components.append(
-            Component(name, len(own), own[0].unit, predicted, factor, factor * predicted, lower, upper, dof, ratio, why)
+            Component(
+                name,
+                len(members),
+                members[0].unit,
+                predicted,
+                factor,
+                factor * predicted,
+                lower,
+                upper,
+                dof,
+                ratio,
+                reason,
+            )
         )
-        if why is not None:
-            notes.append(why)
+        if reason is not None:
+            notes.append(reason)
     given = sorted({parameter.component for parameter in parameters} & GIVEN)
     if given:
-        notes.append(f"the tolerances of {' and '.join(given)} are taken as given")
+        notes.append(f"the tolerances of {' and '.join(given)} are used as given, not estimated")
     return Components(tuple(components), confidence, tuple(notes))
 
 
 def bartlett_mean(dof: float) -> float:
-    """Mean of the likelihood ratio of a variance from ``dof`` Gaussian numbers at the truth: n (log(n/2) - ψ(n/2))."""
+    """Return n (log(n/2) - ψ(n/2)), the mean likelihood ratio at the truth of a variance from n = ``dof`` numbers."""
     half = 0.5 * dof
     return 2.0 * half * (math.log(half) - _digamma(half))
 
 
 def _digamma(x: float) -> float:
-    """ψ(x) for x > 0, by recurrence and the asymptotic series (DLMF 5.5.2, 5.11.2)."""
-    total = 0.0
+    """Return ψ(x) for x > 0, by recurrence and the asymptotic series (DLMF 5.5.2, 5.11.2)."""
+    result = 0.0
     while x < 12.0:
-        total -= 1.0 / x
+        result -= 1.0 / x
         x += 1.0
     square = 1.0 / (x * x)
-    return total + math.log(x) - 0.5 / x - square * (1 / 12 - square * (1 / 120 - square * (1 / 252 - square / 240)))
+    return result + math.log(x) - 0.5 / x - square * (1 / 12 - square * (1 / 120 - square * (1 / 252 - square / 240)))
 
 
 @dataclass(frozen=True, slots=True)
-class _Problem:
-    """The likelihood of log φ."""
+class _LikelihoodProblem:
+    """Likelihood of log φ."""
 
     names: tuple[str, ...]
     y: Array
     effect: Array
-    """``(R, P)`` of the parameters of components that are estimated."""
+    """``(R, P)`` effects of the parameters of estimated components."""
     member: Array
-    """``(C, P)`` one where the parameter is of the component."""
+    """``(C, P)`` 1 if the parameter belongs to the component."""
     fixed: Array
     """``(R, R)`` I + K_0"""
 
     @classmethod
-    def of(cls, evidence: Evidence, parameters: Sequence[ToleranceParameter]) -> _Problem:
-        free = [i for i, parameter in enumerate(parameters) if parameter.component not in GIVEN]
-        given = [i for i, parameter in enumerate(parameters) if parameter.component in GIVEN]
-        names = tuple(dict.fromkeys(parameters[i].component for i in free))
-        member = np.array([[float(parameters[i].component == name) for i in free] for name in names])
-        rest = evidence.effect[:, given]
-        fixed = np.eye(evidence.y.size) + rest @ rest.T
-        return cls(names, evidence.y, evidence.effect[:, free], member, fixed)
+    def of(cls, statistics: SufficientStatistics, parameters: Sequence[ToleranceParameter]) -> _LikelihoodProblem:
+        estimated_parameters = [i for i, parameter in enumerate(parameters) if parameter.component not in GIVEN]
+        given_parameters = [i for i, parameter in enumerate(parameters) if parameter.component in GIVEN]
+        names = tuple(dict.fromkeys(parameters[i].component for i in estimated_parameters))
+        member = np.array([[float(parameters[i].component == name) for i in estimated_parameters] for name in names])
+        given_effects = statistics.effect[:, given_parameters]
+        fixed = np.eye(statistics.y.size) + given_effects @ given_effects.T
+        return cls(names, statistics.y, statistics.effect[:, estimated_parameters], member, fixed)
 
     def evaluate(self, eta: Array) -> tuple[float, Array, Array]:
-        """Log-likelihood, score and expected information in log φ."""
+        """Return log-likelihood, score and expected information in log φ."""
         phi = np.exp(eta)
         weighted = self.effect * (phi @ self.member)
         covariance = self.fixed + weighted @ self.effect.T
         triangle = np.linalg.cholesky(covariance)
         solved = np.linalg.solve(triangle, np.column_stack((self.effect, self.y)))
-        inner = solved[:, :-1].T @ solved
-        gram, pull = inner[:, :-1], inner[:, -1]
-        value = -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1])
-        score = 0.5 * phi * (self.member @ (np.square(pull) - np.diag(gram)))
+        products = solved[:, :-1].T @ solved
+        gram, gradient_term = products[:, :-1], products[:, -1]
+        log_likelihood = -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1])
+        score = 0.5 * phi * (self.member @ (np.square(gradient_term) - np.diag(gram)))
         information = 0.5 * np.outer(phi, phi) * (self.member @ np.square(gram) @ self.member.T)
-        return value, score, information
+        return log_likelihood, score, information
 
     def information(self, eta: Array) -> Array:
-        """Expected information in log φ."""
+        """Return the expected information in log φ."""
         return self.evaluate(eta)[2]
 
     def maximise(self, eta: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
-        """The most likely log φ over the ``free`` components, the others held, and the log-likelihood there.
+        """Return the most likely log φ over the ``free`` components, the others fixed, and its log-likelihood.
 
-        Fisher scoring with the step shortened until it gains.
+        Fisher scoring with the step shortened until the likelihood rises.
         """
         eta = eta.copy()
-        value, score, information = self.evaluate(eta)
-        for _ in range(_STEPS):
-            inside = free & ~((eta <= _LOWEST) & (score <= 0)) & ~((eta >= _HIGHEST) & (score >= 0))
-            if not np.any(inside):
+        log_likelihood, score, information = self.evaluate(eta)
+        for _ in range(_MAX_STEPS):
+            active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
+            if not np.any(active):
                 break
             step = np.zeros_like(eta)
-            part = information[np.ix_(inside, inside)]
-            ridge = np.diag(1e-9 * np.diag(part) + 1e-14)
-            step[inside] = np.linalg.solve(part + ridge, score[inside])
-            step = np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-            gained = False
+            block = information[np.ix_(active, active)]
+            ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
+            step[active] = np.linalg.solve(block + ridge, score[active])
+            step = np.clip(step, -_STEP_LIMIT, _STEP_LIMIT)
+            improved = False
             for _ in range(30):
-                trial = np.clip(eta + step, _LOWEST, _HIGHEST)
-                found = self.evaluate(trial)
-                if found[0] > value:
-                    gained = True
+                trial_eta = np.clip(eta + step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX)
+                candidate = self.evaluate(trial_eta)
+                if candidate[0] > log_likelihood:
+                    improved = True
                     break
                 step *= 0.5
-            if not gained:
+            if not improved:
                 break
-            small = found[0] - value < _CONVERGED
-            eta, (value, score, information) = trial, found
-            if small:
+            converged = candidate[0] - log_likelihood < _LIKELIHOOD_TOLERANCE
+            eta, (log_likelihood, score, information) = trial_eta, candidate
+            if converged:
                 break
-        return eta, value
+        return eta, log_likelihood
 
-    def at(self, c: int, value: float, start: Array) -> tuple[Array, float]:
-        """The best with component ``c`` held at log φ = ``value``."""
-        held = start.copy()
-        held[c] = value
-        free = np.ones(held.size, dtype=bool)
-        free[c] = False
-        return self.maximise(held, free)
+    def maximise_with(self, index: int, fixed_value: float, start: Array) -> tuple[Array, float]:
+        """Return the maximum with component ``index`` fixed at log φ = ``fixed_value``."""
+        fixed_eta = start.copy()
+        fixed_eta[index] = fixed_value
+        free = np.ones(fixed_eta.size, dtype=bool)
+        free[index] = False
+        return self.maximise(fixed_eta, free)
 
-    def profile_interval(self, c: int, eta: Array, top: float, threshold: float) -> tuple[float, float | None]:
-        """Factors √φ between which twice the profile log-likelihood stays within ``threshold`` of the top."""
-        ends: list[float | None] = []
-        for sign, limit in ((-1.0, _LOWEST), (1.0, _HIGHEST)):
-            inside, start, step = float(eta[c]), eta, 0.5
-            outside = None
-            while outside is None and sign * (limit - inside) > 0.0:
-                trial = max(min(inside + sign * step, _HIGHEST), _LOWEST)
-                there, value = self.at(c, trial, start)
-                if 2.0 * (top - value) > threshold:
-                    outside = trial
+    def profile_interval(self, index: int, eta: Array, maximum: float, threshold: float) -> tuple[float, float | None]:
+        """Return the factors √φ at which twice the profile log-likelihood is ``threshold`` below its maximum."""
+        limits: list[float | None] = []
+        for sign, bound in ((-1.0, _LOG_FACTOR_MIN), (1.0, _LOG_FACTOR_MAX)):
+            inside_value, start, step = float(eta[index]), eta, 0.5
+            outside_value = None
+            while outside_value is None and sign * (bound - inside_value) > 0.0:
+                trial_value = max(min(inside_value + sign * step, _LOG_FACTOR_MAX), _LOG_FACTOR_MIN)
+                best_eta, log_likelihood = self.maximise_with(index, trial_value, start)
+                if 2.0 * (maximum - log_likelihood) > threshold:
+                    outside_value = trial_value
                 else:
-                    inside, start, step = trial, there, 2.0 * step
-            ends.append(None if outside is None else self._boundary(c, inside, outside, start, top, threshold))
-        lower = 0.0 if ends[0] is None else math.exp(0.5 * ends[0])
-        return lower, None if ends[1] is None else math.exp(0.5 * ends[1])
+                    inside_value, start, step = trial_value, best_eta, 2.0 * step
+            limits.append(
+                None
+                if outside_value is None
+                else self._boundary(index, inside_value, outside_value, start, maximum, threshold)
+            )
+        lower = 0.0 if limits[0] is None else math.exp(0.5 * limits[0])
+        return lower, None if limits[1] is None else math.exp(0.5 * limits[1])
 
-    def _boundary(self, c: int, inside: float, outside: float, start: Array, top: float, threshold: float) -> float:
-        while abs(outside - inside) > 1e-3:
-            middle = 0.5 * (inside + outside)
-            there, value = self.at(c, middle, start)
-            if 2.0 * (top - value) > threshold:
-                outside = middle
+    def _boundary(
+        self, index: int, inside_value: float, outside_value: float, start: Array, maximum: float, threshold: float
+    ) -> float:
+        while abs(outside_value - inside_value) > 1e-3:
+            middle = 0.5 * (inside_value + outside_value)
+            best_eta, log_likelihood = self.maximise_with(index, middle, start)
+            if 2.0 * (maximum - log_likelihood) > threshold:
+                outside_value = middle
             else:
-                inside, start = middle, there
-        return 0.5 * (inside + outside)
+                inside_value, start = middle, best_eta
+        return 0.5 * (inside_value + outside_value)
 
 
-def _left(information: Array, c: int) -> float:
-    """What is left of the information on component ``c`` when the others are free."""
-    others = [i for i in range(information.shape[0]) if i != c]
-    own = float(information[c, c])
-    if not others:
-        return own
-    cross = information[others, c]
-    return max(0.0, own - float(cross @ np.linalg.pinv(information[np.ix_(others, others)], rcond=1e-12) @ cross))
+def _marginal_information(information: Array, index: int) -> float:
+    """Return the information on component ``index`` with the other components free."""
+    other_indices = [i for i in range(information.shape[0]) if i != index]
+    total = float(information[index, index])
+    if not other_indices:
+        return total
+    cross = information[other_indices, index]
+    return max(
+        0.0,
+        total - float(cross @ np.linalg.pinv(information[np.ix_(other_indices, other_indices)], rcond=1e-12) @ cross),
+    )
 
 
-def _why(names: Sequence[str], information: Array, c: int, dof: float) -> str | None:
-    """Why the component is not told apart, or None."""
-    if dof >= _FEWEST:
+def _unidentified_reason(names: Sequence[str], information: Array, index: int, dof: float) -> str | None:
+    """Return the reason why the component is not identifiable, or None."""
+    if dof >= _MIN_DOF:
         return None
-    own = 2.0 * float(information[c, c])
-    if own < _FEWEST:
-        return f"the poses hardly show {names[c]}: {own:.2g} degrees of freedom"
-    size = np.sqrt(np.diag(information))
-    alike = np.abs(information[c]) / np.where(size > 0, size * size[c], 1.0)
-    alike[c] = 0.0
-    partners = [names[i] for i in np.argsort(-alike) if alike[i] > 0.5] or [names[int(np.argmax(alike))]]
-    return f"{names[c]} cannot be told from {' and '.join(partners)} at these poses"
+    component_dof = 2.0 * float(information[index, index])
+    if component_dof < _MIN_DOF:
+        return f"{names[index]} is weakly identifiable on these poses: {component_dof:.2g} degrees of freedom"
+    scales = np.sqrt(np.diag(information))
+    correlations = np.abs(information[index]) / np.where(scales > 0, scales * scales[index], 1.0)
+    correlations[index] = 0.0
+    partners = [names[i] for i in np.argsort(-correlations) if correlations[i] > 0.5] or [
+        names[int(np.argmax(correlations))]
+    ]
+    return f"{names[index]} is not distinguishable from {' and '.join(partners)} on these poses"

@@ -1,12 +1,13 @@
-"""Is the measured error what the tolerances predict? Chi-square and likelihood-ratio tests that respect the one draw.
+"""Tests of the measured errors against the prediction, with all poses of one robot treated jointly.
 
-Both work on :class:`robacc.prediction.sufficient_statistics.Evidence`: y_i ~ N(0, 1 + S_i²) independent, the rest N(0, 1).
+Both tests use :class:`robacc.prediction.sufficient_statistics.SufficientStatistics`: y_i ~ N(0, 1 + S_i²) independent,
+all other directions N(0, 1).
 
-- The normalised squared error e^T (J V J^T + Σ)^-1 e is Σ y_i²/(1 + S_i²) + rest, chi-square with as many degrees of
-  freedom as numbers were measured (less those that an alignment used). Most of these speak of the noise alone; the
-  first sum, with one degree of freedom for each direction that the parameters move, speaks of the tolerances.
-- Likelihood ratio of the predicted covariance V against s² V with s² estimated. With some twenty directions of very
-  unequal strength the chi-square limit is only near, so the null distribution is drawn from the prediction itself.
+- Chi-square: the normalised squared error e^T (J V J^T + Σ)^-1 e is Σ y_i²/(1 + S_i²) + |other directions|², with as
+  many degrees of freedom as measured numbers (less those used by registration). Most of these depend on the noise only;
+  the first sum, with one degree of freedom for each direction that the parameters move, depends on the tolerances.
+- Likelihood ratio of the predicted covariance V against s² V with s² estimated. With about twenty directions of very
+  different strength the chi-square limit is inaccurate, so the null distribution is simulated from the prediction.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from functools import lru_cache
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.prediction.sufficient_statistics import Evidence
+from robacc.prediction.sufficient_statistics import SufficientStatistics
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf
 
 DRAWS = 1999
-"""Of the likelihood ratio's null distribution; the p-value is a multiple of 1/2000 and its error at 5 % is 0.5 %."""
+"""Samples of the likelihood ratio's null distribution; a p-value is a multiple of 1/2000, its error at 5 % is 0.5 %."""
 SIGNIFICANT = 0.05
 
-_WIDEST = 14.0
-"""exp(± 14) times the predicted variance is looked at: a millionfold."""
+_LOG_SCALE_RANGE = 14.0
+"""Range of log s² that is searched, ±: a factor of a million in variance."""
 _GRID = 57
 _ROUNDS = 7
 
@@ -45,7 +46,7 @@ class ChiSquare:
 
     @classmethod
     def of(cls, statistic: float, dof: int) -> ChiSquare | None:
-        """None where there is nothing to test."""
+        """Return the test, or None without degrees of freedom."""
         if dof < 1:
             return None
         tail = 0.5 * SIGNIFICANT
@@ -60,42 +61,46 @@ class ChiSquare:
 
 @dataclass(frozen=True, slots=True)
 class ScaleTest:
-    """Likelihood ratio of the predicted covariance against the same one scaled to fit."""
+    """Likelihood ratio of the predicted covariance against a scaled one."""
 
     factor: float
-    """The estimated scale of all tolerances alike: 1 as predicted, 2 twice as large."""
+    """Estimated common scale of all tolerances: 1 as predicted, 2 twice as large."""
     statistic: float
     p_value: float
-    """From ``draws`` drawn from the prediction."""
+    """From ``draws`` samples of the prediction."""
     p_value_asymptotic: float
-    """From a chi-square with one degree of freedom, for comparison."""
+    """From a chi-square distribution with one degree of freedom, for comparison."""
     draws: int
 
 
 @dataclass(frozen=True, slots=True)
 class Consistency:
-    """Measured against predicted."""
+    """Tests of the measured errors against the prediction."""
 
     total: ChiSquare | None
-    """All measured numbers; None where the noise was estimated from them."""
+    """All measured numbers; None if the noise was estimated from them."""
     parameters: ChiSquare | None
-    """The directions that the parameters' errors move; None where no parameter moves any."""
+    """Directions that the parameters' errors move; None if there are none."""
     noise: ChiSquare | None
-    """All other directions: the measuring noise; None where it was estimated from them."""
+    """All other directions: the measurement noise; None if it was estimated from them."""
     scale: ScaleTest | None
     verdict: str
-    """In plain words."""
+    """Conclusion as text."""
 
 
-def consistency(evidence: Evidence, *, seed: int = 0) -> Consistency:
-    """Test the prediction; ``seed`` is of the likelihood ratio's null distribution."""
-    weighed = float(np.sum(np.square(evidence.y) / (1.0 + np.square(evidence.strength))))
-    directions = evidence.y.size
-    parameters = ChiSquare.of(weighed, directions)
-    known = not evidence.noise_is_estimated
-    total = ChiSquare.of(weighed + evidence.rest, directions + evidence.rest_dof) if known else None
-    noise = ChiSquare.of(evidence.rest, evidence.rest_dof) if known else None
-    scale = scale_test(evidence.y, np.square(evidence.strength), seed) if directions else None
+def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consistency:
+    """Test the prediction; ``seed`` is the seed of the likelihood ratio's null distribution."""
+    normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
+    n_directions = statistics.y.size
+    parameters = ChiSquare.of(normalised_squares, n_directions)
+    noise_is_known = not statistics.noise_is_estimated
+    total = (
+        ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
+        if noise_is_known
+        else None
+    )
+    noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof) if noise_is_known else None
+    scale = scale_test(statistics.y, np.square(statistics.strength), seed) if n_directions else None
     return Consistency(total, parameters, noise, scale, _verdict(parameters, noise, scale))
 
 
@@ -105,75 +110,78 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
     Args:
         y: ``(R,)``
         variances: ``(R,)`` v, above zero.
-        seed: Of the null distribution.
+        seed: Seed of the null distribution.
     """
-    best, statistic = _ratio(y[None], variances)
-    null = _null(variances.tobytes(), seed)
-    beyond = int(null.size - np.searchsorted(null, statistic[0] - 1e-9, side="left"))
-    p = (1.0 + beyond) / (1.0 + null.size)
+    factors, statistic = _likelihood_ratios(y[None], variances)
+    null_statistics = _null_distribution(variances.tobytes(), seed)
+    n_exceeding = int(null_statistics.size - np.searchsorted(null_statistics, statistic[0] - 1e-9, side="left"))
+    p_value = (1.0 + n_exceeding) / (1.0 + null_statistics.size)
     return ScaleTest(
-        math.sqrt(float(best[0])), float(statistic[0]), p, chi2_sf(float(statistic[0]), 1.0), int(null.size)
+        math.sqrt(float(factors[0])),
+        float(statistic[0]),
+        p_value,
+        chi2_sf(float(statistic[0]), 1.0),
+        int(null_statistics.size),
     )
 
 
 @lru_cache(maxsize=16)
-def _null(variances: bytes, seed: int) -> Array:
-    """The likelihood ratio's distribution where the prediction is right, ascending."""
-    v = np.frombuffer(variances)
-    y = np.random.default_rng(seed).standard_normal((DRAWS, v.size)) * np.sqrt(1.0 + v)
-    return np.sort(_ratio(y, v)[1])
+def _null_distribution(variances: bytes, seed: int) -> Array:
+    """Return samples of the likelihood ratio under the prediction, ascending."""
+    variance_array = np.frombuffer(variances)
+    y = np.random.default_rng(seed).standard_normal((DRAWS, variance_array.size)) * np.sqrt(1.0 + variance_array)
+    return np.sort(_likelihood_ratios(y, variance_array)[1])
 
 
 def _log_likelihood(squares: Array, variances: Array, factor: Array) -> Array:
-    """Twice the log-likelihood, ``(D, F)``, of squares ``(D, R)`` at factors ``(D, F)`` or ``(F,)`` of s²."""
+    """Return twice the log-likelihood, ``(D, F)``, of squares ``(D, R)`` at factors ``(D, F)`` or ``(F,)`` of s²."""
     total = 1.0 + factor[..., None] * variances
     result: Array = -np.sum(np.log(total) + squares[:, None, :] / total, axis=-1)
     return result
 
 
-def _ratio(y: Array, variances: Array) -> tuple[Array, Array]:
-    """The most likely s² and the likelihood ratio, ``(D,)`` each, for draws ``(D, R)``.
+def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
+    """Return the most likely s² and the likelihood ratio, ``(D,)`` each, for samples ``(D, R)``.
 
-    A grid over log s² finds the highest of what may be several maxima; grids within it refine that one.
+    A grid over log s² locates the highest of possibly several maxima; finer grids refine it.
     """
     squares = np.square(y)
-    grid = np.linspace(-_WIDEST, _WIDEST, _GRID)
-    height = _log_likelihood(squares, variances, np.exp(np.broadcast_to(grid, (y.shape[0], _GRID))))
-    best = grid[np.argmax(height, axis=1)]
+    grid = np.linspace(-_LOG_SCALE_RANGE, _LOG_SCALE_RANGE, _GRID)
+    log_likelihood = _log_likelihood(squares, variances, np.exp(np.broadcast_to(grid, (y.shape[0], _GRID))))
+    best = grid[np.argmax(log_likelihood, axis=1)]
     step = grid[1] - grid[0]
     for _ in range(_ROUNDS):
-        trial = best[:, None] + step * np.linspace(-1.0, 1.0, 9)
-        height = _log_likelihood(squares, variances, np.exp(trial))
-        best = np.take_along_axis(trial, np.argmax(height, axis=1)[:, None], axis=1)[:, 0]
+        candidates = best[:, None] + step * np.linspace(-1.0, 1.0, 9)
+        log_likelihood = _log_likelihood(squares, variances, np.exp(candidates))
+        best = np.take_along_axis(candidates, np.argmax(log_likelihood, axis=1)[:, None], axis=1)[:, 0]
         step /= 4.0
-    # No effect of the parameters at all is the limit that the grid cannot reach.
-    none = -np.sum(squares, axis=1)
-    top = np.maximum(np.max(height, axis=1), none)
-    factor = np.where(none >= np.max(height, axis=1), 0.0, np.exp(best))
-    at_one = _log_likelihood(squares, variances, np.ones((y.shape[0], 1)))[:, 0]
-    return factor, np.maximum(top - at_one, 0.0)
+    # s² = 0, no effect of the parameters, is a limit that the grid cannot reach.
+    no_effect = -np.sum(squares, axis=1)
+    highest = np.maximum(np.max(log_likelihood, axis=1), no_effect)
+    factor = np.where(no_effect >= np.max(log_likelihood, axis=1), 0.0, np.exp(best))
+    at_prediction = _log_likelihood(squares, variances, np.ones((y.shape[0], 1)))[:, 0]
+    return factor, np.maximum(highest - at_prediction, 0.0)
 
 
 def _verdict(parameters: ChiSquare | None, noise: ChiSquare | None, scale: ScaleTest | None) -> str:
     if parameters is None or scale is None:
-        return "the parameters' predicted errors are far below the noise at these poses: nothing can be said of them"
+        return "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
     sentences = []
     if min(parameters.p_value, scale.p_value) >= SIGNIFICANT:
         sentences.append("the measured errors are consistent with the tolerances")
     elif scale.p_value < SIGNIFICANT:
-        word = "larger" if scale.factor > 1.0 else "smaller"
+        comparative = "larger" if scale.factor > 1.0 else "smaller"
         sentences.append(
-            f"the measured errors are {word} than the tolerances predict: about {scale.factor:.2g} times "
+            f"the measured errors are {comparative} than the tolerances predict: about {scale.factor:.2g} times "
             "the predicted size"
         )
     else:
         sentences.append(
-            "the measured errors are of the predicted size on the whole but not of the predicted pattern: some "
-            "parameters err by more, or something other than these parameters errs"
+            "the measured errors have the predicted size but not the predicted pattern: some parameters have larger "
+            "errors, or there are other causes than these parameters"
         )
     if noise is not None and noise.p_value < SIGNIFICANT:
-        size = math.sqrt(noise.ratio)
-        word = "more" if size > 1.0 else "less"
-        cause = ": effects other than these parameters, or noise beyond the stated one" if size > 1.0 else ""
-        sentences.append(f"what no parameter explains is {word} than the stated noise, {size:.2g} times{cause}")
+        noise_ratio = math.sqrt(noise.ratio)
+        cause = ": other effects than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
+        sentences.append(f"the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}")
     return "; ".join(sentences)

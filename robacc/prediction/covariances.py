@@ -1,10 +1,10 @@
-"""V_d and V_δ of each pose, equations (7) and (8), and each parameter's share, in blocks of poses.
+"""Covariances V_d and V_δ of each pose, equations (7) and (8), and each parameter's share, in blocks of poses.
 
 With J the columns of equation (6) and s_p the parameters' standard deviations, V = Σ_p s_p² J_p J_pᵀ, and the trace of
-V divides among the parameters as Σ_n s_p² |J_pn|². The trace does not hang on the frame, so the sums are made where the
-sweep leaves them, in the measuring frame, and only the 3 x 3 results are turned into the tool's.
+V divides among the parameters as Σ_n s_p² |J_pn|². The trace does not depend on the frame, so the sums are computed in
+the measuring frame of the sweep, and only the 3 x 3 results are rotated into the tool's frame.
 
-The Jacobian of a block is the largest working array; nothing but the 3 x 3 results and the shares outlives the block.
+The Jacobian of a block is the largest working array; only the 3 x 3 results and the shares outlive the block.
 """
 
 from __future__ import annotations
@@ -21,48 +21,48 @@ from robacc.prediction.parameters import ToleranceParameter
 
 @dataclass(frozen=True, slots=True)
 class PoseCovariances:
-    """Covariances of the tool's error at N poses, in the tool's frame, and what each parameter contributes."""
+    """Covariances of the tool's error at N poses, in the tool's frame, and the contribution of each parameter."""
 
     position: Array
     """``(3, 3, N)`` V_d, m²."""
     orientation: Array
     """``(3, 3, N)`` V_δ, rad²."""
     position_power: Array
-    """``(P,)`` part of each parameter in the sum of all traces of V_d, m²."""
+    """``(P,)`` contribution of each parameter to the sum of all traces of V_d, m²."""
     orientation_power: Array
-    """``(P,)`` rad²"""
+    """``(P,)`` contribution to the sum of all traces of V_δ, rad²."""
 
 
 def pose_covariances(
     chain: Chain, scalars: Sequence[Scalar], n: int, parameters: Sequence[ToleranceParameter]
 ) -> PoseCovariances:
-    """Equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` where they vary)."""
-    # Rotations first: only they have an angular part, which is then one slice.
+    """Return equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` if they vary)."""
+    # Rotations first: only they have an angular part, which is then a single slice.
     order = sorted(range(len(parameters)), key=lambda i: chain.motions[parameters[i].motion].kind != "rotation")
-    turning = sum(chain.motions[parameter.motion].kind == "rotation" for parameter in parameters)
-    wanted = [parameters[i].motion for i in order]
+    n_rotations = sum(chain.motions[parameter.motion].kind == "rotation" for parameter in parameters)
+    motions = [parameters[i].motion for i in order]
     sd = np.array([parameters[i].sd for i in order])[:, None]
     position, orientation = np.empty((3, 3, n)), np.empty((3, 3, n))
     power = np.zeros((2, len(order)))
     for block in chain.blocks(n):
-        count = block.stop - block.start
+        n_block = block.stop - block.start
         local = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
-        sweep = chain.sweep(local, count, wanted)
+        sweep = chain.sweep(local, n_block, motions)
         scaled = sweep.jacobian
         scaled *= sd
-        for target, part, row, size in (
+        for covariances, columns, index, n_columns in (
             (position, scaled[:3], 0, len(order)),
-            (orientation, scaled[3:, :turning], 1, turning),
+            (orientation, scaled[3:, :n_rotations], 1, n_rotations),
         ):
-            target[:, :, block] = _in_tool_frame(_outer_sums(part), sweep.poses.rotation)
-            power[row, :size] += np.einsum("ipn,ipn->p", part, part)
-    unsorted = np.empty_like(power)
-    unsorted[:, order] = power
-    return PoseCovariances(position, orientation, unsorted[0], unsorted[1])
+            covariances[:, :, block] = _in_tool_frame(_outer_sums(columns), sweep.poses.rotation)
+            power[index, :n_columns] += np.einsum("ipn,ipn->p", columns, columns)
+    power_in_order = np.empty_like(power)
+    power_in_order[:, order] = power
+    return PoseCovariances(position, orientation, power_in_order[0], power_in_order[1])
 
 
 def _outer_sums(columns: Array) -> Array:
-    """Σ_p c_p c_pᵀ ``(3, 3, n)`` of columns ``(3, P, n)``."""
+    """Return Σ_p c_p c_pᵀ ``(3, 3, n)`` of columns ``(3, P, n)``."""
     result = np.empty((3, 3, columns.shape[2]))
     for i in range(3):
         for j in range(i, 3):

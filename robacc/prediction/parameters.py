@@ -1,4 +1,4 @@
-"""The parameters whose errors count, each with its standard deviation: from the robot file, from a tolerance file."""
+"""Parameters with errors and their standard deviations, from the robot file and from a tolerance file."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ _COMPONENTS = {
     **dict.fromkeys(("x", "y", "z"), "origin_length"),
     **dict.fromkeys(("roll", "pitch", "yaw"), "origin_angle"),
 }
-"""Which variance component a joint's parameter belongs to; beta tilts an axis as alpha does."""
+"""Variance component of each parameter of a joint; beta tilts an axis as alpha does."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """What a tolerance file says, as standard deviations in m and rad; it goes before what the robot file says."""
+    """Tolerances of a tolerance file, as standard deviations in m and rad; they replace those of the robot file."""
 
     distribution: Distribution
     coverage: float
-    """For ``limits``: how many standard deviations a limit stands for."""
-    every: Mapping[str, float] = field(default_factory=dict)
-    """Of every moving joint."""
+    """For ``limits``: number of standard deviations of a limit."""
+    moving_joints: Mapping[str, float] = field(default_factory=dict)
+    """Tolerances of every moving joint."""
     joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     base: Mapping[str, float] = field(default_factory=dict)
     tool: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def meaning(self) -> str:
-        """How a tolerance became a variance."""
+        """Conversion of a tolerance into a variance, as text."""
         if self.distribution == "uniform":
             return "uniform: a tolerance t is the half width, variance t²/3"
         if self.distribution == "limits":
@@ -52,16 +52,16 @@ NORMAL = "normal: a tolerance t is one standard deviation, variance t²"
 
 @dataclass(frozen=True, slots=True)
 class ToleranceParameter:
-    """One parameter of the arm that is not known exactly."""
+    """One parameter of the arm that has an error."""
 
     name: str
     """``j1.theta``, ``base.x`` …; unique."""
     joint: str | None
     """Name of the joint; None for the base and the tool."""
     kind: str
-    """``theta``, ``d`` …; one of a URDF joint's origin; a coordinate of base or tool."""
+    """``theta``, ``d`` …; a coordinate of a URDF joint's origin; a coordinate of base or tool."""
     component: str
-    """The variance component that it belongs to."""
+    """Variance component of the parameter."""
     motion: int
     """Index of the chain's motion."""
     unit: str
@@ -70,40 +70,40 @@ class ToleranceParameter:
 
 
 def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> tuple[ToleranceParameter, ...]:
-    """Every parameter with a standard deviation above zero: base, joints in order, tool.
+    """Return every parameter with a standard deviation above zero: base, joints in order, tool.
 
     Args:
-        robot: Its own tolerances are standard deviations.
-        tolerances: Go before the robot's, parameter by parameter: ``joints``, then ``every``, then the robot file.
+        robot: The arm; its tolerances are standard deviations.
+        tolerances: Replace the robot file, parameter by parameter: ``joints`` first, then ``moving_joints``.
 
     Raises:
-        InputError: nothing has a tolerance.
+        InputError: No parameter has a tolerance.
     """
-    given = tolerances or Tolerances("normal", 1.0)
+    resolved = tolerances or Tolerances("normal", 1.0)
     arm = Arm.of(robot)
-    base = {**robot.base_tolerance, **given.base}
-    tool = {**robot.tool_tolerance, **given.tool}
-    found = _of_frame(arm, "base", BASE, base)
+    base = {**robot.base_tolerance, **resolved.base}
+    tool = {**robot.tool_tolerance, **resolved.tool}
+    parameters = _frame_parameters(arm, "base", BASE, base)
     for owner, joint in enumerate(robot.joints):
-        found += _of_joint(arm, joint, owner, given)
-    found += _of_frame(arm, "tool", TOOL, tool)
-    if not found:
+        parameters += _joint_parameters(arm, joint, owner, resolved)
+    parameters += _frame_parameters(arm, "tool", TOOL, tool)
+    if not parameters:
         fix = (
-            "give --tolerances FILE (for example units: {length: mm, angle: deg} and "
-            f"all: {'{x: 0.1, y: 0.1, z: 0.1, offset: 0.01}' if robot.convention == 'urdf' else _EXAMPLE})"
+            "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and "
+            f"all: {'{x: 0.1, y: 0.1, z: 0.1, offset: 0.01}' if robot.convention == 'urdf' else _DH_EXAMPLE})"
         )
         if robot.convention != "urdf":
-            fix += ", or each joint in the robot file a tolerance"
+            fix += ", or add a tolerance to the joints of the robot file"
         raise InputError(
             Problem(f"no parameter of {robot.name} has a tolerance, so no error can be predicted", fix=fix)
         )
-    return tuple(found)
+    return tuple(parameters)
 
 
-_EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
+_DH_EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
 
 
-def _of_frame(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[ToleranceParameter]:
+def _frame_parameters(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[ToleranceParameter]:
     return [
         ToleranceParameter(
             f"{frame}.{kind}", None, kind, frame, arm.chain.index(owner, kind), _unit(arm, owner, kind), sds[kind]
@@ -113,9 +113,9 @@ def _of_frame(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> lis
     ]
 
 
-def _of_joint(arm: Arm, joint: Joint, owner: int, given: Tolerances) -> list[ToleranceParameter]:
-    every = given.every if joint.type != "fixed" else {}
-    sds = {**joint.tolerance, **every, **given.joints.get(joint.name, {})}
+def _joint_parameters(arm: Arm, joint: Joint, owner: int, tolerances: Tolerances) -> list[ToleranceParameter]:
+    common = tolerances.moving_joints if joint.type != "fixed" else {}
+    sds = {**joint.tolerance, **common, **tolerances.joints.get(joint.name, {})}
     return [
         ToleranceParameter(
             f"{joint.name}.{kind}",
@@ -136,6 +136,6 @@ def _unit(arm: Arm, owner: int, kind: str) -> str:
 
 
 def lengths_of(joint: Joint, convention: str) -> frozenset[str]:
-    """Which of a joint's parameters are lengths."""
-    extra = {"offset"} if convention == "urdf" and joint.type == "prismatic" else set()
-    return LENGTH_PARAMETERS | extra
+    """Return the parameters of a joint that are lengths."""
+    offset = {"offset"} if convention == "urdf" and joint.type == "prismatic" else set()
+    return LENGTH_PARAMETERS | offset

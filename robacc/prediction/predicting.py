@@ -1,7 +1,7 @@
-"""How accurate an arm is to be expected, from the tolerances of its parameters: equations (7) and (8) over poses.
+"""Predicted accuracy of an arm from the tolerances of its parameters: equations (7) and (8) over poses.
 
-The prediction is of robots drawn at random from the tolerances. At each pose the error is Gaussian of mean zero with
-covariance V_d or V_δ; over poses it is the mixture of these in equal parts.
+The prediction is for robots whose parameter errors are random within the tolerances. At each pose the error is Gaussian
+with mean zero and covariance V_d or V_δ; over poses it is their mixture in equal parts.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.statistics.records import Statistic
 
-PROBABILITY = 0.95
-"""Of the error radius at each pose."""
+RADIUS_PROBABILITY = 0.95
+"""Probability of the error radius at each pose."""
 PERCENTILES = (5, 25, 50, 75, 95)
 
 
 @dataclass(frozen=True, slots=True)
 class WorstPredictedPose:
-    """The pose with the largest predicted RMS error."""
+    """Pose with the largest predicted RMS error."""
 
     index: int
     label: str
@@ -45,11 +45,11 @@ class WorstPredictedPose:
     rms: float
     """Root of the covariance's trace, m or rad."""
     radius95: float
-    """Holds 95 % of the errors there."""
+    """Radius of 95 % of the errors at this pose, m or rad."""
     direction: Array
     """``(3,)`` unit vector in the tool's frame along which the error is largest; its largest component is positive."""
     sd: float
-    """Standard deviation along it."""
+    """Standard deviation along ``direction``, m or rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,38 +62,41 @@ class PredictedErrors:
     pose_rms: Array
     """``(N,)`` root of the trace."""
     pose_radius95: Array
-    """``(N,)`` radius that holds 95 % of the errors at the pose, exactly for Gaussian errors."""
+    """``(N,)`` radius of 95 % of the errors at each pose, exact for Gaussian errors."""
     mean_covariance: Array
-    """``(3, 3)`` over poses, tool frame."""
+    """``(3, 3)`` mean over poses, tool frame."""
     rms: float
-    """Over robots and poses, as the next two."""
+    """Over robots and poses, as are ``mean_error`` and ``p95``."""
     mean_error: float
     p95: float
     max: float
-    """Largest of ``pose_radius95``: no bound holds for Gaussian errors."""
+    """Largest of ``pose_radius95``: Gaussian errors have no maximum."""
     worst: WorstPredictedPose
     pose_statistic: Array
-    """``(N,)`` what the grade scale's statistic is at each pose; for p95 and max the 95 % radius."""
+    """``(N,)`` the grade scale's statistic at each pose; for p95 and max the 95 % radius."""
 
     def value(self, statistic: Statistic) -> float:
-        """The statistic of that name."""
+        """Return the statistic of that name."""
         return {"rms": self.rms, "mean_error": self.mean_error, "p95": self.p95, "max": self.max}[statistic]
 
     def percentiles(self) -> dict[int, tuple[float, float]]:
-        """Over poses, of the predicted RMS and of the 95 % radius."""
-        both = np.percentile(np.stack((self.pose_rms, self.pose_radius95)), PERCENTILES, axis=1)
-        return {p: (float(rms), float(radius)) for p, (rms, radius) in zip(PERCENTILES, both, strict=True)}
+        """Return percentiles over poses of the predicted RMS and of the 95 % radius."""
+        percentiles = np.percentile(np.stack((self.pose_rms, self.pose_radius95)), PERCENTILES, axis=1)
+        return {
+            percent: (float(rms), float(radius))
+            for percent, (rms, radius) in zip(PERCENTILES, percentiles, strict=True)
+        }
 
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """What one parameter, joint or kind contributes to the predicted variance; over all of them shares sum to 1."""
+    """Share of one parameter, joint or kind in the predicted variance; shares sum to 1."""
 
     name: str
     joint: str | None
     kind: str | None
     tolerance: float | None
-    """Standard deviation, m or rad; None for a sum of several."""
+    """Standard deviation, m or rad; None for a sum of several parameters."""
     unit: str | None
     position: float
     orientation: float
@@ -101,13 +104,14 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class PredictedGrade:
-    """Where the prediction stands on a grade scale."""
+    """Grade of the prediction on a scale."""
 
     scale: Scale
     grade: str
     position: str
-    """What position alone would get."""
+    """Grade of position alone."""
     orientation: str
+    """Grade of orientation alone."""
     limited_by: tuple[str, ...]
     meeting: tuple[tuple[str, float], ...]
     """Each step's grade and the share of poses whose own statistic meets it, in position and orientation."""
@@ -115,7 +119,7 @@ class PredictedGrade:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What :func:`predict_accuracy` found."""
+    """Result of :func:`predict_accuracy`."""
 
     parameters: tuple[ToleranceParameter, ...]
     configurations: Configurations
@@ -127,7 +131,7 @@ class Prediction:
     by_kind: tuple[Share, ...]
     grade: PredictedGrade
     meaning: str
-    """How a tolerance became a variance."""
+    """Conversion of a tolerance into a variance, as text."""
     notes: tuple[str, ...]
 
 
@@ -138,45 +142,47 @@ def predict_accuracy(
     scale: Scale,
     meaning: str = NORMAL,
 ) -> Prediction:
-    """The covariances, error budget and grade to be expected of robots with these tolerances.
+    """Predict the covariances, error budget and grade of robots with these tolerances.
 
     Args:
         robot: The arm.
         parameters: From :func:`robacc.prediction.parameters.uncertain_parameters`.
-        configurations: Where; each counts the same.
-        scale: Of the grade.
-        meaning: How a tolerance became a variance, in words.
+        configurations: Configurations of equal weight.
+        scale: Scale of the grade.
+        meaning: Conversion of a tolerance into a variance, as text.
     """
     chain = Arm.of(robot).chain
-    found = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
-    position = _errors("m", found.position, configurations, scale.statistic)
-    orientation = _errors("rad", found.orientation, configurations, scale.statistic)
-    by_parameter = _shares(parameters, found)
+    covariances = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
+    position = _predicted_errors("m", covariances.position, configurations, scale.statistic)
+    orientation = _predicted_errors("rad", covariances.orientation, configurations, scale.statistic)
+    by_parameter = _parameter_shares(parameters, covariances)
     notes = list(configurations.notes)
     if robot.effects:
         notes.append("the robot file's effects are not part of a prediction from tolerances")
     if meaning != NORMAL:
-        notes.append("radii and percentiles take the sum of all errors to be Gaussian; covariances do not")
+        notes.append("radii and percentiles assume that the sum of all errors is Gaussian; covariances do not")
     return Prediction(
         tuple(parameters),
         configurations,
         position,
         orientation,
         budget=tuple(sorted(by_parameter, key=_largest_first)),
-        by_joint=_summed(by_parameter, [share.joint or share.name.split(".")[0] for share in by_parameter], "joint"),
-        by_kind=_summed(by_parameter, [parameter.component for parameter in parameters], "kind"),
+        by_joint=_summed_shares(
+            by_parameter, [share.joint or share.name.split(".")[0] for share in by_parameter], "joint"
+        ),
+        by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters], "kind"),
         grade=predicted_grade(position, orientation, scale),
         meaning=meaning,
         notes=tuple(notes),
     )
 
 
-def _errors(
+def _predicted_errors(
     unit: Literal["m", "rad"], covariance: Array, configurations: Configurations, statistic: Statistic
 ) -> PredictedErrors:
     variances = principal_variances(covariance)
     rms = np.sqrt(np.sum(variances, axis=0))
-    radius = length_quantiles(PROBABILITY, variances)
+    radius = length_quantiles(RADIUS_PROBABILITY, variances)
     means = mean_lengths(variances)
     return PredictedErrors(
         unit,
@@ -186,7 +192,7 @@ def _errors(
         mean_covariance=np.mean(covariance, axis=2),
         rms=math.sqrt(float(np.mean(np.square(rms)))),
         mean_error=float(np.mean(means)),
-        p95=mixture_quantile(PROBABILITY, variances),
+        p95=mixture_quantile(RADIUS_PROBABILITY, variances),
         max=float(np.max(radius)),
         worst=_worst(covariance, rms, radius, configurations),
         pose_statistic={"rms": rms, "mean_error": means}.get(statistic, radius),
@@ -194,7 +200,7 @@ def _errors(
 
 
 def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configurations) -> WorstPredictedPose:
-    # The first of equal ones: which of them rounding makes the largest differs between machines.
+    # The first of equal poses: rounding makes a different one the largest on different machines.
     index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
     values, vectors = np.linalg.eigh(covariance[:, :, index])
     direction = vectors[:, 2]
@@ -211,19 +217,23 @@ def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configu
     )
 
 
-def _shares(parameters: Sequence[ToleranceParameter], found: PoseCovariances) -> list[Share]:
-    totals = float(found.position_power.sum()), float(found.orientation_power.sum())
+def _parameter_shares(parameters: Sequence[ToleranceParameter], covariances: PoseCovariances) -> list[Share]:
+    totals = float(covariances.position_power.sum()), float(covariances.orientation_power.sum())
     shares = []
     for i, parameter in enumerate(parameters):
-        parts = float(found.position_power[i]), float(found.orientation_power[i])
-        position, orientation = (part / total if total > 0 else 0.0 for part, total in zip(parts, totals, strict=True))
+        powers = float(covariances.position_power[i]), float(covariances.orientation_power[i])
+        position, orientation = (
+            power / total if total > 0 else 0.0 for power, total in zip(powers, totals, strict=True)
+        )
         shares.append(
             Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, position, orientation)
         )
     return shares
 
 
-def _summed(shares: Sequence[Share], keys: Sequence[str], what: Literal["joint", "kind"]) -> tuple[Share, ...]:
+def _summed_shares(
+    shares: Sequence[Share], keys: Sequence[str], grouping: Literal["joint", "kind"]
+) -> tuple[Share, ...]:
     sums: dict[str, list[float]] = {}
     for share, key in zip(shares, keys, strict=True):
         total = sums.setdefault(key, [0.0, 0.0])
@@ -231,35 +241,37 @@ def _summed(shares: Sequence[Share], keys: Sequence[str], what: Literal["joint",
         total[1] += share.orientation
     joints: Mapping[str, str | None] = {key: share.joint for share, key in zip(shares, keys, strict=True)}
     summed = [
-        Share(key, joints[key] if what == "joint" else None, key if what == "kind" else None, None, None, *total)
+        Share(
+            key, joints[key] if grouping == "joint" else None, key if grouping == "kind" else None, None, None, *total
+        )
         for key, total in sums.items()
     ]
     return tuple(sorted(summed, key=_largest_first))
 
 
 def _largest_first(share: Share) -> tuple[float, float]:
-    """Rounded, so that equal shares stay in the chain's order on every machine."""
+    """Return a sort key, rounded so that equal shares stay in the chain's order on every machine."""
     return -round(share.position, 9), -round(share.orientation, 9)
 
 
 def predicted_grade(position: PredictedErrors, orientation: PredictedErrors, scale: Scale) -> PredictedGrade:
-    """Grade of the predicted errors, and the share of poses that meet each step."""
-    both = (("position", position), ("orientation", orientation))
-    ranks = {name: _rank(scale, name, errors.value(scale.statistic)) for name, errors in both}
+    """Return the grade of the predicted errors, and the share of poses that meet each step."""
+    error_kinds = (("position", position), ("orientation", orientation))
+    ranks = {name: _rank(scale, name, errors.value(scale.statistic)) for name, errors in error_kinds}
     names = [*(step.grade for step in scale.steps), scale.otherwise]
-    worst = max(ranks.values())
+    worst_rank = max(ranks.values())
     meeting = []
     for step in scale.steps:
-        within = position.pose_statistic <= step.position
+        meeting_poses = position.pose_statistic <= step.position
         if step.orientation is not None:
-            within &= orientation.pose_statistic <= step.orientation
-        meeting.append((step.grade, float(np.mean(within))))
+            meeting_poses &= orientation.pose_statistic <= step.orientation
+        meeting.append((step.grade, float(np.mean(meeting_poses))))
     return PredictedGrade(
         scale,
-        names[worst],
+        names[worst_rank],
         names[ranks["position"]],
         names[ranks["orientation"]],
-        tuple(name for name, rank in ranks.items() if rank == worst and worst > 0),
+        tuple(name for name, rank in ranks.items() if rank == worst_rank and worst_rank > 0),
         tuple(meeting),
     )
 
@@ -273,10 +285,10 @@ def _rank(scale: Scale, name: str, value: float) -> int:
 
 
 def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
-    """Limits of a grade: m, and rad or None.
+    """Return the limits of a grade: m, and rad or None.
 
     Raises:
-        UsageError: the scale has no step of that name.
+        UsageError: The scale has no step of that name.
     """
     for step in scale.steps:
         if step.grade == grade:

@@ -1,16 +1,16 @@
-r"""What measured poses say of the parameters' errors, brought down to as many numbers as there are parameters.
+r"""Sufficient statistics of measured poses for the parameters' errors: as many numbers as there are parameters.
 
-One robot has one Δ, and all its poses share it. The residual of all poses together is
+All poses of one robot share the same parameter errors Δ. The residual of all poses together is
 
     e = J Δ + ε,   Δ ~ N(0, V),   ε ~ N(0, Σ),   so   cov e = J V J^T + Σ,
 
-not a covariance for each pose. With W = Σ^(-1/2), A = W J V^(1/2) and the singular values A = U S Z^T,
+not a separate covariance for each pose. With W = Σ^(-1/2), A = W J V^(1/2) and the singular values A = U S Z^T,
 
     y = U^T W e  has independent components  y_i ~ N(0, 1 + S_i²),
-    and what is left of W e is N(0, 1) in all other directions,
+    and W e is N(0, 1) in all other directions,
 
-exactly, with matrices no larger than the number of parameters. Where base or tool were fitted to the same poses, what
-their columns could have absorbed is taken out of A and e first (the degrees of freedom that the fit used).
+exactly, with matrices no larger than the number of parameters. If base or tool were fitted to the same poses, the span
+of their columns is first projected out of A and e (the degrees of freedom that the fit used).
 """
 
 from __future__ import annotations
@@ -35,43 +35,43 @@ from robacc.robots.description import Robot
 NoiseSource = Literal["file", "given", "estimated"]
 
 NEGLIGIBLE = 1e-4
-"""A combination of parameters whose predicted effect on all poses together is below this share of one measuring
-standard deviation is noise to all intents: 1 + S² differs from 1 by 1e-8."""
-_ABSORBED = 1e-9
-"""Singular values of the scaled aligned columns below this share of the largest are rounding."""
-_REML_ROUNDS = 200
-_TURNS = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+"""Combinations of parameters with a predicted effect on all poses below this fraction of one standard deviation of the
+noise are ignored: 1 + S² differs from 1 by 1e-8."""
+_RANK_TOLERANCE = 1e-9
+"""Singular values below this fraction of the largest are rounding."""
+_MAX_REML_ROUNDS = 200
+_FRAME_MOTIONS = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuringNoise:
-    """Standard deviation of what the parameters do not explain, along each axis."""
+    """Standard deviation of the measurement noise along each axis."""
 
     position: float
     """m, root mean square over poses and axes."""
     orientation: float | None
-    """rad; None where no orientation was measured."""
+    """rad; None if no orientation was measured."""
     source_position: NoiseSource
     source_orientation: NoiseSource | None
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
-    """The residual of all poses in the directions that the parameters' errors move it, whitened."""
+class SufficientStatistics:
+    """Whitened residual of all poses in the directions that the parameters' errors move."""
 
     names: tuple[str, ...]
-    """Of the P parameters."""
+    """Names of the P parameters."""
     effect: Array
     """``(R, P)`` U^T A: whitened effect of one standard deviation of each parameter; R directions."""
     strength: Array
     """``(R,)`` S, descending."""
     y: Array
-    """``(R,)``"""
-    rest: float
-    """Sum of squares in all other directions."""
-    rest_dof: int
+    """``(R,)`` whitened residual in the R directions."""
+    noise_squares: float
+    """Sum of squares in all other directions, which contain noise only."""
+    noise_dof: int
     n_poses: int
-    n_components: int
+    n_values: int
     """Measured numbers: 3 or 6 a pose."""
     n_aligned: int
     """Combinations of base and tool coordinates that were fitted to the same poses."""
@@ -79,49 +79,49 @@ class Evidence:
 
     @property
     def noise_is_estimated(self) -> bool:
-        """Whether some of the noise was estimated from these same poses."""
+        """True if noise of position or orientation was estimated from the same poses."""
         return "estimated" in (self.noise.source_position, self.noise.source_orientation)
 
 
-def gather_evidence(
+def reduce_residuals(
     robot: Robot,
     data: Measurements,
     parameters: Sequence[ToleranceParameter],
     *,
     noise: tuple[float | None, float | None] = (None, None),
     aligned: Sequence[str] = (),
-) -> Evidence:
-    """Bring the residuals of measured poses down to :class:`Evidence`.
+) -> SufficientStatistics:
+    """Reduce the residuals of measured poses to :class:`SufficientStatistics`.
 
     Args:
-        robot: With base and tool as aligned; its effects are part of what it commands.
+        robot: Robot with base and tool as registered; its effects are part of the command.
         data: Measured poses with joint variables.
-        parameters: Whose errors are predicted.
-        noise: Standard deviation of position (m) and of orientation (rad) along each axis, where given; else the
-            file's own columns; else estimated by restricted maximum likelihood from what no parameter explains.
-        aligned: Of ``base_frame`` and ``tool_frame``, what was fitted to these poses.
+        parameters: Parameters with predicted errors.
+        noise: Standard deviation of position (m) and of orientation (rad) along each axis; None: from the file's
+            columns, else estimated by restricted maximum likelihood from the part that no parameter explains.
+        aligned: ``base_frame``, ``tool_frame`` or both, if fitted to these poses.
 
     Raises:
-        InputError: too few poses for the noise to be estimated, or the noise is zero.
+        InputError: There are too few poses to estimate the noise, or the noise is zero.
     """
     triangles, counts = _triangles(robot, data, parameters, noise, aligned)
     n_fixed = triangles[0].shape[1] - len(parameters) - 1
-    sigma, sources = _noise(data, noise, triangles, counts)
+    sigma, sources = _noise_scales(data, noise, triangles, counts)
     stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
-    projected, n_aligned = _without_aligned(stacked, n_fixed)
+    projected, n_aligned = _project_out_registered(stacked, n_fixed)
     scaled, residual = projected[:, :-1], projected[:, -1]
-    u, strength, _ = np.linalg.svd(scaled, full_matrices=False)
-    kept = strength > NEGLIGIBLE
-    u, strength = u[:, kept], strength[kept]
-    y = u.T @ residual
-    rest = max(float(residual @ residual - y @ y), 0.0)
-    return Evidence(
+    directions, strength, _ = np.linalg.svd(scaled, full_matrices=False)
+    significant = strength > NEGLIGIBLE
+    directions, strength = directions[:, significant], strength[significant]
+    y = directions.T @ residual
+    noise_squares = max(float(residual @ residual - y @ y), 0.0)
+    return SufficientStatistics(
         tuple(parameter.name for parameter in parameters),
-        u.T @ scaled,
+        directions.T @ scaled,
         strength,
         y,
-        rest,
-        sum(counts) - n_aligned - int(kept.sum()),
+        noise_squares,
+        sum(counts) - n_aligned - int(significant.sum()),
         data.n,
         sum(counts),
         n_aligned,
@@ -144,79 +144,87 @@ def _triangles(
     arm = Arm.of(robot)
     # Effects move the columns of the Jacobian in second order only.
     scalars = Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal
-    fixed = _aligned_columns(arm, data, aligned)
+    fixed = _registered_motions(arm, data, aligned)
     motions = [*(motion for motion, _ in fixed), *(parameter.motion for parameter in parameters)]
     weights = _file_weights(data, noise)
     parts = 1 if data.rotation is None else 2
-    width = len(motions) + 1
-    triangles = [np.zeros((0, width)) for _ in range(parts)]
+    n_columns = len(motions) + 1
+    triangles = [np.zeros((0, n_columns)) for _ in range(parts)]
     for start in range(0, data.n, BLOCK):
         block = slice(start, min(start + BLOCK, data.n))
-        columns = np.empty((6, width, block.stop - block.start))
+        columns = np.empty((6, n_columns, block.stop - block.start))
         local: list[Scalar] = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
         columns[:, :-1] = arm.chain.sweep(local, block.stop - block.start, motions).jacobian
         for k, (_, rows) in enumerate(fixed):
             columns[:, k] *= 1.0 if rows is None else rows[block]
         for k, parameter in enumerate(parameters):
             columns[:, len(fixed) + k] *= parameter.sd
-        rows = residuals(data.subset(np.arange(block.start, block.stop)), _slice(predicted, block))
+        rows = residuals(data.subset(np.arange(block.start, block.stop)), _poses_in_block(predicted, block))
         columns[: 3 * parts, -1] = rows
         for part in range(parts):
             weighted = columns[3 * part : 3 * part + 3] * weights[part][:, None, block]
-            stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, width)))
+            stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, n_columns)))
             triangles[part] = _triangle(stacked)
     return triangles, [3 * data.n] * parts
 
 
 def _triangle(rows: Array) -> Array:
-    """The R factor."""
+    """Return the R factor of a QR decomposition."""
     result: Array = np.asarray(np.linalg.qr(rows, mode="r"))
     return result
 
 
-def _slice(poses: Poses, block: slice) -> Poses:
+def _poses_in_block(poses: Poses, block: slice) -> Poses:
     return Poses(poses.rotation[..., block], poses.translation[..., block])
 
 
 def _file_weights(data: Measurements, noise: tuple[float | None, float | None]) -> list[Array]:
-    """``(3, N)`` reciprocals of the file's uncertainty for position and orientation; ones where it does not count."""
+    """Return reciprocals ``(3, N)`` of the file's uncertainty of position and orientation; 1 if it is not used."""
     position, orientation = np.ones((3, data.n)), np.ones((3, data.n))
-    bad = []
+    zero_columns = []
     if noise[0] is None and data.sigma_position is not None:
-        bad += [] if np.all(data.sigma_position > 0) else ["sigma_x, sigma_y, sigma_z"]
+        zero_columns += [] if np.all(data.sigma_position > 0) else ["sigma_x, sigma_y, sigma_z"]
         position = 1.0 / np.where(data.sigma_position > 0, data.sigma_position, 1.0)
     if noise[1] is None and data.sigma_rotation is not None:
-        bad += [] if np.all(data.sigma_rotation > 0) else ["sigma_r"]
+        zero_columns += [] if np.all(data.sigma_rotation > 0) else ["sigma_r"]
         sigma = np.where(data.sigma_rotation > 0, data.sigma_rotation, 1.0)
         orientation = np.broadcast_to(1.0 / sigma, (3, data.n))
-    if bad:
-        fix = "leave the column out, or give --noise"
-        raise InputError([Problem("a measuring uncertainty of zero cannot be", data.source, None, c, fix) for c in bad])
+    if zero_columns:
+        fix = "remove the column, or give `noise`"
+        raise InputError(
+            [
+                Problem("the measuring uncertainty is 0, expected above 0", data.source, None, column, fix)
+                for column in zero_columns
+            ]
+        )
     return [position, orientation]
 
 
-def _aligned_columns(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
-    """Motions that were fitted, each with the rows it moves (None: all)."""
+def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
+    """Return the motions that were fitted, each with the rows that it moves (None: all)."""
     columns: list[tuple[int, Array | None]] = []
     if "base_frame" in aligned:
-        columns += [(arm.chain.index(BASE, label), None) for label in _TURNS]
+        columns += [(arm.chain.index(BASE, label), None) for label in _FRAME_MOTIONS]
     if "tool_frame" in aligned:
         targets = tuple(arm.robot.targets) if data.target is not None else ()
         for target in targets or (None,):
             rows = None if target is None else (np.asarray(data.target) == target).astype(float)
-            columns += [(arm.chain.index(TOOL, label), rows) for label in _TURNS]
+            columns += [(arm.chain.index(TOOL, label), rows) for label in _FRAME_MOTIONS]
     return columns
 
 
-def _noise(
-    data: Measurements, given: tuple[float | None, float | None], triangles: Sequence[Array], counts: Sequence[int]
+def _noise_scales(
+    data: Measurements,
+    given_noise: tuple[float | None, float | None],
+    triangles: Sequence[Array],
+    counts: Sequence[int],
 ) -> tuple[list[float], list[NoiseSource]]:
-    """What to divide each triangle by besides the file's weights, and where that is from."""
+    """Return the standard deviation of each triangle besides the file's weights, and its source."""
     in_file = (data.sigma_position is not None, data.sigma_rotation is not None)
     sigma: list[float | None] = []
     sources: list[NoiseSource] = []
     for part in range(len(triangles)):
-        value = given[part]
+        value = given_noise[part]
         sources.append("given" if value is not None else "file" if in_file[part] else "estimated")
         sigma.append(value if value is not None else 1.0 if in_file[part] else None)
     if None not in sigma:
@@ -225,64 +233,68 @@ def _noise(
 
 
 def _restricted_likelihood(
-    data: Measurements, triangles: Sequence[Array], counts: Sequence[int], known: Sequence[float | None]
+    data: Measurements, triangles: Sequence[Array], counts: Sequence[int], given_sigma: Sequence[float | None]
 ) -> list[float]:
-    """Standard deviations of position and orientation by REML, all columns counted as fixed effects.
+    """Return standard deviations of position and orientation by REML, all columns treated as fixed effects.
 
-    The fixed point of |r_k|² = σ_k² (n_k - tr(G^-1 G_k)), G_k the rows' part of the normal matrix G: H. D. Patterson,
+    Fixed point of |r_k|² = σ_k² (n_k - tr(G^-1 G_k)), G_k the rows' part of the normal matrix G: H. D. Patterson,
     R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58 (1971).
     """
     sigma = [
-        value if value is not None else _scale(triangle, n)
-        for value, triangle, n in zip(known, triangles, counts, strict=True)
+        given if given is not None else _rms_residual(triangle, n)
+        for given, triangle, n in zip(given_sigma, triangles, counts, strict=True)
     ]
-    for _ in range(_REML_ROUNDS):
-        stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
-        length = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
-        length[length == 0.0] = 1.0
-        u, s, vt = np.linalg.svd(stacked[:, :-1] / length, full_matrices=False)
-        kept = s > _ABSORBED * s[0] if s.size else s > 0
-        inverse = vt[kept].T / s[kept]
-        solution = inverse @ (u[:, kept].T @ stacked[:, -1])
+    for _ in range(_MAX_REML_ROUNDS):
+        stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
+        column_norms = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
+        column_norms[column_norms == 0.0] = 1.0
+        u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
+        independent = (
+            singular_values > _RANK_TOLERANCE * singular_values[0] if singular_values.size else singular_values > 0
+        )
+        inverse = vt[independent].T / singular_values[independent]
+        solution = inverse @ (u[:, independent].T @ stacked[:, -1])
         change = 0.0
-        for k, (triangle, value) in enumerate(zip(triangles, known, strict=True)):
-            if value is not None:
+        for k, (triangle, given) in enumerate(zip(triangles, given_sigma, strict=True)):
+            if given is not None:
                 continue
-            rows = triangle[:, :-1] / length
-            left = triangle[:, -1] - rows @ solution
+            rows = triangle[:, :-1] / column_norms
+            residual = triangle[:, -1] - rows @ solution
             dof = counts[k] - float(np.sum(np.square((rows / sigma[k]) @ inverse)))
             if dof < 1.0:
-                fix = "measure more poses, or give the measuring noise: --noise, or sigma columns"
-                raise InputError(Problem("too few poses to estimate the measuring noise from", data.source, fix=fix))
-            new = float(np.sqrt(left @ left / dof))
-            if new < 1e-12 * _scale(triangle, counts[k]) or new == 0.0:
-                fix = "give it: --noise, or sigma columns"
+                fix = "measure more poses, or give the noise with `noise` or sigma columns"
+                raise InputError(Problem("too few poses to estimate the measurement noise", data.source, fix=fix))
+            new_sigma = float(np.sqrt(residual @ residual / dof))
+            if new_sigma < 1e-12 * _rms_residual(triangle, counts[k]) or new_sigma == 0.0:
+                fix = "give the noise with `noise` or sigma columns"
                 raise InputError(
                     Problem(
-                        "the parameters explain every pose exactly, so no noise can be estimated", data.source, fix=fix
+                        "the parameters explain every pose exactly, so the noise cannot be estimated",
+                        data.source,
+                        fix=fix,
                     )
                 )
-            change = max(change, abs(new / sigma[k] - 1.0))
-            sigma[k] = new
+            change = max(change, abs(new_sigma / sigma[k] - 1.0))
+            sigma[k] = new_sigma
         if change < 1e-10:
             break
     return sigma
 
 
-def _scale(triangle: Array, n: int) -> float:
-    """RMS residual, to start from; one where there is none."""
+def _rms_residual(triangle: Array, n: int) -> float:
+    """Return the RMS residual as a start value; 1 if it is zero."""
     return float(np.linalg.norm(triangle[:, -1])) / np.sqrt(n) or 1.0
 
 
-def _without_aligned(stacked: Array, n_fixed: int) -> tuple[Array, int]:
-    """The rest of the columns in the directions that the first ``n_fixed`` cannot reach, and how many those reach."""
+def _project_out_registered(stacked: Array, n_fixed: int) -> tuple[Array, int]:
+    """Return the other columns outside the span of the first ``n_fixed``, and the dimension of that span."""
     if n_fixed == 0:
         return stacked, 0
     fixed = stacked[:, :n_fixed]
-    length = np.sqrt(np.sum(np.square(fixed), axis=0))
-    u, s, _ = np.linalg.svd(fixed / np.where(length > 0, length, 1.0), full_matrices=True)
-    reached = int(np.sum(s > _ABSORBED * s[0]))
-    return u[:, reached:].T @ stacked[:, n_fixed:], reached
+    column_norms = np.sqrt(np.sum(np.square(fixed), axis=0))
+    u, singular_values, _ = np.linalg.svd(fixed / np.where(column_norms > 0, column_norms, 1.0), full_matrices=True)
+    absorbed = int(np.sum(singular_values > _RANK_TOLERANCE * singular_values[0]))
+    return u[:, absorbed:].T @ stacked[:, n_fixed:], absorbed
 
 
 def _noise_record(data: Measurements, sigma: Sequence[float], sources: Sequence[NoiseSource]) -> MeasuringNoise:

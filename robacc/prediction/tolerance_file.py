@@ -1,11 +1,11 @@
-"""The tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
+"""Tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
 
 units: {length: mm, angle: deg}
 distribution: limits            # normal (default) | uniform | limits
-coverage: 3                     # limits only: the standard deviations that a limit stands for
+coverage: 3                     # limits only: number of standard deviations of a limit
 all: {theta: 0.01, d: 0.2, a: 0.2, alpha: 0.01}   # every moving joint
 joints:
-  j2: {a: 0.5}                  # goes before all
+  j2: {a: 0.5}                  # replaces all
 base: {x: 0.5, yaw: 0.05}
 tool: {z: 0.1}
 """
@@ -24,18 +24,18 @@ from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_P
 from robacc.robots.yaml_units import Units
 
 DEFAULT_COVERAGE = 3.0
-"""A drawing's limits are taken as three standard deviations where the file does not say."""
+"""Default number of standard deviations of a drawing's limit."""
 
 _KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
 _DISTRIBUTIONS = ("normal", "uniform", "limits")
-_MOST_COVERAGE = 10.0
+_MAX_COVERAGE = 10.0
 
 
 def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
-    """The tolerances of a file, for ``robot``, as standard deviations in m and rad.
+    """Return the tolerances of a file for ``robot``, as standard deviations in m and rad.
 
     Raises:
-        InputError: Anything is wrong with the file; every problem found is in it, with line and dotted key.
+        InputError: The file has problems; all of them are listed with line and dotted key.
     """
     source = Source(file)
     top = source.section(compose(text, file), "", _KEYS)
@@ -46,7 +46,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     distribution = _read_distribution(top)
     coverage = _read_coverage(top, distribution)
     if units is None:
-        # What follows cannot be judged without them; complaints about it would be false ones.
+        # Nothing else can be checked without units.
         source.finish()
         raise AssertionError("finish() raises where there are no units")
     reader = _ToleranceFileReader(
@@ -55,26 +55,26 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     tolerances = Tolerances(
         distribution,
         coverage,
-        every=reader.every(top),
+        moving_joints=reader.moving_joints(top),
         joints=reader.joints(top),
         base=reader.frame(top, "base"),
         tool=reader.frame(top, "tool"),
     )
-    if not any((tolerances.every, tolerances.joints, tolerances.base, tolerances.tool)) and not source.problems:
+    if not any((tolerances.moving_joints, tolerances.joints, tolerances.base, tolerances.tool)) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.finish()
     return tolerances
 
 
 class _ToleranceFileReader:
-    """Reads the sections of one file for one robot; ``divisor`` turns a tolerance into a standard deviation."""
+    """Reader of one file's sections for one robot; ``divisor`` converts a tolerance into a standard deviation."""
 
     def __init__(self, robot: Robot, units: Units, divisor: float) -> None:
         self.robot, self.units, self.divisor = robot, units, divisor
         self.kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
 
-    def every(self, top: YamlSection) -> dict[str, float]:
-        """The section ``all``."""
+    def moving_joints(self, top: YamlSection) -> dict[str, float]:
+        """Read the section ``all``."""
         node = top.get("all")
         if node is None:
             return {}
@@ -82,12 +82,12 @@ class _ToleranceFileReader:
         lengths = LENGTH_PARAMETERS | ({"offset"} if moving == {"prismatic"} else set())
         values = self._values(top.source, node, "all", self.kinds, lengths)
         if "offset" in values and len(moving) > 1:
-            message = "offset is an angle of revolute joints and a length of prismatic ones"
-            top.source.report(node, "all.offset", message, "give it under joints, each by its name")
+            message = "offset is an angle of revolute joints and a length of prismatic joints"
+            top.source.report(node, "all.offset", message, "give it under joints, for each joint by name")
         return values
 
     def joints(self, top: YamlSection) -> dict[str, dict[str, float]]:
-        """The section ``joints``: by name."""
+        """Read the section ``joints``, by name."""
         node = top.get("joints")
         if node is None:
             return {}
@@ -95,20 +95,20 @@ class _ToleranceFileReader:
         if not isinstance(node, yaml.MappingNode):
             source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
             return {}
-        known = {joint.name: joint for joint in self.robot.joints}
+        joints_by_name = {joint.name: joint for joint in self.robot.joints}
         for name, key_node, value in source.entries(node, "joints"):
-            if name not in known:
-                fix = nearest(name, tuple(known)) or f"the joints are {', '.join(known)}"
+            if name not in joints_by_name:
+                fix = nearest(name, tuple(joints_by_name)) or f"the joints are {', '.join(joints_by_name)}"
                 source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
                 continue
-            joint = known[name]
+            joint = joints_by_name[name]
             kinds = FRAME_PARAMETERS if joint.type == "fixed" else self.kinds
             lengths = lengths_of(joint, self.robot.convention)
             result[name] = self._values(source, value, f"joints.{name}", kinds, lengths)
         return result
 
     def frame(self, top: YamlSection, key: str) -> dict[str, float]:
-        """The section ``base`` or ``tool``."""
+        """Read the section ``base`` or ``tool``."""
         node = top.get(key)
         return {} if node is None else self._values(top.source, node, key, FRAME_PARAMETERS, LENGTH_PARAMETERS)
 
@@ -120,7 +120,7 @@ class _ToleranceFileReader:
         for name, item in (section.values if section else {}).items():
             value = self.units.parameter(source, item, f"{path}.{name}", is_length=name in lengths)
             if value is not None and value < 0:
-                source.report(item, f"{path}.{name}", f"a tolerance is not negative, found {describe(item)}")
+                source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
             elif value is not None:
                 result[name] = value / self.divisor
         return result
@@ -131,11 +131,11 @@ def _read_units(top: YamlSection) -> Units | None:
     section = node and top.source.section(node, "units", ("length", "angle"))
     if not section:
         return None
-    chosen = []
+    units = []
     for key, options in (("length", ("m", "mm")), ("angle", ("rad", "deg"))):
         item = section.require(key)
-        chosen.append(top.source.choice(item, section.at(key), options) if item else None)
-    length, angle = chosen
+        units.append(top.source.choice(item, section.at(key), options) if item else None)
+    length, angle = units
     return Units.of(length, angle) if length and angle else None
 
 
@@ -151,7 +151,7 @@ def _read_coverage(top: YamlSection, distribution: Distribution) -> float:
         return DEFAULT_COVERAGE
     value = top.source.number(node, "coverage")
     if distribution != "limits":
-        top.source.report(node, "coverage", "says what limits stand for", "write distribution: limits")
-    elif value is not None and not 0 < value <= _MOST_COVERAGE:
+        top.source.report(node, "coverage", "applies only to limits", "write distribution: limits")
+    elif value is not None and not 0 < value <= _MAX_COVERAGE:
         top.source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {value:g}")
     return value if value and value > 0 else DEFAULT_COVERAGE

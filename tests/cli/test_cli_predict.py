@@ -78,16 +78,16 @@ def test_table_is_plain_and_at_most_80_columns_wide(tmp_path: Path) -> None:
     assert "\x1b" not in text
     assert max(map(len, text.splitlines())) <= 80
     for part in (
-        "Accuracy to be expected of sample arm, from 24 tolerances\nat the 60 poses of sample_data/poses.csv\n",
+        "Expected accuracy of sample arm, from 24 tolerances\nat the 60 poses of sample_data/poses.csv\n",
         "normal: a tolerance t is one standard deviation, variance t²",
         "Grade E predicted (scale: CAD/CAM 0.1 mm, 0.1 degree)",
         "█",
         "Tolerances for grade C",
-        "Against 60 measured poses of sample_data/poses.csv",
-        "measured, base_frame and tool_frame aligned\n",
+        "Compared with 60 measured poses of sample_data/poses.csv",
+        "measured, registered: base_frame and tool_frame fitted\n",
         "Likelihood ratio of the predicted covariance",
         "Variance components (one standard deviation)",
-        "One robot is one draw",
+        "Limits of data from one robot",
     ):
         assert part in text
     # Each line of the budget has its share and its bar, the largest filling its columns.
@@ -95,7 +95,7 @@ def test_table_is_plain_and_at_most_80_columns_wide(tmp_path: Path) -> None:
     assert line.split()[1] == "0.0200°"
     assert not re.search(r"\d °", text)
     enough = run(PUMA, "--samples", "10", "--allocate", "E").stdout
-    assert "the given tolerances reach it already" in enough
+    assert "the given tolerances already reach this grade" in enough
 
 
 def test_against_in_json(tmp_path: Path) -> None:
@@ -177,4 +177,4 @@ def test_a_robot_without_tolerances_is_bad_input() -> None:
     result = run("sample_data/robot.yaml")
     assert result.exit_code == 3
     assert "no parameter of sample arm has a tolerance, so no error can be predicted" in result.stderr
-    assert "tip: give --tolerances FILE" in result.stderr
+    assert "tip: give a tolerance file with --tolerances" in result.stderr

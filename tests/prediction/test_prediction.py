@@ -54,7 +54,9 @@ def tolerances_of(robot: Robot) -> Tolerances | None:
     if robot.convention != "urdf":
         return None
     lengths, angles = dict.fromkeys("xyz", 2e-4), dict.fromkeys(("roll", "pitch", "yaw", "offset"), 1.5e-4)
-    return Tolerances("normal", 1.0, every={**lengths, **angles}, base={"x": 1e-4, "yaw": 1e-4}, tool={"z": 3e-4})
+    return Tolerances(
+        "normal", 1.0, moving_joints={**lengths, **angles}, base={"x": 1e-4, "yaw": 1e-4}, tool={"z": 3e-4}
+    )
 
 
 def homogeneous(
@@ -104,8 +106,8 @@ def forward(robot: Robot, q: np.ndarray, errors: Mapping[str, Mapping[str, np.nd
     pose = frame(robot.base, errors.get("base", {}))
     values = iter(q)
     for joint in robot.joints:
-        own = errors.get(joint.name, {})
-        pose = pose @ link(joint, robot.convention, next(values) if joint.is_variable else 0.0, own)
+        joint_errors = errors.get(joint.name, {})
+        pose = pose @ link(joint, robot.convention, next(values) if joint.is_variable else 0.0, joint_errors)
     return pose @ frame(robot.tool, errors.get("tool", {}))
 
 
@@ -127,11 +129,16 @@ def monte_carlo(robot: Robot, tolerances: Tolerances | None, q: np.ndarray, draw
 def check_monte_carlo(name: str, draws: int, n_poses: int) -> None:
     robot = robot_of(name)
     tolerances = tolerances_of(robot)
-    where = sampled_configurations(robot, n_poses, seed=4)
-    found = pose_covariances(Arm.of(robot).chain, where.scalars, n_poses, uncertain_parameters(robot, tolerances))
+    configurations = sampled_configurations(robot, n_poses, seed=4)
+    covariances = pose_covariances(
+        Arm.of(robot).chain, configurations.scalars, n_poses, uncertain_parameters(robot, tolerances)
+    )
     for k in range(n_poses):
-        errors = monte_carlo(robot, tolerances, where.q[:, k], draws, seed=k)
-        for part, predicted in ((errors[:, :3], found.position[..., k]), (errors[:, 3:], found.orientation[..., k])):
+        errors = monte_carlo(robot, tolerances, configurations.q[:, k], draws, seed=k)
+        for part, predicted in (
+            (errors[:, :3], covariances.position[..., k]),
+            (errors[:, 3:], covariances.orientation[..., k]),
+        ):
             sampled = part.T @ part / draws
             # Of a Gaussian sample covariance: var v_ij = (v_ii v_jj + v_ij^2)/n. 4.5 sigma over some 100 elements.
             diagonal = np.diag(predicted)
@@ -155,7 +162,7 @@ def test_covariances_agree_with_200000_draws(name: str) -> None:
 def test_matrices_of_a_planar_arm_as_written_out() -> None:
     a1, a2 = 0.5, 0.3
     q = np.array([[0.3, -1.1, 2.0], [0.7, 1.9, -0.4]])
-    found = error_matrices(planar(a1, a2), q)
+    matrices = error_matrices(planar(a1, a2), q)
     for k, (_, q2) in enumerate(q.T):
         c, s = np.cos(q2), np.sin(q2)
         m1 = [[a1 * s, 0], [a1 * c + a2, a2], [0, 0]]
@@ -163,7 +170,7 @@ def test_matrices_of_a_planar_arm_as_written_out() -> None:
         m3 = [[c, 1], [-s, 0], [0, 0]]
         m4 = [[0, 0], [0, 0], [a2 * s, 0]]
         for name, expected in (("m1", m1), ("m2", m2), ("m3", m3), ("m4", m4)):
-            np.testing.assert_allclose(getattr(found, name)[:, :, k], expected, atol=1e-15)
+            np.testing.assert_allclose(getattr(matrices, name)[:, :, k], expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["puma560", "stanford", "panda"])
@@ -171,13 +178,13 @@ def test_matrices_are_equation_6(name: str) -> None:
     """Each column against central differences of the textbook's matrices, prismatic joints and modified rows too."""
     robot = robot_of(name)
     q = sampled_configurations(robot, 3, seed=1).q
-    found = error_matrices(robot, q)
-    zero = np.zeros_like(found.m1)
+    matrices = error_matrices(robot, q)
+    zero = np.zeros_like(matrices.m1)
     expected = {
-        "theta": (found.m1, found.m2),
-        "d": (found.m2, zero),
-        "a": (found.m3, zero),
-        "alpha": (found.m4, found.m3),
+        "theta": (matrices.m1, matrices.m2),
+        "d": (matrices.m2, zero),
+        "a": (matrices.m3, zero),
+        "alpha": (matrices.m4, matrices.m3),
     }
     step = 1e-6
     for k in range(q.shape[1]):
@@ -202,24 +209,24 @@ def test_equations_7_and_8_from_the_matrices() -> None:
     )
     robot = dataclasses.replace(base, joints=joints)
     n = BLOCK + 3
-    where = sampled_configurations(robot, n)
-    found = pose_covariances(Arm.of(robot).chain, where.scalars, n, uncertain_parameters(robot))
-    m = error_matrices(robot, where.q)
+    configurations = sampled_configurations(robot, n)
+    covariances = pose_covariances(Arm.of(robot).chain, configurations.scalars, n, uncertain_parameters(robot))
+    matrices = error_matrices(robot, configurations.q)
 
     def part(matrix: np.ndarray, kind: str) -> np.ndarray:
         return np.einsum("ipn,p,jpn->ijn", matrix, np.square(sds[kind]), matrix)
 
-    position = part(m.m1, "theta") + part(m.m2, "d") + part(m.m3, "a") + part(m.m4, "alpha")
-    orientation = part(m.m2, "theta") + part(m.m3, "alpha")
-    np.testing.assert_allclose(found.position, position, atol=1e-12 * position.max())
-    np.testing.assert_allclose(found.orientation, orientation, atol=1e-12 * orientation.max())
+    position = part(matrices.m1, "theta") + part(matrices.m2, "d") + part(matrices.m3, "a") + part(matrices.m4, "alpha")
+    orientation = part(matrices.m2, "theta") + part(matrices.m3, "alpha")
+    np.testing.assert_allclose(covariances.position, position, atol=1e-12 * position.max())
+    np.testing.assert_allclose(covariances.orientation, orientation, atol=1e-12 * orientation.max())
 
 
 def test_matrices_belong_to_dh_rows() -> None:
     urdf = dataclasses.replace(planar(), convention="urdf")
-    with pytest.raises(UsageError, match="described by a URDF: M1 … M4 belong to rows of theta, d, a, alpha"):
+    with pytest.raises(UsageError, match="2R is a URDF: M1 … M4 are defined for rows of theta, d, a, alpha"):
         error_matrices(urdf, np.zeros((2, 1)))
-    with pytest.raises(UsageError, match="the robot has 2 joints, the configurations are of shape"):
+    with pytest.raises(UsageError, match="the robot has 2 joints, but the configurations have the shape"):
         error_matrices(planar(), np.zeros((3, 1)))
 
 
@@ -230,27 +237,27 @@ def predicted(robot: Robot, n: int = 64, tolerances: Tolerances | None = None) -
 
 def test_budget_sums_to_one_and_is_what_leaving_a_parameter_out_saves() -> None:
     robot = robot_of("puma560")
-    whole = predicted(robot)
-    for shares in (whole.budget, whole.by_joint, whole.by_kind):
+    full = predicted(robot)
+    for shares in (full.budget, full.by_joint, full.by_kind):
         assert sum(share.position for share in shares) == pytest.approx(1.0, abs=1e-12)
         assert sum(share.orientation for share in shares) == pytest.approx(1.0, abs=1e-12)
-    share = next(share for share in whole.budget if share.name == "j2.theta")
+    share = next(share for share in full.budget if share.name == "j2.theta")
     without = predicted(robot, tolerances=Tolerances("normal", 1.0, joints={"j2": {"theta": 0.0}}))
-    assert len(without.parameters) == len(whole.parameters) - 1
-    assert 1 - (without.position.rms / whole.position.rms) ** 2 == pytest.approx(share.position, rel=1e-9)
-    assert 1 - (without.orientation.rms / whole.orientation.rms) ** 2 == pytest.approx(share.orientation, rel=1e-9)
-    assert np.all(np.diff([share.position for share in whole.budget]) < 1e-9)
+    assert len(without.parameters) == len(full.parameters) - 1
+    assert 1 - (without.position.rms / full.position.rms) ** 2 == pytest.approx(share.position, rel=1e-9)
+    assert 1 - (without.orientation.rms / full.orientation.rms) ** 2 == pytest.approx(share.orientation, rel=1e-9)
+    assert np.all(np.diff([share.position for share in full.budget]) < 1e-9)
 
 
 def test_figures_over_poses_and_the_worst_pose() -> None:
-    found = predicted(robot_of("panda"), n=50)
-    for errors in (found.position, found.orientation):
+    prediction = predicted(robot_of("panda"), n=50)
+    for errors in (prediction.position, prediction.orientation):
         traces = np.trace(errors.covariance)
         assert errors.rms == pytest.approx(np.sqrt(traces.mean()), rel=1e-12)
         worst = errors.worst
         assert worst.index == np.flatnonzero(traces > traces.max() * (1 - 1e-9))[0]
         assert worst.rms == pytest.approx(np.sqrt(traces.max()), rel=1e-12)
-        np.testing.assert_array_equal(worst.q, found.configurations.q[:, worst.index])
+        np.testing.assert_array_equal(worst.q, prediction.configurations.q[:, worst.index])
         along = worst.direction @ errors.covariance[..., worst.index] @ worst.direction
         assert along == pytest.approx(np.linalg.eigvalsh(errors.covariance[..., worst.index])[-1], rel=1e-9)
         assert worst.sd == pytest.approx(np.sqrt(along), rel=1e-9)
@@ -258,24 +265,26 @@ def test_figures_over_poses_and_the_worst_pose() -> None:
 
 
 def test_p95_is_that_of_robots_and_poses_drawn_at_random() -> None:
-    found = predicted(robot_of("stanford"), n=40)
+    prediction = predicted(robot_of("stanford"), n=40)
     rng = np.random.default_rng(5)
-    roots = np.linalg.cholesky(np.moveaxis(found.position.covariance, -1, 0))
-    drawn = np.linalg.norm(np.einsum("nij,nmj->nmi", roots, rng.standard_normal((40, 5000, 3))), axis=2)
+    roots = np.linalg.cholesky(np.moveaxis(prediction.position.covariance, -1, 0))
+    lengths = np.linalg.norm(np.einsum("nij,nmj->nmi", roots, rng.standard_normal((40, 5000, 3))), axis=2)
     # 200,000 draws: the sample's 95th percentile is uncertain by some 0.15 %, its mean by 0.1 %.
-    assert found.position.p95 == pytest.approx(np.quantile(drawn, 0.95), rel=0.008)
-    assert found.position.mean_error == pytest.approx(drawn.mean(), rel=0.005)
-    within = np.mean(drawn <= found.position.pose_radius95[:, None])
-    assert within == pytest.approx(0.95, abs=0.003)
+    assert prediction.position.p95 == pytest.approx(np.quantile(lengths, 0.95), rel=0.008)
+    assert prediction.position.mean_error == pytest.approx(lengths.mean(), rel=0.005)
+    share_within = np.mean(lengths <= prediction.position.pose_radius95[:, None])
+    assert share_within == pytest.approx(0.95, abs=0.003)
 
 
 def test_grade_and_the_share_of_poses_that_meet_it() -> None:
-    found = predicted(robot_of("puma560"))
-    assert found.grade.grade == "D"
-    assert found.grade.limited_by == ("position",)
-    expected = np.mean((found.position.pose_radius95 <= 0.5e-3) & (found.orientation.pose_radius95 <= np.deg2rad(0.5)))
-    assert dict(found.grade.meeting)["C"] == expected
-    rough = predicted(robot_of("puma560"), tolerances=Tolerances("normal", 1.0, every={"theta": 0.1}))
+    prediction = predicted(robot_of("puma560"))
+    assert prediction.grade.grade == "D"
+    assert prediction.grade.limited_by == ("position",)
+    expected = np.mean(
+        (prediction.position.pose_radius95 <= 0.5e-3) & (prediction.orientation.pose_radius95 <= np.deg2rad(0.5))
+    )
+    assert dict(prediction.grade.meeting)["C"] == expected
+    rough = predicted(robot_of("puma560"), tolerances=Tolerances("normal", 1.0, moving_joints={"theta": 0.1}))
     assert rough.grade.grade == "F"
     assert all(share == 0 for _, share in rough.grade.meeting)
 
@@ -284,48 +293,48 @@ def test_grade_and_the_share_of_poses_that_meet_it() -> None:
 def test_allocation_reaches_the_grade_and_is_the_cheapest(grade: str) -> None:
     robot = robot_of("puma560")
     prediction = predicted(robot)
-    found = allocate(robot, prediction, grade)
+    allocation = allocate(robot, prediction, grade)
     limit = {"A": 1e-4, "C": 5e-4}[grade]
-    assert found.met
-    assert 0.998 * limit < found.verified.position.p95 <= limit
-    again = predict_accuracy(
+    assert allocation.met
+    assert 0.998 * limit < allocation.verified.position.p95 <= limit
+    repeated = predict_accuracy(
         robot,
-        [dataclasses.replace(item.parameter, sd=item.needed) for item in found.needed],
+        [dataclasses.replace(item.parameter, sd=item.needed) for item in allocation.needed],
         prediction.configurations,
         default_scale(),
     )
-    assert again.position.p95 == found.verified.position.p95
-    factors = np.array([item.factor for item in found.needed])
+    assert repeated.position.p95 == allocation.verified.position.p95
+    factors = np.array([item.factor for item in allocation.needed])
     assert np.all(factors <= 1.0)
-    assert found.uniform_factor == pytest.approx(limit / prediction.position.p95, rel=1e-9)
+    assert allocation.uniform_factor == pytest.approx(limit / prediction.position.p95, rel=1e-9)
     # At the same total variance, no other allocation costs less: stationarity, 1/f^3 in proportion to the share.
     shares = {share.name: share.position for share in prediction.budget}
-    share = np.array([shares[item.parameter.name] for item in found.needed])
+    share = np.array([shares[item.parameter.name] for item in allocation.needed])
     tightened = factors < 1.0 - 1e-9
     price = factors[tightened] ** -3 / share[tightened]
     np.testing.assert_allclose(price, price[0], rtol=1e-6)
     assert np.all(price[0] * share[~tightened] <= 1.0 + 1e-6)
-    assert np.sum(1 / factors) < factors.size / found.uniform_factor
+    assert np.sum(1 / factors) < factors.size / allocation.uniform_factor
 
 
 def test_allocation_leaves_what_suffices_and_meets_two_limits() -> None:
     robot = robot_of("puma560")
     prediction = predicted(robot)
     assert all(item.factor == 1.0 for item in allocate(robot, prediction, "E").needed)
-    rough = predicted(robot, tolerances=Tolerances("normal", 1.0, every={"theta": 2e-3, "alpha": 2e-3}))
-    found = allocate(robot, rough, "A")
-    assert found.met
-    assert found.verified.grade.grade == "A"
-    assert found.verified.orientation.p95 <= np.deg2rad(0.1)
+    rough = predicted(robot, tolerances=Tolerances("normal", 1.0, moving_joints={"theta": 2e-3, "alpha": 2e-3}))
+    allocation = allocate(robot, rough, "A")
+    assert allocation.met
+    assert allocation.verified.grade.grade == "A"
+    assert allocation.verified.orientation.p95 <= np.deg2rad(0.1)
     with pytest.raises(UsageError, match=r"no grade 'Z' on the scale .*; it has A, B, C, D, E"):
         allocate(robot, prediction, "Z")
 
 
-def test_samples_fill_the_limits_evenly_and_hang_on_the_seed() -> None:
+def test_samples_fill_the_limits_evenly_and_depend_on_the_seed() -> None:
     robot = robot_of("puma560")
-    first, again, other = (sampled_configurations(robot, 512, seed).q for seed in (0, 0, 1))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
+    first, repeated, other_seed = (sampled_configurations(robot, 512, seed).q for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first, repeated)
+    assert not np.array_equal(first, other_seed)
     limits = np.array([joint.limits for joint in robot.variables])
     shares = (first - limits[:, :1]) / (limits[:, 1:] - limits[:, :1])
     assert shares.min() >= 0
@@ -334,18 +343,20 @@ def test_samples_fill_the_limits_evenly_and_hang_on_the_seed() -> None:
     np.testing.assert_allclose(shares.mean(axis=1), 0.5, atol=4e-3)
 
 
-def test_what_cannot_be_sampled() -> None:
+def test_configurations_that_cannot_be_sampled() -> None:
     slide = Robot("slide", "standard", (row("s", "prismatic", None), row("r", limits=None)))
-    with pytest.raises(InputError, match="the slide s has no limits to spread configurations over; give it limits"):
+    with pytest.raises(
+        InputError, match="the prismatic joint s has no limits to spread configurations over; give it limits"
+    ):
         sampled_configurations(slide, 4)
-    with pytest.raises(UsageError, match="at least one configuration must be sampled, not 0"):
+    with pytest.raises(UsageError, match="`samples` is at least 1, not 0"):
         sampled_configurations(planar(), 0)
-    with pytest.raises(UsageError, match="the robot file names no targets, so there is no 'smr1'"):
+    with pytest.raises(UsageError, match="no target 'smr1'; the robot file has no targets"):
         sampled_configurations(planar(), 4, target="smr1")
     endless = Robot("endless", "standard", (row("r", limits=None),))
-    found = sampled_configurations(endless, 100)
-    assert found.notes == ("joint r without limits: a whole turn was taken",)
-    assert np.ptp(found.q) > 6.0
+    configurations = sampled_configurations(endless, 100)
+    assert configurations.notes == ("joint r without limits: sampled over a full turn",)
+    assert np.ptp(configurations.q) > 6.0
 
 
 def test_targets_are_predicted_each_by_itself() -> None:
@@ -366,7 +377,7 @@ def test_targets_are_predicted_each_by_itself() -> None:
 
 
 def test_poses_must_say_where_the_joints_were() -> None:
-    with pytest.raises(InputError, match="has no joint columns: the prediction needs the configurations"):
+    with pytest.raises(InputError, match="has no joint columns: the prediction needs the joint values"):
         configurations_of(planar(), Measurements(np.zeros((3, 2))))
-    with pytest.raises(InputError, match="has no poses to predict the accuracy of"):
+    with pytest.raises(InputError, match="has no poses to predict the accuracy at"):
         configurations_of(planar(), Measurements(np.zeros((3, 0)), q=np.zeros((2, 0))))

@@ -21,7 +21,7 @@ from robacc.prediction.components import bartlett_mean, variance_components
 from robacc.prediction.configurations import sampled_configurations
 from robacc.prediction.consistency import consistency, scale_test
 from robacc.prediction.parameters import ToleranceParameter, Tolerances, uncertain_parameters
-from robacc.prediction.sufficient_statistics import Evidence, MeasuringNoise, gather_evidence
+from robacc.prediction.sufficient_statistics import MeasuringNoise, SufficientStatistics, reduce_residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 
@@ -68,15 +68,15 @@ def test_normalised_squared_error_is_that_of_the_joint_covariance(full: bool) ->
     data = simulated(0, full=full)
     error, columns, noise = dense(data)
     expected = error @ np.linalg.solve(columns @ columns.T + np.diag(noise), error)
-    evidence = gather_evidence(ROBOT, data, PARAMETERS)
-    found = consistency(evidence)
-    assert found.total is not None
-    assert found.total.statistic == pytest.approx(expected, rel=1e-7)
-    assert found.total.dof == error.size
+    statistics = reduce_residuals(ROBOT, data, PARAMETERS)
+    tests = consistency(statistics)
+    assert tests.total is not None
+    assert tests.total.statistic == pytest.approx(expected, rel=1e-7)
+    assert tests.total.dof == error.size
     low, high = stats.chi2.ppf((0.025, 0.975), error.size)
-    assert (found.total.lower, found.total.upper) == (pytest.approx(low), pytest.approx(high))
+    assert (tests.total.lower, tests.total.upper) == (pytest.approx(low), pytest.approx(high))
     expected_p = 2 * min(stats.chi2.cdf(expected, error.size), stats.chi2.sf(expected, error.size))
-    assert found.total.p_value == pytest.approx(expected_p, rel=1e-5)
+    assert tests.total.p_value == pytest.approx(expected_p, rel=1e-5)
 
 
 def test_alignment_takes_out_what_base_and_tool_absorb() -> None:
@@ -88,23 +88,25 @@ def test_alignment_takes_out_what_base_and_tool_absorb() -> None:
     fixed = CHAIN.jacobian(data.q, motions).transpose(2, 0, 1).reshape(-1, 12)
     basis = np.linalg.svd(fixed, full_matrices=True)[0][:, 12:]
     covariance = basis.T @ (columns @ columns.T + np.diag(noise)) @ basis
-    rest = basis.T @ error
-    found = consistency(gather_evidence(ROBOT, data, PARAMETERS, aligned=("base_frame", "tool_frame")))
-    assert found.total is not None
-    assert found.total.dof == error.size - 12
-    assert found.total.statistic == pytest.approx(rest @ np.linalg.solve(covariance, rest), rel=1e-6)
+    projected_error = basis.T @ error
+    tests = consistency(reduce_residuals(ROBOT, data, PARAMETERS, aligned=("base_frame", "tool_frame")))
+    assert tests.total is not None
+    assert tests.total.dof == error.size - 12
+    assert tests.total.statistic == pytest.approx(
+        projected_error @ np.linalg.solve(covariance, projected_error), rel=1e-6
+    )
     # A frame that was moved and registered leaves the same evidence: that is what "taken out" means.
     moved = dataclasses.replace(data, position=data.position + np.array([[1e-5], [2e-5], [-1e-5]]))
-    again = consistency(gather_evidence(ROBOT, moved, PARAMETERS, aligned=("base_frame",)))
-    before = consistency(gather_evidence(ROBOT, data, PARAMETERS, aligned=("base_frame",)))
-    assert again.total is not None
+    after_move = consistency(reduce_residuals(ROBOT, moved, PARAMETERS, aligned=("base_frame",)))
+    before = consistency(reduce_residuals(ROBOT, data, PARAMETERS, aligned=("base_frame",)))
+    assert after_move.total is not None
     assert before.total is not None
-    assert again.total.statistic == pytest.approx(before.total.statistic, rel=1e-9)
+    assert after_move.total.statistic == pytest.approx(before.total.statistic, rel=1e-9)
 
 
 def test_noise_by_reml_is_the_maximum_of_the_restricted_likelihood() -> None:
     data = simulated(2, sigma=False, n=12)
-    found = gather_evidence(ROBOT, data, PARAMETERS)
+    statistics = reduce_residuals(ROBOT, data, PARAMETERS)
     error, columns, _ = dense(data)
     rank = np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0))
     basis = np.linalg.svd(columns, full_matrices=True)[0][:, rank:]
@@ -112,35 +114,35 @@ def test_noise_by_reml_is_the_maximum_of_the_restricted_likelihood() -> None:
     def restricted(log_sigma: Array) -> float:
         noise = np.tile(np.repeat(np.exp(2 * log_sigma), 3), data.n)
         covariance = basis.T @ (noise[:, None] * basis)
-        rest = basis.T @ error
-        return float(np.linalg.slogdet(covariance)[1] + rest @ np.linalg.solve(covariance, rest))
+        projected_error = basis.T @ error
+        return float(np.linalg.slogdet(covariance)[1] + projected_error @ np.linalg.solve(covariance, projected_error))
 
     best = optimize.minimize(restricted, np.log([NOISE, NOISE]), method="Nelder-Mead", options={"xatol": 1e-7})
-    assert found.noise.source_position == found.noise.source_orientation == "estimated"
-    assert found.noise.orientation is not None
-    assert np.log([found.noise.position, found.noise.orientation]) == pytest.approx(best.x, abs=1e-4)
+    assert statistics.noise.source_position == statistics.noise.source_orientation == "estimated"
+    assert statistics.noise.orientation is not None
+    assert np.log([statistics.noise.position, statistics.noise.orientation]) == pytest.approx(best.x, abs=1e-4)
 
 
 def test_noise_is_the_given_one_before_the_files() -> None:
     data = simulated(3)
-    in_file = gather_evidence(ROBOT, data, PARAMETERS)
-    given = gather_evidence(ROBOT, data, PARAMETERS, noise=(2 * NOISE, 2 * NOISE))
+    in_file = reduce_residuals(ROBOT, data, PARAMETERS)
+    given = reduce_residuals(ROBOT, data, PARAMETERS, noise=(2 * NOISE, 2 * NOISE))
     assert in_file.noise.source_position == "file"
     assert in_file.noise.position == pytest.approx(NOISE)
     assert given.noise.source_position == "given"
     np.testing.assert_allclose(given.strength, in_file.strength / 2, rtol=1e-9)
-    assert given.rest == pytest.approx(in_file.rest / 4, rel=1e-9)
+    assert given.noise_squares == pytest.approx(in_file.noise_squares / 4, rel=1e-9)
 
 
 def test_several_blocks_of_poses_are_one_set() -> None:
     data = simulated(4, n=40)
-    whole = gather_evidence(ROBOT, data, PARAMETERS)
+    statistics = reduce_residuals(ROBOT, data, PARAMETERS)
     order = np.random.default_rng(0).permutation(40)
-    shuffled = gather_evidence(ROBOT, data.subset(order), PARAMETERS)
+    shuffled = reduce_residuals(ROBOT, data.subset(order), PARAMETERS)
     many = data.subset(np.tile(np.arange(40), 128))
-    np.testing.assert_allclose(shuffled.strength, whole.strength, rtol=1e-9)
-    blocks = gather_evidence(ROBOT, many, PARAMETERS)
-    np.testing.assert_allclose(blocks.strength, whole.strength * math.sqrt(128), rtol=1e-9)
+    np.testing.assert_allclose(shuffled.strength, statistics.strength, rtol=1e-9)
+    blocks = reduce_residuals(ROBOT, many, PARAMETERS)
+    np.testing.assert_allclose(blocks.strength, statistics.strength * math.sqrt(128), rtol=1e-9)
 
 
 def test_likelihood_ratio_and_its_factor_against_a_direct_maximisation() -> None:
@@ -153,10 +155,10 @@ def test_likelihood_ratio_and_its_factor_against_a_direct_maximisation() -> None
         return float(0.5 * np.sum(np.log(total) + y**2 / total))
 
     best = optimize.minimize_scalar(minus, bounds=(-5, 5), method="bounded", options={"xatol": 1e-9})
-    found = scale_test(y, variances)
-    assert found.factor == pytest.approx(math.exp(best.x / 2), rel=1e-4)
-    assert found.statistic == pytest.approx(2 * (minus(0.0) - best.fun), rel=1e-6)
-    assert found.p_value_asymptotic == pytest.approx(stats.chi2.sf(found.statistic, 1), rel=1e-9)
+    result = scale_test(y, variances)
+    assert result.factor == pytest.approx(math.exp(best.x / 2), rel=1e-4)
+    assert result.statistic == pytest.approx(2 * (minus(0.0) - best.fun), rel=1e-6)
+    assert result.p_value_asymptotic == pytest.approx(stats.chi2.sf(result.statistic, 1), rel=1e-9)
 
 
 def test_no_effect_of_the_parameters_at_all_is_a_factor_of_zero() -> None:
@@ -165,13 +167,13 @@ def test_no_effect_of_the_parameters_at_all_is_a_factor_of_zero() -> None:
 
 def rejected(factor: float, sets: int, *, full: bool, exact: bool) -> float:
     """Share of sets that the likelihood ratio rejects at 5 %; ``exact`` by kinematics, else from the evidence's law."""
-    evidence = gather_evidence(ROBOT, simulated(0, full=full), PARAMETERS)
-    variances = np.square(evidence.strength)
+    statistics = reduce_residuals(ROBOT, simulated(0, full=full), PARAMETERS)
+    variances = np.square(statistics.strength)
     rng = np.random.default_rng(11)
     count = 0
     for k in range(sets):
         if exact:
-            y = gather_evidence(ROBOT, simulated(1000 + k, factor=factor, full=full), PARAMETERS).y
+            y = reduce_residuals(ROBOT, simulated(1000 + k, factor=factor, full=full), PARAMETERS).y
         else:
             y = rng.standard_normal(variances.size) * np.sqrt(1 + factor**2 * variances)
         count += scale_test(y, variances).p_value < 0.05
@@ -197,10 +199,10 @@ def test_rejection_rate_and_power_over_robots_simulated_exactly(full: bool, caps
 
 
 def test_a_robot_of_twice_the_tolerances_is_noticed_and_said() -> None:
-    found = compare_with_measured(ROBOT, simulated(5, factor=2.0), PARAMETERS).consistency
-    assert found.verdict.startswith("the measured errors are larger than the tolerances predict: about ")
-    assert found.scale is not None
-    assert 1.4 < found.scale.factor < 2.8
+    result = compare_with_measured(ROBOT, simulated(5, factor=2.0), PARAMETERS).consistency
+    assert result.verdict.startswith("the measured errors are larger than the tolerances predict: about ")
+    assert result.scale is not None
+    assert 1.4 < result.scale.factor < 2.8
     small = compare_with_measured(ROBOT, simulated(5, factor=0.3), PARAMETERS).consistency
     assert small.verdict.startswith("the measured errors are smaller than the tolerances predict")
     right = compare_with_measured(ROBOT, simulated(6), PARAMETERS).consistency
@@ -209,34 +211,36 @@ def test_a_robot_of_twice_the_tolerances_is_noticed_and_said() -> None:
 
 def test_noise_beyond_the_stated_one_is_said() -> None:
     data = simulated(6)
-    found = compare_with_measured(ROBOT, data, PARAMETERS, noise=(NOISE / 2, NOISE / 2)).consistency
-    assert "what no parameter explains is more than the stated noise, 2 times: effects other than" in found.verdict
-    assert found.noise is not None
-    assert found.noise.p_value < 1e-6
+    result = compare_with_measured(ROBOT, data, PARAMETERS, noise=(NOISE / 2, NOISE / 2)).consistency
+    assert "the part that no parameter explains is 2 times the stated noise: other effects than" in result.verdict
+    assert result.noise is not None
+    assert result.noise.p_value < 1e-6
     quiet = compare_with_measured(ROBOT, data, PARAMETERS, noise=(2 * NOISE, 2 * NOISE)).consistency
-    assert "what no parameter explains is less than the stated noise, 0.49 times" in quiet.verdict
+    assert "the part that no parameter explains is 0.49 times the stated noise" in quiet.verdict
 
 
 def test_one_parameter_out_of_pattern_is_said() -> None:
     """What the parameters move much is of the right size, what they hardly move is not."""
     variances = np.repeat([1e4, 0.05], 10)
     y = np.repeat([100.0, 2.5], 10)
-    evidence = Evidence(("p",), np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 120, 0, noise_of_file())
-    verdict = consistency(evidence).verdict
-    assert verdict.startswith("the measured errors are of the predicted size on the whole but not of the predicted pat")
+    statistics = SufficientStatistics(
+        ("p",), np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 120, 0, noise_of_file()
+    )
+    verdict = consistency(statistics).verdict
+    assert verdict.startswith("the measured errors have the predicted size but not the predicted pat")
 
 
 def noise_of_file() -> MeasuringNoise:
-    return gather_evidence(ROBOT, simulated(0), PARAMETERS).noise
+    return reduce_residuals(ROBOT, simulated(0), PARAMETERS).noise
 
 
 def test_components_are_the_maximum_of_the_dense_likelihood() -> None:
     data = simulated(7, full=True)
     error, columns, noise = dense(data)
-    evidence = gather_evidence(ROBOT, data, PARAMETERS)
-    found = variance_components(evidence, PARAMETERS)
-    assert found is not None
-    names = [component.name for component in found.components]
+    statistics = reduce_residuals(ROBOT, data, PARAMETERS)
+    result = variance_components(statistics, PARAMETERS)
+    assert result is not None
+    names = [component.name for component in result.components]
     assert names == ["theta", "d", "a", "alpha"]
     parts = [columns[:, [p.component == name for p in PARAMETERS]] for name in names]
     scale = 1 / NOISE
@@ -250,29 +254,29 @@ def test_components_are_the_maximum_of_the_dense_likelihood() -> None:
         return float(np.sum(np.log(np.diag(triangle))) + 0.5 * solved @ solved)
 
     best = optimize.minimize(minus, np.zeros(4), method="BFGS")
-    assert [component.factor for component in found.components] == pytest.approx(np.exp(best.x / 2), rel=2e-3)
-    for component, parameter in zip(found.components, ("theta", "d", "a", "alpha"), strict=True):
-        own = [p for p in PARAMETERS if p.component == parameter]
-        assert component.n_parameters == len(own)
-        assert component.predicted == pytest.approx(own[0].sd)
+    assert [component.factor for component in result.components] == pytest.approx(np.exp(best.x / 2), rel=2e-3)
+    for component, parameter in zip(result.components, ("theta", "d", "a", "alpha"), strict=True):
+        members = [p for p in PARAMETERS if p.component == parameter]
+        assert component.n_parameters == len(members)
+        assert component.predicted == pytest.approx(members[0].sd)
         assert component.estimate == pytest.approx(component.factor * component.predicted)
         assert component.lower < component.factor < (component.upper or math.inf)
 
 
-def direct(y: Array, unit: float = 1e-4) -> tuple[Evidence, list[ToleranceParameter]]:
-    """Evidence that shows each of ``y.size`` parameters of one kind by itself, a thousand times above the noise."""
+def direct(y: Array, unit: float = 1e-4) -> tuple[SufficientStatistics, list[ToleranceParameter]]:
+    """Return statistics in which each of ``y.size`` parameters of one kind is separate, 1000 times above the noise."""
     n = y.size
     parameters = [ToleranceParameter(f"j{i}.d", f"j{i}", "d", "d", i, "m", unit) for i in range(n)]
     noise = noise_of_file()
     names = tuple(parameter.name for parameter in parameters)
-    return Evidence(names, 1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, noise), parameters
+    return SufficientStatistics(names, 1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, noise), parameters
 
 
 def test_one_kind_seen_directly_has_the_textbooks_interval() -> None:
     y = np.array([0.3, -1.2, 0.8, 2.0, -0.4, 1.1])
-    found = variance_components(*direct(y))
-    assert found is not None
-    (component,) = found.components
+    result = variance_components(*direct(y))
+    assert result is not None
+    (component,) = result.components
     variance = float(np.mean(y**2))
     assert component.factor**2 == pytest.approx(variance, rel=1e-3)
     assert component.dof == pytest.approx(6.0, rel=1e-3)
@@ -300,36 +304,36 @@ def test_kinds_that_do_the_same_are_said_to_be_so() -> None:
     ]
     names = tuple(parameter.name for parameter in parameters)
     y = effect @ rng.standard_normal(10)
-    found = variance_components(
-        Evidence(names, effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, noise_of_file()), parameters
+    result = variance_components(
+        SufficientStatistics(names, effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, noise_of_file()), parameters
     )
-    assert found is not None
-    assert [component.why for component in found.components] == [
-        "d cannot be told from a at these poses",
-        "a cannot be told from d at these poses",
+    assert result is not None
+    assert [component.why for component in result.components] == [
+        "d is not distinguishable from a on these poses",
+        "a is not distinguishable from d on these poses",
     ]
     faint = dataclasses.replace(direct(np.ones(4))[0], effect=1e-3 * np.eye(4), y=np.ones(4))
     weak = variance_components(faint, direct(np.ones(4))[1])
     assert weak is not None
-    assert weak.notes[0].startswith("the poses hardly show d: ")
+    assert weak.notes[0].startswith("d is weakly identifiable on these poses: ")
 
 
 def test_base_and_tool_are_taken_as_given() -> None:
     parameters = uncertain_parameters(ROBOT, Tolerances("normal", 1.0, base={"x": 1e-4}, tool={"z": 1e-4}))
-    found = variance_components(gather_evidence(ROBOT, simulated(8), parameters), parameters)
-    assert found is not None
-    assert [component.name for component in found.components] == ["theta", "d", "a", "alpha"]
-    assert found.notes[-1] == "the tolerances of base and tool are taken as given"
+    result = variance_components(reduce_residuals(ROBOT, simulated(8), parameters), parameters)
+    assert result is not None
+    assert [component.name for component in result.components] == ["theta", "d", "a", "alpha"]
+    assert result.notes[-1] == "the tolerances of base and tool are used as given, not estimated"
 
 
 def covered(sets: int, *, full: bool) -> Array:
     """Share of sets in which each component's 95 % interval holds the truth."""
     count = np.zeros(4)
     for k in range(sets):
-        evidence = gather_evidence(ROBOT, simulated(5000 + k, full=full), PARAMETERS)
-        found = variance_components(evidence, PARAMETERS)
-        assert found is not None
-        count += [c.lower <= 1.0 <= (c.upper or math.inf) for c in found.components]
+        statistics = reduce_residuals(ROBOT, simulated(5000 + k, full=full), PARAMETERS)
+        result = variance_components(statistics, PARAMETERS)
+        assert result is not None
+        count += [c.lower <= 1.0 <= (c.upper or math.inf) for c in result.components]
     return count / sets
 
 
@@ -341,26 +345,27 @@ def test_components_cover_the_truth_in_most_sets() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("full", [True, False])
 def test_components_cover_the_truth_in_95_percent_of_500_sets(full: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    found = covered(500, full=full)
+    result = covered(500, full=full)
     with capsys.disabled():
         kind = "full poses" if full else "positions only"
-        shares = ", ".join(f"{n} {100 * c:.1f} %" for n, c in zip(("theta", "d", "a", "alpha"), found, strict=True))
-        print(f"\n  95 % intervals of variance components, {N} {kind}: {shares}; all {100 * found.mean():.1f} %")
+        shares = ", ".join(f"{n} {100 * c:.1f} %" for n, c in zip(("theta", "d", "a", "alpha"), result, strict=True))
+        print(f"\n  95 % intervals of variance components, {N} {kind}: {shares}; all {100 * result.mean():.1f} %")
     # Of all 2,000 intervals; a single component's share of 500 sets has a standard error of 1 %.
-    assert found.mean() == pytest.approx(0.95, abs=0.02)
-    assert np.all(np.abs(found - 0.95) < 0.035)
+    assert result.mean() == pytest.approx(0.95, abs=0.02)
+    assert np.all(np.abs(result - 0.95) < 0.035)
 
 
 def test_what_is_said_of_the_one_draw() -> None:
-    found = compare_with_measured(ROBOT, simulated(9), PARAMETERS)
-    assert found.one_draw.startswith("all 30 poses are of one robot and share one draw of its parameters")
-    assert "Of 180 measured numbers 24 speak of the parameters: the size of the tolerances is known to some 14 %" in (
-        found.one_draw
+    comparison = compare_with_measured(ROBOT, simulated(9), PARAMETERS)
+    assert comparison.one_draw.startswith("all 30 poses are of one robot and share the same parameter errors")
+    assert (
+        "Of 180 measured numbers, 24 depend on the parameters: the size of the tolerances is known to about 14 %"
+        in (comparison.one_draw)
     )
-    aligned = compare_with_measured(ROBOT, simulated(9), PARAMETERS, what=("base_frame",))
-    assert aligned.one_draw.endswith("The alignment used 6 degrees of freedom, which no longer count")
+    aligned = compare_with_measured(ROBOT, simulated(9), PARAMETERS, align=("base_frame",))
+    assert aligned.one_draw.endswith("Fitting the frames used 6 degrees of freedom, which are not counted")
     assert aligned.alignment is not None
-    assert aligned.position_rms < found.position_rms
+    assert aligned.position_rms < comparison.position_rms
 
 
 def test_treating_poses_as_independent_would_reject_far_too_often() -> None:
@@ -371,57 +376,61 @@ def test_treating_poses_as_independent_would_reject_far_too_often() -> None:
         error, columns, _ = dense(data)
         total = 0.0
         for i in range(0, error.size, 3):
-            own = columns[i : i + 3] @ columns[i : i + 3].T + NOISE**2 * np.eye(3)
-            total += error[i : i + 3] @ np.linalg.solve(own, error[i : i + 3])
+            covariance = columns[i : i + 3] @ columns[i : i + 3].T + NOISE**2 * np.eye(3)
+            total += error[i : i + 3] @ np.linalg.solve(covariance, error[i : i + 3])
         wrong += 2 * min(stats.chi2.cdf(total, error.size), stats.chi2.sf(total, error.size)) < 0.05
     assert wrong > 30
 
 
 def test_negligible_parameters_are_said_to_show_nothing() -> None:
     tiny = tuple(dataclasses.replace(parameter, sd=1e-12) for parameter in PARAMETERS)
-    found = compare_with_measured(ROBOT, simulated(0, factor=0.0), tiny)
-    assert found.consistency.verdict.endswith("far below the noise at these poses: nothing can be said of them")
-    assert found.components is None
+    result = compare_with_measured(ROBOT, simulated(0, factor=0.0), tiny)
+    assert result.consistency.verdict.endswith("far below the noise on these poses, so the tolerances cannot be tested")
+    assert result.components is None
 
 
 def test_what_cannot_be_compared() -> None:
     data = simulated(0, sigma=False)
     few = data.subset(np.arange(2))
-    with pytest.raises(InputError, match="too few poses to estimate the measuring noise from; measure more poses"):
+    with pytest.raises(InputError, match="too few poses to estimate the measurement noise; measure more poses"):
         compare_with_measured(ROBOT, few, PARAMETERS)
     exact = simulated(0, sigma=False, noise=0.0, factor=0.0)
-    with pytest.raises(InputError, match="explain every pose exactly, so no noise can be estimated; give it"):
+    with pytest.raises(
+        InputError, match="explain every pose exactly, so the noise cannot be estimated; give the noise"
+    ):
         compare_with_measured(ROBOT, exact, PARAMETERS)
     zero = dataclasses.replace(simulated(0), sigma_rotation=np.zeros(N))
-    with pytest.raises(InputError, match="sigma_r: a measuring uncertainty of zero cannot be; leave the column out"):
+    with pytest.raises(
+        InputError, match="sigma_r: the measuring uncertainty is 0, expected above 0; remove the column"
+    ):
         compare_with_measured(ROBOT, zero, PARAMETERS)
-    with pytest.raises(InputError, match="has no joint columns for the robot to be commanded by"):
+    with pytest.raises(InputError, match="has no joint columns: the comparison needs the joint values"):
         compare_with_measured(ROBOT, dataclasses.replace(data, q=None), PARAMETERS)
-    with pytest.raises(InputError, match="has no poses to compare the prediction with"):
+    with pytest.raises(InputError, match="has no poses to compare with the prediction"):
         compare_with_measured(ROBOT, data.subset(np.arange(0)), PARAMETERS)
-    with pytest.raises(UsageError, match="the measuring noise is a standard deviation above zero"):
+    with pytest.raises(UsageError, match="`noise` is a standard deviation above 0"):
         compare_with_measured(ROBOT, data, PARAMETERS, noise=(0.0, None))
-    with pytest.raises(UsageError, match=r"the confidence is a probability of at least 0.5 and below 1, not 1"):
+    with pytest.raises(UsageError, match=r"the confidence must be at least 0.5 and less than 1, not 1"):
         compare_with_measured(ROBOT, data, PARAMETERS, confidence=1.0)
 
 
 def test_frames_that_do_not_agree_are_noticed() -> None:
     data = simulated(0)
     moved = dataclasses.replace(data, position=data.position + 0.2)
-    found = compare_with_measured(ROBOT, moved, PARAMETERS)
-    assert found.hint == "errors this large come from frames that do not agree; try --align base_frame,tool_frame"
-    aligned = compare_with_measured(ROBOT, moved, PARAMETERS, what=("base_frame",))
+    result = compare_with_measured(ROBOT, moved, PARAMETERS)
+    assert result.hint == 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
+    aligned = compare_with_measured(ROBOT, moved, PARAMETERS, align=("base_frame",))
     assert aligned.hint is None
     assert compare_with_measured(ROBOT, data, PARAMETERS).hint is None
-    wrong = compare_with_measured(ROBOT, dataclasses.replace(data, q=-data.q), PARAMETERS, what=("base_frame",))
+    wrong = compare_with_measured(ROBOT, dataclasses.replace(data, q=-data.q), PARAMETERS, align=("base_frame",))
     assert wrong.hint is not None
     assert wrong.hint.startswith("errors this large come from units, joint signs")
 
 
 def test_few_poses() -> None:
     few = compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS)
-    assert "Of 12 measured numbers 12 speak of the parameters" in few.one_draw
-    assert few.one_draw.endswith("; more poses would show more")
+    assert "Of 12 measured numbers, 12 depend on the parameters" in few.one_draw
+    assert few.one_draw.endswith("; more poses would improve it")
     assert few.consistency.noise is None
-    with pytest.raises(InputError, match="an alignment of 2 poses leaves nothing to compare; measure more poses"):
-        compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS, what=("base_frame", "tool_frame"))
+    with pytest.raises(InputError, match="fitting frames to 2 poses leaves no errors to compare; measure more poses"):
+        compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS, align=("base_frame", "tool_frame"))

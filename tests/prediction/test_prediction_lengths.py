@@ -21,12 +21,12 @@ SHAPES = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0.1, 1e-3], [4e-8, 1e-8,
 
 @pytest.mark.parametrize("probability", [0.5, 0.95, 0.999])
 def test_quantiles_agree_with_the_exact_integral(probability: float) -> None:
-    found = length_quantiles(probability, SHAPES)
+    quantiles = length_quantiles(probability, SHAPES)
     exact = [length_quantile(probability, np.zeros(3), v) for v in SHAPES.T]
     # What the path's twelve nodes are good for; in a far tail a probability of 1e-10 counts for more.
-    np.testing.assert_allclose(found, exact, rtol=1e-8)
+    np.testing.assert_allclose(quantiles, exact, rtol=1e-8)
     chi = [np.sqrt(stats.chi2.ppf(probability, k)) for k in (1, 2, 3)]
-    np.testing.assert_allclose(found[:3], chi, rtol=1e-8)
+    np.testing.assert_allclose(quantiles[:3], chi, rtol=1e-8)
 
 
 def test_probabilities_agree_with_the_exact_integral() -> None:
@@ -47,8 +47,8 @@ def test_no_scatter_has_no_length() -> None:
 def test_mixture_quantile_solves_the_mixture() -> None:
     variances = np.random.default_rng(0).exponential(1e-8, (3, 6000)) + 1e-12
     radius = mixture_quantile(0.95, variances)
-    some = variances[:, ::100]
-    exact = [length_probability(mixture_quantile(0.95, some), np.zeros(3), v) for v in some.T]
+    subset = variances[:, ::100]
+    exact = [length_probability(mixture_quantile(0.95, subset), np.zeros(3), v) for v in subset.T]
     assert np.mean(exact) == pytest.approx(0.95, abs=1e-9)
     assert np.mean(length_probabilities(radius, variances)) == pytest.approx(0.95, abs=1e-9)
 

@@ -45,8 +45,8 @@ def complaint(text: str, robot: Robot = DH) -> str:
 
 
 def test_the_files_go_before_the_robots_own_parameter_by_parameter() -> None:
-    found = read("all: {theta: 0.1, d: 0.2}\njoints:\n  slide: {d: 0.5}\nbase: {yaw: 0.3}\ntool: {z: 1}\n")
-    assert {name: parameter.sd for name, parameter in found.items()} == pytest.approx(
+    parameters = read("all: {theta: 0.1, d: 0.2}\njoints:\n  slide: {d: 0.5}\nbase: {yaw: 0.3}\ntool: {z: 1}\n")
+    assert {name: parameter.sd for name, parameter in parameters.items()} == pytest.approx(
         {
             "base.x": 5e-4,
             "base.yaw": math.radians(0.3),
@@ -58,8 +58,8 @@ def test_the_files_go_before_the_robots_own_parameter_by_parameter() -> None:
             "tool.z": 1e-3,
         }
     )
-    assert found["base.x"].joint is None
-    assert (found["slide.d"].joint, found["slide.d"].kind, found["slide.d"].unit) == ("slide", "d", "m")
+    assert parameters["base.x"].joint is None
+    assert (parameters["slide.d"].joint, parameters["slide.d"].kind, parameters["slide.d"].unit) == ("slide", "d", "m")
 
 
 def test_a_zero_says_that_a_parameter_is_exact() -> None:
@@ -79,14 +79,16 @@ def test_a_zero_says_that_a_parameter_is_exact() -> None:
 def test_how_a_tolerance_becomes_a_standard_deviation(text: str, divisor: float, meaning: str) -> None:
     content = UNITS + text + "all: {d: 0.3}"
     tolerances = parse_tolerances(content, "t.yaml", BARE)
-    assert tolerances.every["d"] == pytest.approx(3e-4 / divisor)
+    assert tolerances.moving_joints["d"] == pytest.approx(3e-4 / divisor)
     assert tolerances.meaning == meaning
 
 
 def test_a_urdf_has_tolerances_per_coordinate_of_its_origins() -> None:
-    found = read("all: {x: 0.1, yaw: 0.2}\njoints: {mount: {z: 1}, lift: {offset: 0.5}, turn: {offset: 0.5}}", URDF)
+    parameters = read(
+        "all: {x: 0.1, yaw: 0.2}\njoints: {mount: {z: 1}, lift: {offset: 0.5}, turn: {offset: 0.5}}", URDF
+    )
     # "all" is of moving joints: a fixed one often only names a frame.
-    assert {name: parameter.sd for name, parameter in found.items()} == pytest.approx(
+    assert {name: parameter.sd for name, parameter in parameters.items()} == pytest.approx(
         {
             "mount.z": 1e-3,
             "lift.x": 1e-4,
@@ -97,8 +99,8 @@ def test_a_urdf_has_tolerances_per_coordinate_of_its_origins() -> None:
             "turn.offset": math.radians(0.5),
         }
     )
-    assert {parameter.component for parameter in found.values()} == {"offset", "origin_length", "origin_angle"}
-    assert found["lift.offset"].unit == "m"
+    assert {parameter.component for parameter in parameters.values()} == {"offset", "origin_length", "origin_angle"}
+    assert parameters["lift.offset"].unit == "m"
 
 
 def test_no_tolerance_at_all_is_an_error_that_shows_how_to_give_them() -> None:
@@ -119,7 +121,7 @@ def test_no_tolerance_at_all_is_an_error_that_shows_how_to_give_them() -> None:
         ("units: {length: mm}\nall: {d: 1}", "t.yaml:1, units.angle: is missing"),
         ("units: {length: inch, angle: deg}\nall: {d: 1}", "t.yaml:1, units.length: expected m or mm, found 'inch'"),
         (UNITS, "t.yaml: no tolerance is given; add all, joints, base or tool"),
-        (UNITS + "all: {d: -1}", "t.yaml:2, all.d: a tolerance is not negative, found '-1'"),
+        (UNITS + "all: {d: -1}", "t.yaml:2, all.d: a tolerance cannot be negative, found '-1'"),
         (UNITS + "all: {depth: 1}", "t.yaml:2, all.depth: unknown key"),
         (UNITS + "all: {x: 1}", "t.yaml:2, all.x: unknown key"),
         (UNITS + "joints: {j1: {d: wide}}", "t.yaml:2, joints.j1.d: expected a number, found 'wide'"),
@@ -129,7 +131,7 @@ def test_no_tolerance_at_all_is_an_error_that_shows_how_to_give_them() -> None:
         (UNITS + "distribution: flat\nall: {d: 1}", "expected normal or uniform or limits, found 'flat'"),
         (
             UNITS + "coverage: 2\nall: {d: 1}",
-            "t.yaml:2, coverage: says what limits stand for; write distribution: limi",
+            "t.yaml:2, coverage: applies only to limits; write distribution: limits",
         ),
         (
             UNITS + "distribution: limits\ncoverage: 0\nall: {d: 1}",
@@ -143,9 +145,9 @@ def test_complaints(text: str, message: str) -> None:
 
 def test_all_cannot_give_one_offset_to_turns_and_slides() -> None:
     text = complaint(UNITS + "all: {offset: 1}", URDF)
-    assert "t.yaml:2, all.offset: offset is an angle of revolute joints and a length of prismatic ones" in text
+    assert "t.yaml:2, all.offset: offset is an angle of revolute joints and a length of prismatic joints" in text
 
 
-def test_every_problem_is_told_at_once() -> None:
+def test_all_problems_are_reported_at_once() -> None:
     text = complaint(UNITS + "all: {d: -1}\njoints: {j9: {d: 1}}\nbase: {w: 1}\n")
     assert len(text.splitlines()) == 3

@@ -1,4 +1,4 @@
-"""An arm ready to be computed with: its description and its chain side by side, and names looked up in both."""
+"""Arm for computations: its description, its chain, and lookups by joint name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from robacc.robots.description import LENGTH_PARAMETERS, Joint, Robot, Vector
 
 @dataclass(frozen=True)
 class Arm:
-    """A robot and the chain built from it. Joint variables are numbered from 0 in chain order."""
+    """Robot and the chain built from it. Joint variables are numbered from 0 in chain order."""
 
     robot: Robot
     chain: Chain
@@ -33,15 +33,15 @@ class Arm:
 
     @cached_property
     def owners(self) -> tuple[int, ...]:
-        """For each joint variable, the index of its joint in the robot's list (fixed and mimic joints count there)."""
+        """Index of each joint variable's joint in the robot's list, which also has fixed and mimic joints."""
         position = {joint.name: i for i, joint in enumerate(self.robot.joints)}
         return tuple(position[name] for name in self.names)
 
     def number(self, name: str) -> int:
-        """Number of the joint variable called ``name``.
+        """Return the number of the joint variable called ``name``.
 
         Raises:
-            UsageError: there is none; the message lists those there are.
+            UsageError: No variable has this name; the message lists the names.
         """
         try:
             return self.names.index(name)
@@ -49,34 +49,34 @@ class Arm:
             raise UsageError(f"no joint {name!r}; this arm has {', '.join(self.names)}") from None
 
     def joint(self, name: str) -> Joint:
-        """The joint of a variable."""
+        """Return the joint of a variable."""
         return self.robot.joints[self.owners[self.number(name)]]
 
     def is_revolute(self, name: str) -> bool:
-        """Whether the joint turns."""
+        """Return whether the joint is revolute."""
         return self.joint(name).type == "revolute"
 
     def axis_motion(self, name: str) -> int:
-        """The motion that the joint's variable drives."""
+        """Return the index of the motion that the joint's variable drives."""
         return self.chain.joint_axis[self.number(name)]
 
     def motion(self, name: str, label: str) -> int:
-        """The motion ``label`` of the joint's row."""
+        """Return the index of the motion ``label`` of the joint's row."""
         return self.chain.index(self.owners[self.number(name)], label)
 
     @cached_property
     def lengths(self) -> tuple[int, ...]:
-        """Motions that are lengths of the arm's structure: every d and a, or every coordinate of a URDF's origins."""
+        """Motions that are lengths of the arm: every d and a, or every coordinate of a URDF's origins."""
         return tuple(k for k, m in enumerate(self.chain.motions) if m.owner >= 0 and m.label in LENGTH_PARAMETERS)
 
     @cached_property
     def flange(self) -> int:
-        """Number of motions before the tool: the last link's frame stands after them."""
+        """Number of motions before the tool, which end at the last link's frame."""
         return next(k for k, motion in enumerate(self.chain.motions) if motion.owner == TOOL)
 
     @cached_property
     def payload_com(self) -> Vector:
-        """Where a payload sits in the last link's frame, m: as the file says, else at the tool."""
+        """Payload's centre of mass in the last link's frame, m: from the file, else at the tool."""
         if self.robot.payload_com is not None:
             return self.robot.payload_com
         if self.robot.targets:
@@ -86,21 +86,20 @@ class Arm:
 
 
 def skeleton(arm: Arm, q: Array) -> Array:
-    """``(3, P)`` corners of the line from the base to the tool at joint variables ``q`` ``(J,)``, measuring frame, m.
+    """Return corners ``(3, P)`` of the line from base to tool at joint variables ``q`` ``(J,)``, measuring frame, m.
 
-    Every translation of the chain is one straight piece, so the shoulder and elbow of a DH table are seen where the
-    table has them.
+    Every translation of the chain is a straight piece, so the corners include the shoulder and elbow of a DH table.
     """
     counts = list(range(len(arm.chain.motions) + 1))
     frames = arm.chain.sweep(arm.chain.scalars(q[:, None]), 1, (), counts).frames
     points = np.concatenate([frame.translation for frame in frames], axis=1)
-    moved = np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)
-    return points[:, np.concatenate(([True], moved))]
+    is_new = np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)
+    return points[:, np.concatenate(([True], is_new))]
 
 
 def typical_pose(q: Array) -> int:
-    """The pose nearest to the middle of all poses ``(J, N)``, each joint counted by its own spread."""
-    middle = np.median(q, axis=1, keepdims=True)
-    spread = np.ptp(q, axis=1, keepdims=True)
-    spread[spread == 0] = 1.0
-    return int(np.argmin(np.sum(np.square((q - middle) / spread), axis=0)))
+    """Return the index of the pose nearest to the median of all poses ``(J, N)``, each joint scaled by its range."""
+    median = np.median(q, axis=1, keepdims=True)
+    ranges = np.ptp(q, axis=1, keepdims=True)
+    ranges[ranges == 0] = 1.0
+    return int(np.argmin(np.sum(np.square((q - median) / ranges), axis=0)))

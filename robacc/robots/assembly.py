@@ -1,4 +1,4 @@
-"""From a robot's description to its chain of elementary motions."""
+"""Build the chain of elementary motions of a robot's description."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _AXIS_OF = {
 _LENGTHS = frozenset({"x", "y", "z", "d", "a"})
 
 TURNS = ("turn_x", "turn_y", "turn_z")
-"""Zero-valued rotations after the base's and the tool's own: corrections without gimbal lock."""
+"""Zero-valued rotations after those of the base and the tool: corrections without gimbal lock."""
 FLEXURES = ("flex_x", "flex_y")
-"""Zero-valued rotations across each joint's axis, in front of it: where a bearing bends."""
+"""Zero-valued rotations across each joint's axis, in front of it: the bending of a bearing."""
 
 
 def build_chain(robot: Robot) -> Chain:
-    """The arm as elementary motions: base, joints in order, tool.
+    """Return the arm as elementary motions: base, joints in order, tool.
 
     Every joint gets two flexures in front of its axis. Joint variables drive the axis with the joint's sign; a mimic
     joint is driven by its master's variable.
@@ -65,7 +65,7 @@ def build_chain(robot: Robot) -> Chain:
 
 
 def variable_label(joint: Joint) -> str:
-    """Label of the motion that a joint's variable drives."""
+    """Return the label of the motion that a joint's variable drives."""
     if "offset" in joint.parameters:
         return "offset"
     return "theta" if joint.type == "revolute" else "d"
@@ -99,10 +99,10 @@ def _joint_motions(joint: Joint, owner: int, convention: str) -> Iterable[Motion
     kind = "rotation" if joint.type == "revolute" else "translation"
     offset = values.get("offset", 0.0) + (joint.sign * joint.mimic.offset if joint.mimic else 0.0)
     yaw, pitch = _align_z(joint.axis)
-    # Rz(yaw) Ry(pitch) carries z onto the axis; what never varies has no label.
-    there = [Motion("rotation", 2, yaw, owner, ""), Motion("rotation", 1, pitch, owner, "")]
+    # Rz(yaw) Ry(pitch) turns z onto the axis; a motion that never varies has no label.
+    forth = [Motion("rotation", 2, yaw, owner, ""), Motion("rotation", 1, pitch, owner, "")]
     back = [Motion("rotation", 1, -pitch, owner, ""), Motion("rotation", 2, -yaw, owner, "")]
-    return [*origin, *there, *table(*FLEXURES), Motion(kind, 2, offset, owner, "offset"), *back]  # type: ignore[arg-type]
+    return [*origin, *forth, *table(*FLEXURES), Motion(kind, 2, offset, owner, "offset"), *back]  # type: ignore[arg-type]
 
 
 def _align_z(axis: Iterable[float]) -> tuple[float, float]:

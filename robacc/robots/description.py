@@ -1,4 +1,4 @@
-"""What a robot file or a URDF says of an arm: a plain, frozen record in SI units, before it becomes a chain."""
+"""Robot description of a robot file or URDF: a plain, frozen record in SI units."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 STANDARD_GRAVITY: Vector = (0.0, 0.0, -9.81)
 
 DH_PARAMETERS = ("theta", "d", "a", "alpha", "beta")
-"""``beta`` is Hayati's rotation about y, zero in a plain table; it is where near-parallel axes lean."""
+"""``beta`` is Hayati's rotation about y, zero in a plain table; it tilts nearly parallel axes."""
 ORIGIN_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw", "offset")
-"""A URDF joint: its origin, and the offset added to its variable."""
+"""Parameters of a URDF joint: its origin, and the offset added to its variable."""
 LENGTH_PARAMETERS = frozenset({"d", "a", "x", "y", "z"})
 MAX_JOINTS = 100
-"""Of one chain: three times what a snake arm has; the work of a search for effects grows with their square."""
+"""Joints of one chain: three times a snake arm's; the work of a search for effects grows with their square."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A fixed transform ``T(xyz) Rz(yaw) Ry(pitch) Rx(roll)``, m and rad."""
+    """Fixed transform ``T(xyz) Rz(yaw) Ry(pitch) Rx(roll)``, m and rad."""
 
     xyz: Vector = ZERO
     rpy: Vector = ZERO
@@ -32,7 +32,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint that follows another: ``q = multiplier * q_master + offset``."""
+    """Rule of a joint that follows another: ``q = multiplier * q_master + offset``."""
 
     master: str
     multiplier: float = 1.0
@@ -41,12 +41,12 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One joint and the link it moves, in the robot's convention."""
+    """Joint and the link it moves, in the robot's convention."""
 
     name: str
     type: JointType
     parameters: Mapping[str, float]
-    """Every name of :data:`DH_PARAMETERS`, or of :data:`ORIGIN_PARAMETERS` for a URDF's joint; m and rad."""
+    """Values of :data:`DH_PARAMETERS`, or of :data:`ORIGIN_PARAMETERS` for a URDF's joint; m and rad."""
     axis: Vector = (0.0, 0.0, 1.0)
     """Unit vector in the joint's frame; other than z only in a URDF's joint."""
     limits: tuple[float, float] | None = None
@@ -55,19 +55,19 @@ class Joint:
     mass: float | None = None
     com: Vector | None = None
     tolerance: Mapping[str, float] = field(default_factory=dict)
-    """One standard deviation for some of ``parameters``, m and rad."""
+    """Standard deviation of each parameter with a tolerance, m and rad."""
     mimic: Mimic | None = None
     link: str | None = None
-    """Name of the link that this joint moves, where the description has one."""
+    """Name of the link that this joint moves; None where the description has no name."""
 
     @property
     def is_variable(self) -> bool:
-        """Whether the joint has a variable of its own (a column ``q_i``)."""
+        """Whether the joint has a variable (a column ``q_i``)."""
         return self.type != "fixed" and self.mimic is None
 
     @property
     def offset_parameter(self) -> str:
-        """The parameter that is added to the joint's variable."""
+        """Name of the parameter that is added to the joint's variable."""
         if "offset" in self.parameters:
             return "offset"
         return "theta" if self.type == "revolute" else "d"
@@ -75,47 +75,47 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """An arm as its file describes it."""
+    """Arm as its file describes it."""
 
     name: str
     convention: Convention
     joints: tuple[Joint, ...]
     base: Frame = Frame()
-    """Measuring frame to robot base."""
+    """Transform from the measuring frame to the robot base."""
     tool: Frame = Frame()
-    """Last link's frame to the measured target."""
+    """Transform from the last link's frame to the measured target."""
     gravity: Vector = STANDARD_GRAVITY
     """m/s^2 in the measuring frame."""
     payload_com: Vector | None = None
-    """In the last link's frame; None: at the tool."""
+    """Payload's centre of mass in the last link's frame, m; None: at the tool."""
     targets: Mapping[str, Frame] = field(default_factory=dict)
     effects: tuple[Mapping[str, Any], ...] = ()
-    """Entries of the file's ``effects:`` as they stand; :mod:`robacc.effects` reads them."""
+    """Entries of the file's ``effects:``, unchanged; :mod:`robacc.effects` reads them."""
     effect_units: tuple[float, float] = (1.0, 1.0)
-    """The unit of length in m and of angle in rad that the numbers in ``effects`` are in."""
+    """Units of the numbers in ``effects``: of length in m, of angle in rad."""
     base_tolerance: Mapping[str, float] = field(default_factory=dict)
     tool_tolerance: Mapping[str, float] = field(default_factory=dict)
     base_link: str | None = None
     tip_link: str | None = None
     fitted_to: tuple[str, ...] = ()
-    """SHA-256 of each file of poses that its numbers were fitted to."""
+    """SHA-256 of each pose file that the robot's numbers were fitted to."""
 
     @property
     def variables(self) -> tuple[Joint, ...]:
-        """The joints that have a variable, in chain order: joint i is ``q_i`` of the poses."""
+        """Joints that have a variable, in chain order: joint i is ``q_i`` of the poses."""
         return tuple(joint for joint in self.joints if joint.is_variable)
 
     @property
     def variable_names(self) -> tuple[str, ...]:
-        """Their names."""
+        """Names of the joints that have a variable."""
         return tuple(joint.name for joint in self.variables)
 
     @property
     def has_masses(self) -> bool:
-        """Whether the weight that loads the joints is known (every moved link from the first mass on has one)."""
+        """Whether the weight that loads the joints is known (every moved link from the first mass on has a mass)."""
         return any(joint.mass for joint in self.joints)
 
 
 def effect_key(i: int) -> str:
-    """The dotted key of an entry of the file's ``effects:``, for messages."""
+    """Return the dotted key of an entry of the file's ``effects:``, for messages."""
     return f"effects[{i}]"

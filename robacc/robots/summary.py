@@ -1,4 +1,4 @@
-"""What can be said of an arm without measuring it: how far it reaches, what it weighs."""
+"""Summary of an arm without measurements: its reach and its moved mass."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from robacc.robots.assembly import build_chain
 from robacc.robots.description import Frame, Joint, Robot
 
 SAMPLES = 8192
-"""Joint configurations that the reach is looked for in, before the best is refined."""
+"""Joint configurations searched for the reach, before the best is refined."""
 _STEPS = 65
-"""Places tried along each joint's range in one step of the refinement."""
+"""Positions tried along each joint's range in a step of the refinement."""
 _ROUNDS = 4
 
 
@@ -25,26 +25,26 @@ class Reach:
     """Greatest distance of a target from the robot's base, m."""
 
     sampled: float | None
-    """Largest found within the joint limits: the reach or a little less. None where a slide has no limits."""
+    """Largest distance of the samples: the reach or slightly less. None where a prismatic joint has no limits."""
     bound: float | None
-    """Sum of the lengths: the reach or more. None where a slide has no limits."""
+    """Sum of the lengths: the reach or more. None where a prismatic joint has no limits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A robot and the figures that follow from it."""
+    """Robot and the figures that follow from it."""
 
     robot: Robot
     reach: Mapping[str, Reach]
-    """By target; the one target of a robot that names none is ``tool``."""
+    """Reach of each target; a robot without named targets has the target ``tool``."""
     moved_mass: float | None
-    """kg, of all links that have a mass; None where none has."""
+    """Mass of all links that have a mass, kg; None where no link has a mass."""
     coefficients: tuple[tuple[str, float, str], ...] = ()
     """Name, value and unit of each coefficient of the effects that the file lists; SI."""
 
 
 def summarise(robot: Robot, coefficients: tuple[tuple[str, float, str], ...] = ()) -> Summary:
-    """Reach and masses of a robot; ``coefficients`` are those of its effects, as who knows effects reads them."""
+    """Return the reach and masses of a robot; ``coefficients`` are those of its effects."""
     targets = dict(robot.targets) or {"tool": robot.tool}
     masses = [joint.mass for joint in robot.joints if joint.mass is not None]
     reach = {name: find_reach(robot, frame) for name, frame in targets.items()}
@@ -52,10 +52,10 @@ def summarise(robot: Robot, coefficients: tuple[tuple[str, float, str], ...] = (
 
 
 def find_reach(robot: Robot, target: Frame, samples: int = SAMPLES) -> Reach:
-    """Reach of a target from the base's origin within the joint limits (a turn for a joint without).
+    """Return the reach of a target from the base's origin within the joint limits (one turn for a joint without).
 
-    Low-discrepancy samples, then the best of them improved one joint at a time. The bound adds up the lengths between
-    the axes, each slide at its longest.
+    The best of low-discrepancy samples is improved one joint at a time. The bound adds up the lengths between the axes,
+    each prismatic joint at its longest.
     """
     chain = build_chain(replace(robot, base=Frame(), tool=target))
     ranges = [_range(joint) for joint in robot.variables]
@@ -68,14 +68,16 @@ def find_reach(robot: Robot, target: Frame, samples: int = SAMPLES) -> Reach:
     for _ in range(_ROUNDS):
         for i in range(len(ranges)):
             trial = np.repeat(best, _STEPS + 1, axis=1)
-            # The best so far stays among the trials, so a step never loses ground.
+            # The best so far stays among the trials, so a step never reduces the reach.
             trial[i, 1:] = np.linspace(low[i], high[i], _STEPS)
             best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
     return Reach(float(_distance(chain, best)[0]), _bound(chain, low, high))
 
 
 def low_discrepancy(dimensions: int, count: int) -> Array:
-    """``(dimensions, count)`` points that fill the unit cube evenly: multiples of the square roots of primes, modulo 1.
+    """Return points ``(dimensions, count)`` that fill the unit cube evenly.
+
+    They are multiples of the square roots of primes, modulo 1.
 
     Source: R. D. Richtmyer, "The evaluation of definite integrals, and a quasi-Monte-Carlo method based on the
     properties of algebraic numbers", Los Alamos report LA-1342, 1951.
@@ -91,7 +93,7 @@ def low_discrepancy(dimensions: int, count: int) -> Array:
 
 
 def robot_document(summary: Summary) -> dict[str, Any]:
-    """The keys of ``robacc.show/1``: m, rad, kg."""
+    """Return the document of ``robacc.show/1``: m, rad, kg."""
     robot = summary.robot
     return {
         "robot": {
@@ -151,15 +153,15 @@ def _distance(chain: Chain, q: Array) -> Array:
 
 
 def _bound(chain: Chain, low: Array, high: Array) -> float:
-    """Lengths between turns added up; what stands between two turns is one vector, its slides at their longest."""
+    """Return the sum of lengths between rotations; motions between two rotations are one vector at its longest."""
     travel: dict[int, list[float]] = {}
     for drive in chain.drives:
-        ends = (drive.coefficient * low[drive.joint], drive.coefficient * high[drive.joint])
-        travel[drive.motion] = [float(value) for value in ends]
+        limits = (drive.coefficient * low[drive.joint], drive.coefficient * high[drive.joint])
+        travel[drive.motion] = [float(value) for value in limits]
     total, run = 0.0, np.zeros(3)
     for k, motion in enumerate(chain.motions):
         if motion.kind == "translation":
-            run[motion.axis] += max(abs(motion.value + end) for end in travel.get(k, [0.0]))
+            run[motion.axis] += max(abs(motion.value + limit) for limit in travel.get(k, [0.0]))
         elif motion.value != 0.0 or k in travel:
             total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
     return total + float(np.hypot.reduce(run))

@@ -1,4 +1,4 @@
-"""URDF read into a :class:`~robacc.robots.description.Robot`: one serial chain of a tree of links."""
+"""Read a URDF into a :class:`~robacc.robots.description.Robot`: one serial chain of its tree of links."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
-from robacc.robots.urdf_sizes import complain_of_sizes
+from robacc.robots.urdf_sizes import check_sizes
 from robacc.robots.urdf_writer import robot_to_urdf
 from robacc.robots.urdf_xml import UrdfDocument, read_document
-from robacc.robots.yaml_units import limits_meant
+from robacc.robots.yaml_units import finite_limits
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -30,20 +30,20 @@ _TYPES: dict[str, JointType] = {
 _MIN_AXIS = 1e-9
 """An axis shorter than this has no direction."""
 _UNIT_AXIS = 1e-12
-"""An axis this near to unit length is left as it is written."""
+"""An axis this near to unit length keeps its written numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Tree:
-    """Links and joints of the file as yourdfpy reads them."""
+    """Links and joints of the file, as yourdfpy reads them."""
 
     document: UrdfDocument
     robot: Any
     """yourdfpy's Robot."""
     parent_joint: dict[str, Any]
-    """By link, the joint that moves it."""
+    """Joint that moves each link."""
     elements: dict[str, Element]
-    """By joint name, its element."""
+    """Element of each joint, by name."""
 
     @property
     def roots(self) -> list[str]:
@@ -51,13 +51,13 @@ class _Tree:
         return [link.name for link in self.robot.links if link.name not in self.parent_joint]
 
     def leaves(self, base: str) -> list[str]:
-        """Links behind ``base`` that carry no further one."""
+        """Return the links behind ``base`` that no joint follows."""
         parents = {joint.parent for joint in self.robot.joints}
-        ends = [link.name for link in self.robot.links if link.name not in parents]
-        return [name for name in ends if name != base and self.path(base, name) is not None]
+        leaves = [link.name for link in self.robot.links if link.name not in parents]
+        return [name for name in leaves if name != base and self.path(base, name) is not None]
 
     def path(self, base: str, tip: str) -> list[Any] | None:
-        """The joints from ``base`` to ``tip`` in order; None where ``tip`` is not behind ``base``."""
+        """Return the joints from ``base`` to ``tip`` in order; None where ``tip`` is not behind ``base``."""
         path: list[Any] = []
         link = tip
         while link != base:
@@ -71,18 +71,18 @@ class _Tree:
 
 
 def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str | None = None) -> Robot:
-    """One serial chain of a URDF. No mesh and no other file is opened.
+    """Return one serial chain of a URDF, without opening a mesh or any other file.
 
     Args:
         text: The URDF.
         file: Its name, for messages.
         base_link: Link that the chain starts at; default: the root.
-        tip_link: Link that it ends at; default: the leaf with the most moving joints before it, then with the most
-            joints, where there is just one such leaf.
+        tip_link: Link that the chain ends at; default: the only leaf with the most moving joints before it, then with
+            the most joints.
 
     Raises:
-        InputError: The URDF is wrong, or its chain is not a serial one, or which is wanted is not clear.
-        UsageError: ``base_link`` or ``tip_link`` is not a link of it, or the one is not behind the other.
+        InputError: The URDF has a problem, its chain is not serial, or the choice of a chain is ambiguous.
+        UsageError: ``base_link`` or ``tip_link`` is not a link of the URDF, or the tip is not behind the base.
     """
     document = read_document(text, file)
     tree = _read_tree(document)
@@ -93,9 +93,9 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
         raise UsageError(f"{file}: link {tip!r} is not behind link {base!r}")
     if len(path) > MAX_JOINTS:
         message = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
-        raise InputError(Problem(message, file, fix="choose a shorter chain with --base-link and --tip-link"))
+        raise InputError(Problem(message, file, fix="choose a shorter chain with `base_link` and `tip_link`"))
     joints = [_read_joint(tree, joint) for joint in path]
-    complain_of_sizes(document, tree.elements, joints)
+    check_sizes(document, tree.elements, joints)
     document.finish()
     joints = _resolve_mimics(tree, joints)
     if not any(joint.is_variable for joint in joints):
@@ -118,9 +118,9 @@ def _read_tree(document: UrdfDocument) -> _Tree:
     links = {link.name for link in model.robot.links}
     parent_joint: dict[str, Any] = {}
     for joint in model.robot.joints:
-        for end, link in (("parent", joint.parent), ("child", joint.child)):
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                document.report(elements[joint.name], joint.name, f"its {end} link {link!r} does not exist")
+                document.report(elements[joint.name], joint.name, f"its {role} link {link!r} does not exist")
         if joint.child in parent_joint:
             message = f"moves the link {joint.child!r}, as {parent_joint[joint.child].name!r} does: not a serial chain"
             document.report(elements[joint.name], joint.name, message)
@@ -131,55 +131,59 @@ def _read_tree(document: UrdfDocument) -> _Tree:
 
 def _choose_base(tree: _Tree, base_link: str | None) -> str:
     if base_link is not None:
-        return _known_link(tree, base_link, "--base-link")
+        return _known_link(tree, base_link, "`base_link`")
     roots = tree.roots
     if len(roots) == 1:
         return roots[0]
     if not roots:
-        message = "the joints form a circle: there is no link to start from" if tree.parent_joint else "has no links"
+        message = (
+            "the joints form a loop: there is no link to start from" if tree.parent_joint else "the file has no links"
+        )
         raise InputError(Problem(message, tree.document.file))
-    message = f"{len(roots)} links could be the base: {_some(roots)}"
-    raise InputError(Problem(message, tree.document.file, fix="choose one with --base-link"))
+    message = f"{len(roots)} links could be the base: {_listing(roots)}"
+    raise InputError(Problem(message, tree.document.file, fix="choose one with `base_link`"))
 
 
 def _choose_tip(tree: _Tree, base: str, tip_link: str | None) -> str:
     if tip_link is not None:
-        return _known_link(tree, tip_link, "--tip-link")
+        return _known_link(tree, tip_link, "`tip_link`")
     ranks: dict[tuple[int, int], list[str]] = {}
     for leaf in tree.leaves(base):
         path = tree.path(base, leaf) or []
         moving = sum(joint.type != "fixed" and joint.mimic is None for joint in path)
         ranks.setdefault((moving, len(path)), []).append(leaf)
     if not ranks:
-        raise InputError(Problem(f"no joint stands behind the link {base!r}", tree.document.file))
+        raise InputError(Problem(f"no joint follows the link {base!r}", tree.document.file))
     best = ranks[max(ranks)]
     if len(best) == 1:
         return best[0]
     leaves = [leaf for rank in sorted(ranks, reverse=True) for leaf in ranks[rank]]
-    message = f"{len(best)} chains are equally long; the tree ends at {_some(leaves)}"
-    raise InputError(Problem(message, tree.document.file, fix="choose one with --tip-link"))
+    message = f"{len(best)} chains are equally long; the tree ends at {_listing(leaves)}"
+    raise InputError(Problem(message, tree.document.file, fix="choose one with `tip_link`"))
 
 
-def _known_link(tree: _Tree, name: str, option: str) -> str:
+def _known_link(tree: _Tree, name: str, parameter: str) -> str:
     names = [link.name for link in tree.robot.links]
     if name in names:
         return name
-    near = difflib.get_close_matches(name, names, 3, 0.5) or names
-    raise UsageError(f"{option}: {tree.document.file} has no link {name!r}; it has {_some(near)}")
+    suggestions = difflib.get_close_matches(name, names, 3, 0.5) or names
+    raise UsageError(f"{parameter}: {tree.document.file} has no link {name!r}; it has {_listing(suggestions)}")
 
 
-def _some(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:12])
-    return f"{shown} and {len(names) - 12} more" if len(names) > 12 else shown
+def _listing(names: Sequence[str]) -> str:
+    text = ", ".join(names[:12])
+    return f"{text} and {len(names) - 12} more" if len(names) > 12 else text
 
 
 def _read_joint(tree: _Tree, joint: Any) -> Joint:
     document, element = tree.document, tree.elements[joint.name]
     kind = _TYPES.get(joint.type)
     if kind is None:
-        known = f"a {joint.type} joint is not one of a serial chain"
-        message = known if joint.type in ("floating", "planar") else f"unknown joint type {joint.type!r}"
-        fix = "choose a chain without it with --base-link and --tip-link"
+        known = joint.type in ("floating", "planar")
+        message = (
+            f"a {joint.type} joint cannot be part of a serial chain" if known else f"unknown joint type {joint.type!r}"
+        )
+        fix = "choose a chain without it with `base_link` and `tip_link`"
         document.report(element, joint.name, message, fix)
     mass, com = _read_inertial(tree, joint.child)
     return Joint(
@@ -196,8 +200,8 @@ def _read_joint(tree: _Tree, joint: Any) -> Joint:
 
 
 def _read_origin(element: Element) -> dict[str, float]:
-    # From the attributes themselves: yourdfpy keeps an origin as a matrix only, and near a pitch of 90 degrees the
-    # roll and yaw drawn from it lose most of their digits.
+    # From the attributes: yourdfpy stores an origin as a matrix only, and near a pitch of 90 degrees the roll and yaw
+    # computed from it lose most of their digits.
     origin = element.find("origin")
     values = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
     if origin is not None:
@@ -219,19 +223,19 @@ def _read_limits(document: UrdfDocument, element: Element, joint: Any) -> tuple[
     limit = joint.limit
     if limit is None or (limit.lower is None and limit.upper is None):
         return None
-    # The format's default for one that is missing beside the other is zero.
+    # Where one limit is missing, the format's default for it is zero.
     lower, upper = (0.0 if value is None else float(value) for value in (limit.lower, limit.upper))
     if math.isinf(lower) and math.isinf(upper):
         return None
     if math.isinf(lower) or math.isinf(upper):
         document.report(element, joint.name, f"one limit is infinite, the other is not ({lower:g}, {upper:g})")
     elif lower > upper:
-        document.report(element, joint.name, f"the lower limit {lower:g} is above the upper one {upper:g}")
+        document.report(element, joint.name, f"the lower limit {lower:g} is above the upper limit {upper:g}")
     elif joint.type in ("revolute", "prismatic"):
-        meant, problem = limits_meant(joint.type, (lower, upper))
+        limits, problem = finite_limits(joint.type, (lower, upper))
         if problem is not None:
-            document.report(element, joint.name, problem, "make them infinite where there are none")
-        return meant
+            document.report(element, joint.name, problem, "make them infinite for a joint without limits")
+        return limits
     return lower, upper
 
 
@@ -249,11 +253,11 @@ def _read_inertial(tree: _Tree, link_name: str) -> tuple[float | None, Vector | 
 
 
 def _resolve_mimics(tree: _Tree, joints: Sequence[Joint]) -> list[Joint]:
-    """Every mimic made to follow, directly, a joint that moves by itself."""
+    """Return the joints with every mimic made to follow, directly, a joint that moves by itself."""
     by_name = {joint.name: joint for joint in joints}
     resolved = []
     for joint in joints:
-        mimic, seen = joint.mimic, {joint.name}
+        mimic, visited = joint.mimic, {joint.name}
         while mimic is not None:
             master = by_name.get(mimic.master)
             problem = None
@@ -261,18 +265,18 @@ def _resolve_mimics(tree: _Tree, joints: Sequence[Joint]) -> list[Joint]:
                 problem = "which is not in the chain"
             elif master.type == "fixed":
                 problem = "which is fixed"
-            elif master.name in seen:
-                problem = "and that one it: none of them moves by itself"
+            elif master.name in visited:
+                problem = "which follows it in turn: none of these joints moves by itself"
             if problem or master is None:
                 tree.document.report(tree.elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
                 break
-            seen.add(master.name)
+            visited.add(master.name)
             if master.mimic is None:
                 joint = replace(joint, mimic=mimic)
                 break
             # q = m1 (m2 q' + o2) + o1
-            onward = master.mimic
-            offset = mimic.multiplier * onward.offset + mimic.offset
-            mimic = Mimic(onward.master, mimic.multiplier * onward.multiplier, offset)
+            inner = master.mimic
+            offset = mimic.multiplier * inner.offset + mimic.offset
+            mimic = Mimic(inner.master, mimic.multiplier * inner.multiplier, offset)
         resolved.append(joint)
     return resolved

@@ -1,4 +1,4 @@
-"""Sizes in a URDF, which is in m and rad, that only make sense in mm or degrees."""
+"""Check a URDF, which is in m and rad, for sizes that only make sense in mm or degrees."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _LENGTH_FIX = "a URDF's lengths are in m"
 _ANGLE_FIX = "a URDF's angles are in rad"
 
 
-def complain_of_sizes(document: UrdfDocument, elements: Mapping[str, Element], joints: Sequence[Joint]) -> None:
-    """Complain of lengths and angles beyond reason, as of a robot file's.
+def check_sizes(document: UrdfDocument, elements: Mapping[str, Element], joints: Sequence[Joint]) -> None:
+    """Report lengths and angles that are too large for an arm.
 
     Args:
-        document: The file, which takes the complaints.
+        document: The URDF, which collects the problems.
         elements: Each joint's element, by its name.
-        joints: Those of the chain.
+        joints: Joints of the chain.
     """
     for joint in joints:
         element = elements[joint.name]
@@ -29,11 +29,11 @@ def complain_of_sizes(document: UrdfDocument, elements: Mapping[str, Element], j
             elif name not in LENGTH_PARAMETERS and abs(value) > TURN:
                 document.report(element, joint.name, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
         if joint.com is not None and max(map(abs, joint.com)) > MAX_LENGTH:
-            message = f"the centre of mass of its link lies {max(map(abs, joint.com)):g} m off, too far for an arm"
+            message = f"the centre of mass of its link is {max(map(abs, joint.com)):g} m away, too far for an arm"
             document.report(element, joint.name, message, _LENGTH_FIX)
         if joint.type == "prismatic" and joint.limits is not None:
             longest = max(map(abs, joint.limits))
             if TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
-                document.report(element, joint.name, f"a travel to {longest:g} m is too long for an arm", _LENGTH_FIX)
+                document.report(element, joint.name, f"a travel of {longest:g} m is too long for an arm", _LENGTH_FIX)
     if limits_likely_degrees(joints):
         document.report(None, "", "the limits of every joint are more than two turns", _ANGLE_FIX)

@@ -1,4 +1,4 @@
-"""A robot written as URDF, with a list of what a URDF cannot say."""
+"""Write a robot as URDF, with a list of the information that a URDF cannot carry."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ TOOL_LINK = "tool0"
 
 
 def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
-    """The robot as URDF, and a line for each thing of it that a URDF cannot carry.
+    """Return the robot as URDF, and a line for each piece of information that a URDF cannot carry.
 
-    A base frame other than zero becomes a fixed joint from a link :data:`MEASURING_FRAME`, a tool one to a link
-    :data:`TOOL_LINK`, each target one to a link of its name. The fixed part of a DH row behind its variable goes into
-    the next joint's origin, and the link's centre of mass with it. A joint whose sign is -1 has its axis turned round.
+    A base frame other than zero becomes a fixed joint from a link :data:`MEASURING_FRAME`, a tool frame one to a link
+    :data:`TOOL_LINK`, each target one to a link of its name. The fixed part of a DH row behind its
+    variable goes into the next joint's origin, and the link's centre of mass with it. A joint with sign -1 has its axis
+    reversed.
     """
     names = [name for joint in robot.joints for name in (joint.name, joint.link) if name]
     writer = _Writer(Element("robot", name=robot.name), {*names, robot.base_link or ""})
@@ -34,26 +35,26 @@ def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
 
 @dataclass(slots=True)
 class _Writer:
-    """The URDF written so far, and what is to come in front of the next joint."""
+    """URDF written so far, and the transform to put in front of the next joint."""
 
     root: Element
-    taken: set[str]
-    """Names that the robot itself uses; those that are made up here keep clear of them."""
+    used_names: set[str]
+    """Names of the robot and of the URDF so far, which new names must not repeat."""
     link: str = ""
-    """The last link written."""
+    """Name of the last link written."""
     tail: Poses = field(default_factory=Poses.identity)
-    """From that link's frame to the frame that the description has there."""
+    """Transform from that link's frame to the description's frame of the same link."""
 
-    def fresh(self, name: str) -> str:
-        """The name, with a number behind it where it is taken."""
+    def unused_name(self, name: str) -> str:
+        """Return the name, with a number behind it where the name is in use."""
         unique, number = name, 2
-        while unique in self.taken:
+        while unique in self.used_names:
             unique, number = f"{name}_{number}", number + 1
-        self.taken.add(unique)
+        self.used_names.add(unique)
         return unique
 
     def connect(self, name: str, kind: str, origin: Poses, child: str) -> tuple[Element, Element]:
-        """A joint and the link it moves, which is the last one from now on."""
+        """Add a joint and the link it moves, which becomes the last link."""
         link = SubElement(self.root, "link", name=child)
         joint = SubElement(self.root, "joint", name=name, type=kind)
         _add_origin(joint, origin)
@@ -63,27 +64,27 @@ class _Writer:
         return joint, link
 
     def place_base(self, robot: Robot) -> None:
-        """The root link, and the base where it does not stand at the root."""
-        name = robot.base_link or self.fresh("base_link")
+        """Add the root link, and the base where it is not at the root."""
+        name = robot.base_link or self.unused_name("base_link")
         if robot.base == Frame():
             self.link = SubElement(self.root, "link", name=name).get("name", "")
             return
-        self.link = self.fresh(MEASURING_FRAME)
+        self.link = self.unused_name(MEASURING_FRAME)
         SubElement(self.root, "link", name=self.link)
-        self.connect(self.fresh(f"{MEASURING_FRAME}_to_base"), "fixed", _frame(robot.base), name)
+        self.connect(self.unused_name(f"{MEASURING_FRAME}_to_base"), "fixed", _frame(robot.base), name)
 
     def place_joint(self, joint: Joint, convention: str) -> None:
-        """A joint of the robot, and its link with its mass."""
+        """Add a joint of the robot, and its link with its mass."""
         origin, tail = _parts(joint, convention)
         kind = "continuous" if joint.type == "revolute" and joint.limits is None else joint.type
         element, link = self.connect(
-            joint.name, kind, self.tail @ origin, joint.link or self.fresh(f"{joint.name}_link")
+            joint.name, kind, self.tail @ origin, joint.link or self.unused_name(f"{joint.name}_link")
         )
         if joint.type != "fixed":
             SubElement(element, "axis", xyz=_numbers(np.multiply(joint.axis, joint.sign)))
         if joint.limits is not None:
             lower, upper = (repr(float(limit)) for limit in joint.limits)
-            # The format wants effort and velocity; zero is what simulators take for unknown.
+            # The format requires effort and velocity; simulators read zero as unknown.
             SubElement(element, "limit", lower=lower, upper=upper, effort="0", velocity="0")
         if joint.mimic is not None:
             multiplier, offset = repr(float(joint.mimic.multiplier)), repr(float(joint.mimic.offset))
@@ -93,18 +94,18 @@ class _Writer:
         self.tail = tail
 
     def place_tools(self, robot: Robot) -> None:
-        """The tool or the targets, side by side on the last link."""
+        """Add the tool or the targets, side by side on the last link."""
         frames = dict(robot.targets) or {TOOL_LINK: robot.tool}
         if not robot.targets and robot.tool == Frame() and _is_identity(self.tail):
             return
         flange = self.link
         for name, frame in frames.items():
             self.link = flange
-            self.connect(self.fresh(f"to_{name}"), "fixed", self.tail @ _frame(frame), self.fresh(name))
+            self.connect(self.unused_name(f"to_{name}"), "fixed", self.tail @ _frame(frame), self.unused_name(name))
 
 
 def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
-    """What stands in front of the joint's variable, its zero included, and what stands behind it."""
+    """Return the transforms before the joint's variable, including its zero, and after it."""
     values = joint.parameters
 
     def along(axis: int, length: float) -> Poses:
@@ -123,11 +124,11 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
             origin = origin @ Poses(np.eye(3), offset)
         return origin, Poses.identity()
     variable = about(2, values["theta"]) @ along(2, values["d"])
-    lean = about(1, values.get("beta", 0.0))
+    tilt = about(1, values.get("beta", 0.0))
     twist = about(0, values["alpha"])
     if convention == "standard":
-        return variable, along(0, values["a"]) @ twist @ lean
-    return twist @ along(0, values["a"]) @ lean @ variable, Poses.identity()
+        return variable, along(0, values["a"]) @ twist @ tilt
+    return twist @ along(0, values["a"]) @ tilt @ variable, Poses.identity()
 
 
 def _frame(frame: Frame) -> Poses:
@@ -143,14 +144,14 @@ def _add_origin(element: Element, poses: Poses) -> None:
 
 
 def _exact_rpy(rotation: Array) -> Array:
-    """Roll, pitch, yaw that give the rotation to rounding at any pitch.
+    """Return roll, pitch, yaw that give the rotation to rounding at any pitch.
 
-    Near 90 degrees roll and yaw are each badly determined and only their sum is not, so roll is taken from what is
-    left once yaw and pitch, however they were rounded, are undone.
+    Near a pitch of 90 degrees only the sum of roll and yaw is well determined, so roll comes from the rotation that
+    remains after the rounded yaw and pitch are removed.
     """
     _, pitch, yaw = rpy_from_rotation(rotation)
-    rest = rotation_from_rpy(np.array([0.0, pitch, yaw])).T @ rotation
-    return np.array([np.arctan2(rest[2, 1], rest[1, 1]), pitch, yaw])
+    remainder = rotation_from_rpy(np.array([0.0, pitch, yaw])).T @ rotation
+    return np.array([np.arctan2(remainder[2, 1], remainder[1, 1]), pitch, yaw])
 
 
 def _add_inertial(link: Element, joint: Joint, tail: Poses) -> None:
@@ -158,7 +159,7 @@ def _add_inertial(link: Element, joint: Joint, tail: Poses) -> None:
     inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", xyz=_numbers(com), rpy="0.0 0.0 0.0")
     SubElement(inertial, "mass", value=repr(float(joint.mass or 0.0)))
-    # The format wants moments of inertia; a robot file has none.
+    # The format requires moments of inertia; a robot file has none.
     SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0"))
 
 
@@ -168,16 +169,16 @@ def _numbers(values: Array) -> str:
 
 
 def _losses(robot: Robot) -> tuple[str, ...]:
-    def named(condition: str, joints: list[str]) -> list[str]:
-        return [f"{condition} of {', '.join(joints)}"] if joints else []
+    def line_for(loss: str, joints: list[str]) -> list[str]:
+        return [f"{loss} of {', '.join(joints)}"] if joints else []
 
     lines = [f"effect {effect.get('effect', effect.get('name', '?'))}" for effect in robot.effects]
-    lines += named("tolerances", [joint.name for joint in robot.joints if joint.tolerance])
+    lines += line_for("tolerances", [joint.name for joint in robot.joints if joint.tolerance])
     lines += ["tolerances of the base"] if robot.base_tolerance else []
     lines += ["tolerances of the tool"] if robot.tool_tolerance else []
-    lines += named("gear ratio", [joint.name for joint in robot.joints if joint.gear_ratio is not None])
-    lines += ["that targets are targets: each is a link"] if robot.targets else []
+    lines += line_for("gear ratio", [joint.name for joint in robot.joints if joint.gear_ratio is not None])
+    lines += ["targets: each becomes a link"] if robot.targets else []
     lines += ["gravity other than 9.81 m/s^2 downwards"] if robot.gravity != STANDARD_GRAVITY else []
-    lines += ["where a payload sits"] if robot.payload_com is not None else []
+    lines += ["the payload's centre of mass"] if robot.payload_com is not None else []
     unlimited = [joint.name for joint in robot.joints if joint.type == "prismatic" and joint.limits is None]
-    return tuple(lines + named("that there are no limits (a URDF wants some)", unlimited))
+    return tuple(lines + line_for("an unlimited range (a URDF requires limits)", unlimited))

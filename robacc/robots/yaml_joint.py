@@ -1,4 +1,4 @@
-"""One joint of a robot file."""
+"""Read a joint of a robot file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from robacc.robots.description import (
     Mimic,
     Vector,
 )
-from robacc.robots.yaml_units import Units, limits_meant
+from robacc.robots.yaml_units import Units, finite_limits
 
 _LINK_KEYS = ("mass", "com", "tolerance")
 _DRIVE_KEYS = ("limits", "sign", "gear_ratio")
@@ -34,11 +34,11 @@ _DH_TYPES = ("revolute", "prismatic", "continuous")
 _MIN_AXIS = 1e-9
 """An axis shorter than this has no direction."""
 _UNIT_AXIS = 1e-12
-"""An axis this near to unit length is left as it is written, so that a file written and read again is the same."""
+"""An axis this near to unit length keeps its numbers, so that a file written and read again is the same."""
 
 
 def read_joint(source: Source, node: yaml.Node, index: int, convention: Convention, units: Units) -> Joint | None:
-    """The joint of a list entry, or None where it cannot be made out; complaints go to ``source``."""
+    """Return the joint of a list entry, None where it cannot be read; ``source`` collects problems."""
     path = f"joints[{index}]"
     section = source.section(node, path, _KEYS[convention])
     if section is None:
@@ -74,7 +74,7 @@ def read_joint(source: Source, node: yaml.Node, index: int, convention: Conventi
 def _check_keys_of_type(section: YamlSection, kind: str) -> None:
     for key in section.values:
         if kind == "fixed" and key not in _FIXED_KEYS:
-            section.source.report(section.values[key], section.at(key), "a fixed joint has none")
+            section.source.report(section.values[key], section.at(key), "a fixed joint does not have this key")
     if kind == "continuous" and "limits" in section.values:
         message = "a continuous joint has no limits"
         section.source.report(section.values["limits"], section.at("limits"), message, "make its type revolute")
@@ -136,18 +136,18 @@ def _read_limits(section: YamlSection, joint_type: JointType, units: Units) -> t
     if values is None:
         return None
     if values[0] > values[1]:
-        section.source.report(node, path, f"the lower limit {values[0]:g} is above the upper one {values[1]:g}")
+        section.source.report(node, path, f"the lower limit {values[0]:g} is above the upper limit {values[1]:g}")
         return None
-    if joint_type == "fixed":  # which has none, and was complained of
+    if joint_type == "fixed":  # it has no limits, and the problem is reported already
         return None
     if node and joint_type == "prismatic":
         limits = units.travel(section.source, node, path, (values[0], values[1]))
     else:
         limits = (values[0] * units.angle, values[1] * units.angle)
-    meant, problem = limits_meant(joint_type, limits)
+    finite, problem = finite_limits(joint_type, limits)
     if problem is not None:
-        section.source.report(node, path, problem, "leave limits out where there are none")
-    return meant
+        section.source.report(node, path, problem, "leave limits out for a joint without limits")
+    return finite
 
 
 def _read_sign(section: YamlSection) -> Literal[1, -1]:
@@ -171,10 +171,10 @@ def _read_mass(section: YamlSection, units: Units) -> tuple[float | None, Vector
     source, node, com_node = section.source, section.get("mass"), section.get("com")
     mass = source.number(node, section.at("mass")) if node else None
     if node and mass is not None and mass < 0:
-        source.report(node, section.at("mass"), f"a mass is not negative, found {describe(node)}")
+        source.report(node, section.at("mass"), f"a mass cannot be negative, found {describe(node)}")
     com = units.position(source, com_node, section.at("com")) if com_node else None
     if com_node and not node:
-        source.report(com_node, section.at("com"), "a centre of mass without a mass", "add the link's mass in kg")
+        source.report(com_node, section.at("com"), "a centre of mass needs a mass", "add the link's mass in kg")
     return mass, com
 
 
@@ -196,7 +196,7 @@ def _read_mimic(section: YamlSection) -> Mimic | None:
 def resolve_mimics(
     source: Source, joints: Sequence[Joint], nodes: Sequence[yaml.Node], units: Units
 ) -> tuple[Joint, ...]:
-    """The joints with their mimics in SI units, each checked to follow a joint that moves by itself."""
+    """Return the joints with their mimics in SI units; report mimics that follow no joint with a variable."""
     by_name = {joint.name: joint for joint in joints}
     resolved = []
     for i, joint in enumerate(joints):
@@ -205,15 +205,15 @@ def resolve_mimics(
             continue
         path, master = f"joints[{i}].mimic.joint", by_name.get(joint.mimic.master)
         if master is None:
-            message = f"{joint.name!r} follows {joint.mimic.master!r}, which is no joint of this robot"
+            message = f"{joint.name!r} follows {joint.mimic.master!r}, which is not a joint of this robot"
             source.report(nodes[i], path, message)
         elif not master.is_variable:
             kind = "is fixed" if master.type == "fixed" else "follows another joint itself"
             source.report(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
         else:
-            own = units.length if joint.type == "prismatic" else units.angle
-            its = units.length if master.type == "prismatic" else units.angle
-            mimic = Mimic(master.name, joint.mimic.multiplier * (own / its), joint.mimic.offset * own)
+            unit = units.length if joint.type == "prismatic" else units.angle
+            master_unit = units.length if master.type == "prismatic" else units.angle
+            mimic = Mimic(master.name, joint.mimic.multiplier * (unit / master_unit), joint.mimic.offset * unit)
             joint = dataclasses.replace(joint, mimic=mimic)
         resolved.append(joint)
     return tuple(resolved)

@@ -1,4 +1,4 @@
-"""The robot file: YAML read into a :class:`~robacc.robots.description.Robot`, every problem with its line and key."""
+"""Read a robot file (YAML) into a :class:`~robacc.robots.description.Robot`; problems have lines and keys."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from robacc.robots.description import (
     effect_key,
 )
 from robacc.robots.yaml_joint import read_joint, resolve_mimics
-from robacc.robots.yaml_units import Units, complain_of_likely_units
+from robacc.robots.yaml_units import Units, check_likely_units
 from robacc.robots.yaml_writer import robot_to_yaml
 
 __all__ = ["FORMAT_VERSION", "parse_robot", "robot_to_yaml"]
@@ -47,18 +47,18 @@ _TOP_KEYS = (
 _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
 _DIGEST = re.compile("[0-9a-f]{64}")
 _MAX_GRAVITY = 50.0
-"""m/s^2: five times the earth's; above it somebody wrote mm/s^2."""
+"""m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
 
 
 def parse_robot(document_text: str, file: str) -> Robot:
-    """The robot that a robot file describes, in SI units.
+    """Return the robot that a robot file describes, in SI units.
 
     Args:
         document_text: The YAML document.
-        file: Its name, for messages, and for the robot's name where the file gives none.
+        file: Name of the file, for messages, and for the robot's name where the file gives none.
 
     Raises:
-        InputError: Anything is wrong with the file; every problem found is in it, with line and dotted key.
+        InputError: The file has problems; the error carries all of them, with line and dotted key.
     """
     source = Source(file)
     top = source.section(compose(document_text, file), "", _TOP_KEYS)
@@ -69,11 +69,11 @@ def parse_robot(document_text: str, file: str) -> Robot:
     units = _read_units(top)
     convention = _read_choice(top, "convention", ("standard", "modified", "urdf"))
     if units is None or convention is None:
-        # What follows cannot be judged without them; complaints about it would be false ones.
+        # Without them the other keys cannot be checked; any problem reported would be false.
         source.finish()
     robot = _read_robot(top, cast(Units, units), cast(Convention, convention))
     if not source.problems:
-        complain_of_likely_units(robot, cast(Units, units), top)
+        check_likely_units(robot, cast(Units, units), top)
     source.finish()
     return robot
 
@@ -104,7 +104,7 @@ def _check_version(top: YamlSection) -> None:
     node = top.values.get("robacc")
     if node is None:
         fix = f"write 'robacc: {FORMAT_VERSION}' as the first line"
-        top.source.report(None, "robacc", "the format version is missing: not a robot file of robacc", fix)
+        top.source.report(None, "robacc", "the format version is missing, so this is not a robot file of robacc", fix)
     elif not isinstance(node, yaml.ScalarNode) or node.value != str(FORMAT_VERSION):
         top.source.report(node, "robacc", f"expected format version {FORMAT_VERSION}, found {describe(node)}")
 
@@ -135,7 +135,7 @@ def _read_gravity(top: YamlSection) -> Vector:
     if values is None:
         return STANDARD_GRAVITY
     if sum(value * value for value in values) > _MAX_GRAVITY**2:
-        top.source.report(node, "gravity", f"{list(values)} is too much", "it is in m/s^2 whatever the units")
+        top.source.report(node, "gravity", f"{list(values)} is too large for gravity", "it is always in m/s^2")
     return cast(Vector, values)
 
 
@@ -163,7 +163,7 @@ def _read_targets(top: YamlSection, units: Units) -> dict[str, Frame]:
         source.report(node, "targets", f"expected names with xyz, found {describe(node)}")
         return {}
     if "tool" in top.values:
-        source.report(node, "targets", "stands beside tool; a robot has one or the other", "name the tool a target")
+        source.report(node, "targets", "cannot be combined with tool", "list the tool as a target")
     targets: dict[str, Frame] = {}
     for name, _, value in source.entries(node, "targets"):
         section = source.section(value, f"targets.{name}", ("xyz", "rpy"))
@@ -176,12 +176,12 @@ def _read_targets(top: YamlSection, units: Units) -> dict[str, Frame]:
 def _read_digests(top: YamlSection) -> tuple[str, ...]:
     node = top.get("fitted_to")
     digests = []
-    for i, item in enumerate(top.source.items(node, "fitted_to", "SHA-256 of files of poses") if node else ()):
-        # Not read as text: digits alone are a number to YAML, and are written in quotes for that.
+    for i, item in enumerate(top.source.items(node, "fitted_to", "SHA-256 of pose files") if node else ()):
+        # Not through text(): YAML reads digits alone as a number, so they are written in quotes.
         digest = item.value if isinstance(item, yaml.ScalarNode) else ""
         if not _DIGEST.fullmatch(digest):
-            message = f"expected the SHA-256 of a file of poses, 64 digits 0 to f, found {describe(item)}"
-            top.source.report(item, f"fitted_to[{i}]", message, "--write-model writes it; leave it as it was")
+            message = f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(item)}"
+            top.source.report(item, f"fitted_to[{i}]", message, "`write_model` writes it; do not change it")
         digests.append(digest)
     return tuple(digests)
 
@@ -206,11 +206,11 @@ def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tupl
             complete = False
             continue
         if joint.name in lines:
-            message = f"{joint.name!r} is taken by the joint of line {lines[joint.name]}"
+            message = f"{joint.name!r} is already the name of the joint in line {lines[joint.name]}"
             source.report(item, f"joints[{i}].name", message)
         lines.setdefault(joint.name, item.start_mark.line + 1)
         if joint.link and any(joint.link == other.link for other in joints):
-            source.report(item, f"joints[{i}].link", f"{joint.link!r} is moved by an earlier joint already")
+            source.report(item, f"joints[{i}].link", f"an earlier joint already moves {joint.link!r}")
         joints.append(joint)
     if complete and items and not any(joint.is_variable for joint in joints):
         source.report(node, "joints", "no joint moves: all are fixed or follow another")
@@ -231,7 +231,7 @@ def _read_effects(top: YamlSection) -> tuple[Mapping[str, Any], ...]:
 
 
 def effect_lines(document_text: str, file: str) -> dict[str, int]:
-    """The line of each entry of ``effects:``, by its dotted key; of a document that :func:`parse_robot` accepted."""
+    """Return the line of each entry of ``effects:`` by its dotted key; :func:`parse_robot` has checked the document."""
     top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
     node = top and top.get("effects")
     items = node.value if isinstance(node, yaml.SequenceNode) else ()

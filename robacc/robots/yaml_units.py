@@ -1,4 +1,4 @@
-"""Units of a robot file: every number to m and rad, and values that only make sense in another unit noticed."""
+"""Units of a robot file: convert numbers to m and rad, and report values that only make sense in another unit."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180}
 
 MAX_LENGTH = 50.0
-"""m: no arm has a longer link and no hall a base farther from its instrument."""
+"""m: no arm has a longer link, and no base is farther from its instrument."""
 MIN_LENGTH = 5e-3
-"""m: an arm all of whose lengths are shorter was written in m and declared mm."""
+"""m: an arm with only shorter lengths was written in m and declared as mm."""
 TURN = 2 * math.pi * 1.001
 """rad: a fixed angle beyond a turn (and rounding) was written in degrees."""
 _LIMITS_IN_DEGREES = (4 * math.pi, 1000.0)
-"""rad: limits beyond two turns are rare, and of every joint of an arm unheard of; much larger ones mean "no limit"."""
+"""rad: limits beyond two turns are rare, for all joints of an arm unknown; much larger ones mean "no limit"."""
 TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
-"""m: a slide's travel between these was written in mm; a longer one means "no limit"."""
+"""m: a travel between these values was written in mm; a longer travel means "no limit"."""
 _NO_LIMIT = {"revolute": _LIMITS_IN_DEGREES[1], "prismatic": TRAVEL_IN_MM[1]}
-"""rad or m: what a limit is beyond where none is meant."""
+"""rad or m: a limit beyond this value means "no limit"."""
 
 
 @dataclass(frozen=True, slots=True)
 class Units:
-    """The units that a robot file's numbers are in."""
+    """Units of a robot file's numbers."""
 
     length: float
-    """Its unit of length in m."""
+    """Unit of length in m."""
     angle: float
-    """Its unit of angle in rad."""
+    """Unit of angle in rad."""
 
     @classmethod
     def of(cls, length: str, angle: str) -> Units:
-        """From the file's names of them."""
+        """Return the units with the file's names."""
         return cls(_LENGTHS[length], _ANGLES[angle])
 
     def parameter(self, source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
-        """A length in m or an angle in rad; one beyond reason is complained of, with the likely cause."""
+        """Return a length in m or an angle in rad; report a value that is too large, with the likely cause."""
         value = source.number(node, path)
         return None if value is None else self._check(source, node, path, value, is_length)
 
@@ -60,19 +60,19 @@ class Units:
         return value * (self.length if is_length else self.angle)
 
     def travel(self, source: Source, node: yaml.Node, path: str, limits: tuple[float, float]) -> tuple[float, float]:
-        """A slide's limits in m; such as only make sense in mm are complained of."""
+        """Return a prismatic joint's limits in m; report limits that only make sense in mm."""
         longest = max(map(abs, limits)) * self.length
         if self.length == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
             fix = "it looks like mm: write length: mm under units"
-            source.report(node, path, f"a travel to {longest:g} m is too long for an arm", fix)
+            source.report(node, path, f"a travel of {longest:g} m is too long for an arm", fix)
         return limits[0] * self.length, limits[1] * self.length
 
     def position(self, source: Source, node: yaml.Node, path: str) -> Vector | None:
-        """Three lengths in m."""
+        """Return three lengths in m."""
         return self._vector(source, node, path, is_length=True)
 
     def frame(self, section: YamlSection) -> Frame:
-        """``xyz`` and ``rpy`` of a section, each zero where absent."""
+        """Return ``xyz`` and ``rpy`` of a section, each zero where absent."""
         parts = []
         for key in ("xyz", "rpy"):
             node = section.get(key)
@@ -91,7 +91,7 @@ class Units:
     def tolerances(
         self, section: YamlSection, names: Sequence[str], lengths: Collection[str] = LENGTH_PARAMETERS
     ) -> dict[str, float]:
-        """The section's ``tolerance``: standard deviations of some of ``names``, m for the ``lengths``, else rad."""
+        """Return the section's ``tolerance``: standard deviations by name, m for the ``lengths``, else rad."""
         node = section.get("tolerance")
         inner = node and section.source.section(node, section.at("tolerance"), names)
         if not inner:
@@ -100,15 +100,15 @@ class Units:
         for name, item in inner.values.items():
             value = self.parameter(section.source, item, inner.at(name), is_length=name in lengths)
             if value is not None and value < 0:
-                message = f"a standard deviation is not negative, found {describe(item)}"
+                message = f"a standard deviation cannot be negative, found {describe(item)}"
                 section.source.report(item, inner.at(name), message)
             elif value is not None:
                 result[name] = value
         return result
 
 
-def complain_of_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:
-    """Notice, over a whole robot that reads without fault, that it was written in units other than it says."""
+def check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:
+    """Report a robot without other problems whose numbers were likely written in units other than declared."""
     source, node = top.source, top.values["units"]
     if units.angle == 1.0 and limits_likely_degrees(robot.joints):
         first = next(joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute")
@@ -124,18 +124,18 @@ def complain_of_likely_units(robot: Robot, units: Units, top: YamlSection) -> No
         source.report(node, "units.length", message, "the lengths look like metres: write length: m")
 
 
-def limits_meant(kind: str, limits: tuple[float, float]) -> tuple[tuple[float, float] | None, str | None]:
-    """A joint's limits, rad or m, None where numbers beyond any joint stand for none; and what is wrong with them."""
+def finite_limits(kind: str, limits: tuple[float, float]) -> tuple[tuple[float, float] | None, str | None]:
+    """Return a joint's limits, rad or m, None where large numbers mean "no limit", and a problem of them or None."""
     beyond = [abs(value) > _NO_LIMIT[kind] for value in limits]
     if not any(beyond):
         return limits, None
     if all(beyond) and limits[0] < 0 < limits[1]:
         return None, None
-    return None, f"the limits {limits[0]:g} and {limits[1]:g} are beyond any joint's"
+    return None, f"the limits {limits[0]:g} and {limits[1]:g} are too large for a joint"
 
 
 def limits_likely_degrees(joints: Sequence[Joint]) -> bool:
-    """Whether the limits of every revolute joint, in rad, are such as only make sense in degrees."""
+    """Return whether the limits of all revolute joints, in rad, only make sense in degrees."""
     limits = [joint.limits for joint in joints if joint.limits and joint.type == "revolute"]
     low, high = _LIMITS_IN_DEGREES
     return bool(limits) and all(low < max(map(abs, pair)) < high for pair in limits)

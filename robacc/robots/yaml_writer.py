@@ -15,16 +15,16 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool =
     """Return the robot file of a robot; reading it gives the same numbers, bit for bit.
 
     Args:
-        robot: What to write. Its effects are written as they are.
-        comments: Lines put at the top, each behind a ``#``.
-        rounded: Write numbers that were estimated with the digits that mean something (see
+        robot: Robot to write; its effects are written unchanged.
+        comments: Lines for the top of the file, each written behind a ``#``.
+        rounded: Write estimated numbers with their significant digits only (see
             :data:`robacc.quantities.SIGNIFICANT_DIGITS`); reading them gives the same numbers to 1e-12 of their size.
 
     Raises:
         ValueError: The robot's effects are in units other than m and rad.
     """
     if robot.effects and robot.effect_units != (1.0, 1.0):
-        raise ValueError("effects in other units than m and rad must be converted before they are written")
+        raise ValueError("convert effects to m and rad before writing them")
     document: dict[str, Any] = {
         "robacc": 1,
         "name": robot.name,
@@ -50,7 +50,7 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool =
     if rounded:
         document = _rounded(document)
     head = "".join(f"# {line}\n" for comment in comments for line in comment.splitlines())
-    # default_flow_style None: what holds no further list or mapping stands on one line.
+    # default_flow_style None: a list or mapping without a nested one stands on one line.
     return head + yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
 
 
@@ -102,7 +102,7 @@ def _floats(values: Sequence[float]) -> list[float]:
 
 
 def _plain(value: Any) -> Any:
-    """Built-in types, each list and mapping an object of its own: NumPy's have no YAML, shared ones become aliases."""
+    """Return built-in types with no shared object: NumPy types have no YAML form, shared objects become aliases."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple) or hasattr(value, "tolist"):

@@ -75,7 +75,7 @@ def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path:
     for name, one in (("own", own), ("other", other)):
         (tmp_path / f"{name}.json").write_text(json.dumps(one), encoding="utf-8")
     compared = document("compare", str(tmp_path / "own.json"), str(tmp_path / "other.json"))
-    told = "made differently, robot file: own: fitted to these very poses; other: not fitted to these poses"
+    told = "made differently, robot file: own: fitted to the same poses; other: not fitted to these poses"
     assert any(text.startswith(told) for text in compared["warnings"])
 
 
@@ -104,7 +104,7 @@ def test_a_digest_that_is_none_is_named() -> None:
     with pytest.raises(InputError) as caught:
         parse_robot(text, "arm.yaml")
     assert [str(problem) for problem in caught.value.problems] == [
-        "arm.yaml:4, fitted_to[0]: expected the SHA-256 of a file of poses, 64 digits 0 to f, found 'poses.csv'; "
-        "--write-model writes it; leave it as it was"
+        "arm.yaml:4, fitted_to[0]: expected the SHA-256 of a pose file, 64 hexadecimal digits, found 'poses.csv'; "
+        "`write_model` writes it; do not change it"
     ]
     assert parse_robot(text.replace("poses.csv", "'" + "0" * 64 + "'"), "arm.yaml").fitted_to == ("0" * 64,)

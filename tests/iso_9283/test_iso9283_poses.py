@@ -86,7 +86,7 @@ def test_own_starts_and_continuity() -> None:
 def test_a_slide_without_limits_cannot_be_searched() -> None:
     robot = configured("stanford")
     joints = tuple(dataclasses.replace(j, limits=None) if j.type == "prismatic" else j for j in robot.joints)
-    with pytest.raises(InputError, match="the slide j3 has no limits to search within"):
+    with pytest.raises(InputError, match="the prismatic joint j3 has no limits to search within"):
         propose(dataclasses.replace(robot, joints=joints))
 
 

@@ -72,9 +72,9 @@ BILLION = "\n".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9) if i else 'lol
         (ARM + 'targets: {"\\e[2J": {xyz: [0, 0, 0]}}\n', "targets: expected printable characters in a key"),
         (ARM + 'effects: [{effect: "\\e[2J"}]\n', "effects[0].effect: expected printable characters"),
         (ARM.replace("0.5,", "0.5, gear_ratio: 0,"), "joints[0].gear_ratio: expected a positive number, found '0'"),
-        (ARM.replace("0.5,", "0.5, mass: -1,"), "joints[0].mass: a mass is not negative, found '-1'"),
-        (ARM.replace("0.5,", "0.5, limits: [2, 1],"), "joints[0].limits: the lower limit 2 is above the upper one 1"),
-        (ARM.replace("0.5,", "0.5, limits: [0, 1e308],"), "the limits 0 and 1e+308 are beyond any joint's"),
+        (ARM.replace("0.5,", "0.5, mass: -1,"), "joints[0].mass: a mass cannot be negative, found '-1'"),
+        (ARM.replace("0.5,", "0.5, limits: [2, 1],"), "joints[0].limits: the lower limit 2 is above the upper limit 1"),
+        (ARM.replace("0.5,", "0.5, limits: [0, 1e308],"), "the limits 0 and 1e+308 are too large for a joint"),
         (ARM + ARM.splitlines()[-1] * 2, "cannot be read as YAML"),
         (
             ARM + "".join(f"  - {{type: revolute, d: 0, a: 0.1, alpha: 0, name: k{i}}}\n" for i in range(MAX_JOINTS)),
@@ -112,7 +112,7 @@ def urdf(body: str = "", head: str = "") -> str:
     [
         (urdf("&b;", '<!DOCTYPE r [<!ENTITY a "lol"><!ENTITY b "&a;&a;">]>'), "a document type (<!DOCTYPE r>) is not"),
         (urdf("&x;", '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>'), "a document type (<!DOCTYPE r>)"),
-        (urdf("", '<!DOCTYPE r SYSTEM "http://127.0.0.1:9/x.dtd">'), "a document type (<!DOCTYPE r>) is not taken"),
+        (urdf("", '<!DOCTYPE r SYSTEM "http://127.0.0.1:9/x.dtd">'), "a document type (<!DOCTYPE r>) is not allowed"),
         (urdf("&nbsp;"), "not well-formed XML: undefined entity"),
         (urdf("<origin>" * 50_000), "not well-formed XML: mismatched tag"),
         (urdf().replace('"j"', '"j&#27;"'), "not well-formed XML: reference to invalid character number"),
@@ -122,15 +122,15 @@ def urdf(body: str = "", head: str = "") -> str:
         (urdf('<origin xyz="0 0 ١"/>'), "j: <origin xyz>: expected 3 numbers"),
         (urdf('<origin rpy="90 0 0"/>'), "j: roll of 90 rad is more than a turn; a URDF's angles are in rad"),
         (urdf('<origin xyz="300 0 0"/>'), "j: x of 300 m is too long for an arm; a URDF's lengths are in m"),
-        (urdf('<limit lower="0" upper="300"/>'), "j: a travel to 300 m is too long for an arm; a URDF's lengths"),
-        (urdf('<limit lower="0" upper="1e308"/>'), "j: the limits 0 and 1e+308 are beyond any joint's; make them"),
+        (urdf('<limit lower="0" upper="300"/>'), "j: a travel of 300 m is too long for an arm; a URDF's lengths"),
+        (urdf('<limit lower="0" upper="1e308"/>'), "j: the limits 0 and 1e+308 are too large for a joint; make them"),
         (
             urdf('<limit lower="-90" upper="90"/>').replace("prismatic", "revolute"),
             "the limits of every joint are more than two turns; a URDF's angles are in rad",
         ),
         (
             urdf().replace('<link name="b"/>', f'<link name="b"><inertial>{FAR}</inertial></link>'),
-            "j: the centre of mass of its link lies 90 m off, too far for an arm",
+            "j: the centre of mass of its link is 90 m away, too far for an arm",
         ),
     ],
 )  # fmt: skip

@@ -21,7 +21,11 @@ def problem(text: str) -> str:
 
 BAD = [
     ("robacc: 1", "robacc: 2", "arm.yaml:1, robacc: expected format version 1, found '2'"),
-    ("robacc: 1\n", "", "robacc: the format version is missing: not a robot file of robacc; write 'robacc: 1'"),
+    (
+        "robacc: 1\n",
+        "",
+        "robacc: the format version is missing, so this is not a robot file of robacc; write 'robacc: 1'",
+    ),
     (
         "standard",
         "standart",
@@ -41,7 +45,7 @@ BAD = [
     (
         "name: arm",
         "gravity: [0, 0, -9810]",
-        "gravity: [0.0, 0.0, -9810.0] is too much; it is in m/s^2 whatever the units",
+        "gravity: [0.0, 0.0, -9810.0] is too large for gravity; it is always in m/s^2",
     ),
     ("name: arm", "gravity: [0, 0]", "gravity: expected a list of 3 numbers, found a list of 2"),
     ("name: arm", "gravity: down", "gravity: expected a list of 3 numbers, found 'down'"),
@@ -57,7 +61,7 @@ BAD = [
     (
         "name: arm",
         "tool: {}\ntargets: {a: {xyz: [0, 0, 0]}}",
-        "targets: stands beside tool; a robot has one or the other",
+        "targets: cannot be combined with tool; list the tool as a target",
     ),
     ("name: arm", "effects: {backlash: 1}", "effects: expected a list of effects, found keys with values"),
     ("name: arm", "effects: [backlash]", "effects[0]: expected keys with values, found 'backlash'"),
@@ -105,7 +109,7 @@ BAD = [
     ("d: 0.5", "d: [1]", "joints[0].d: expected a number, found a list of 1"),
     ("d: 0.5", "d: {m: 1}", "joints[0].d: expected a number, found keys with values"),
     ("d: 0.5", "d: " + "x" * 50, f"joints[0].d: expected a number, found '{'x' * 39}…'"),
-    ("limits: [-1, 2]", "limits: [2, -1]", "joints[0].limits: the lower limit 2 is above the upper one -1"),
+    ("limits: [-1, 2]", "limits: [2, -1]", "joints[0].limits: the lower limit 2 is above the upper limit -1"),
     ("limits: [-1, 2]", "limits: [-1]", "joints[0].limits: expected a list of 2 numbers, found a list of 1"),
     ("limits: [-1, 2]", "limits: [-1, .inf]", "joints[0].limits[1]: expected a finite number, found .inf"),
     (
@@ -120,7 +124,11 @@ BAD = [
         "gear_ratio: -50",
         "joints[0].gear_ratio: expected a positive number, found '-50'; write sign: -1",
     ),
-    ("limits: [-1, 2]", "tolerance: {d: -1e-4}", "joints[0].tolerance.d: a standard deviation is not negative, found"),
+    (
+        "limits: [-1, 2]",
+        "tolerance: {d: -1e-4}",
+        "joints[0].tolerance.d: a standard deviation cannot be negative, found",
+    ),
     (
         "limits: [-1, 2]",
         "tolerance: {x: 1e-4}",
@@ -131,12 +139,12 @@ BAD = [
         "tolerance: 1e-4",
         "joints[0].tolerance: expected keys with values (theta, d, a, alpha, beta), found",
     ),
-    ("mass: 2", "mass: -2", "joints[0].mass: a mass is not negative, found '-2'"),
-    ("    mass: 2\n", "", "joints[0].com: a centre of mass without a mass; add the link's mass in kg"),
+    ("mass: 2", "mass: -2", "joints[0].mass: a mass cannot be negative, found '-2'"),
+    ("    mass: 2\n", "", "joints[0].com: a centre of mass needs a mass; add the link's mass in kg"),
     (
         "{type: prismatic, theta",
         "{name: one, type: prismatic, theta",
-        "joints[1].name: 'one' is taken by the joint of line 6",
+        "joints[1].name: 'one' is already the name of the joint in line 6",
     ),
     (
         "{type: prismatic, theta",
@@ -146,7 +154,7 @@ BAD = [
     (
         "{type: prismatic, theta",
         "{limits: [0, 200], type: prismatic, theta",
-        "joints[1].limits: a travel to 200 m is too long for an arm; it looks like mm",
+        "joints[1].limits: a travel of 200 m is too long for an arm; it looks like mm",
     ),
     (
         "- {type: prismatic, theta: 0.2, d: 0.1, a: 0, alpha: 0}",
@@ -177,18 +185,18 @@ def test_each_mistake_is_named_with_its_place(old: str, new: str, message: str) 
 BAD_URDF = [
     ("axis: [0, 0, 2]", "axis: [0, 0, 0]", "arm.yaml:9, joints[1].axis: the axis is zero and has no direction"),
     (", axis: [0, 0, 2]", "", "joints[1].axis: is missing"),
-    ("type: fixed,", "type: fixed, sign: 1,", "arm.yaml:8, joints[0].sign: a fixed joint has none"),
+    ("type: fixed,", "type: fixed, sign: 1,", "arm.yaml:8, joints[0].sign: a fixed joint does not have this key"),
     ("link: foot2", "link: foot2, d: 1", "joints[0].d: unknown key"),
     (
         "joint: turn",
         "joint: tern",
-        "arm.yaml:11, joints[3].mimic.joint: 'copy' follows 'tern', which is no joint of this robot",
+        "arm.yaml:11, joints[3].mimic.joint: 'copy' follows 'tern', which is not a joint of this robot",
     ),
     ("joint: turn", "joint: stand", "joints[3].mimic.joint: 'copy' follows 'stand', which is fixed"),
     ("joint: turn", "joint: copy", "joints[3].mimic.joint: 'copy' follows 'copy', which follows another joint itself"),
     ("joint: turn, ", "", "joints[3].mimic.joint: is missing"),
     ("multiplier: 2", "ratio: 2", "joints[3].mimic.ratio: unknown key; known keys: joint, multiplier, offset"),
-    ("name: slide, ", "name: slide, link: foot2, ", "joints[2].link: 'foot2' is moved by an earlier joint already"),
+    ("name: slide, ", "name: slide, link: foot2, ", "joints[2].link: an earlier joint already moves 'foot2'"),
     ("offset: 10", "offset: 400", "joints[1].offset: 400 deg is more than a turn"),
     ("offset: 5", "offset: 60000", "joints[2].offset: 60000 is 60 m, too long for an arm"),
 ]
@@ -234,7 +242,8 @@ def test_enormous_limits_mean_that_there_are_none_and_are_taken(kind: str) -> No
     head = MINIMAL[: MINIMAL.index("  - name: one")]
     joint = f"  - {{type: {kind}, theta: 0, d: 0, a: 0, alpha: 0, limits: [-1e6, 1e6]}}\n"
     assert parse_robot(head + joint, "x").joints[0].limits is None
-    with pytest.raises(InputError, match=r"the limits 0 and 1e\+06 are beyond any joint's; leave limits out where"):
+    expected = r"the limits 0 and 1e\+06 are too large for a joint; leave limits out for a joint"
+    with pytest.raises(InputError, match=expected):
         parse_robot(head + joint.replace("-1e6", "0"), "x")
 
 

@@ -91,12 +91,12 @@ def problems_of(text: str, base: str | None = None, tip: str | None = None) -> s
         (
             'type="prismatic"><parent link="lower"/>',
             'type="floating"><parent link="lower"/>',
-            "tree.urdf:12, slide: a floating joint is not one of a serial chain",
+            "tree.urdf:12, slide: a floating joint cannot be part of a serial chain",
         ),
         (
             'type="prismatic"><parent link="lower"/>',
             'type="planar"><parent link="lower"/>',
-            "slide: a planar joint is not one of a serial chain; choose a chain without it",
+            "slide: a planar joint cannot be part of a serial chain; choose a chain without it",
         ),
         (
             'type="prismatic"><parent link="lower"/>',
@@ -112,7 +112,7 @@ def problems_of(text: str, base: str | None = None, tip: str | None = None) -> s
         ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 nan"/>', "one: <axis xyz>: expected 3 numbers, found '0 0 nan'"),
         ('xyz="0.5 0 0"', 'xyz="0.5 0 inf"', "two: <origin xyz>: expected 3 numbers, found '0.5 0 inf'"),
         ('multiplier="-2"', 'multiplier="two"', "follow: <mimic multiplier>: expected a number, found 'two'"),
-        ('lower="-1" upper="2"', 'lower="3" upper="2"', "one: the lower limit 3 is above the upper one 2"),
+        ('lower="-1" upper="2"', 'lower="3" upper="2"', "one: the lower limit 3 is above the upper limit 2"),
         ('lower="-1" upper="2"', 'lower="-inf" upper="2"', "one: one limit is infinite, the other is not (-inf, 2)"),
         ('<mass value="2.5"/>', '<mass value="-2.5"/>', "tree.urdf:4, upper: the link's mass is negative (-2.5 kg)"),
         ('mimic joint="slide"', 'mimic joint="spin"', "follow: follows 'spin', which is not in the chain"),
@@ -120,7 +120,7 @@ def problems_of(text: str, base: str | None = None, tip: str | None = None) -> s
         (
             'mimic joint="slide"',
             'mimic joint="follow"',
-            "follow: follows 'follow', and that one it: none of them moves by itself",
+            "follow: follows 'follow', which follows it in turn: none of these joints moves by itself",
         ),
         ('mimic joint="slide"', "mimic", "follow: <mimic> needs the attribute 'joint'"),
         ('<child link="upper"/>', '<child link="uper"/>', "one: its child link 'uper' does not exist"),
@@ -136,15 +136,19 @@ def problems_of(text: str, base: str | None = None, tip: str | None = None) -> s
         (
             '<joint name="stand"',
             '<xacro:macro/><joint name="stand"',
-            "tree.urdf:7: this is xacro, not yet URDF; run xacro",
+            "tree.urdf:7: this is xacro, not URDF; run xacro first",
         ),
-        ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 ${height}"/>', "this is xacro, not yet URDF"),
+        ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 ${height}"/>', "this is xacro, not URDF"),
         ("</robot>", "", "tree.urdf:18: not well-formed XML: no element found"),
-        ("<robot name", "<sdf/><robot name", "the root element is <sdf>, so this is an SDF model; a URDF's is <robot>"),
+        (
+            "<robot name",
+            "<sdf/><robot name",
+            "the root element is <sdf>, so this is an SDF model; a URDF's root is <robot>",
+        ),
         (
             "<robot name",
             '<!DOCTYPE robot [<!ENTITY a "b">]><robot name',
-            "tree.urdf:1: a document type (<!DOCTYPE robot>) is not taken",
+            "tree.urdf:1: a document type (<!DOCTYPE robot>) is not allowed",
         ),
     ],
 )
@@ -164,33 +168,33 @@ def test_entities_are_refused_before_they_are_expanded() -> None:
     bomb = '<!DOCTYPE robot [<!ENTITY a0 "aaaaaaaaaa">' + "".join(
         f'<!ENTITY a{i + 1} "{f"&a{i};" * 10}">' for i in range(12)
     )
-    assert "is not taken" in problems_of(bomb + ']><robot name="&a12;"/>')
+    assert "is not allowed" in problems_of(bomb + ']><robot name="&a12;"/>')
     secret = '<!DOCTYPE robot [<!ENTITY s SYSTEM "file:///etc/hostname">]><robot name="&s;"/>'
-    assert "is not taken" in problems_of(secret)
+    assert "is not allowed" in problems_of(secret)
 
 
 def test_what_a_chain_cannot_be_chosen_from() -> None:
     equal = TREE.replace('<parent link="finger"/><child link="thumb"/>', '<parent link="lower"/><child link="thumb"/>')
     equal = equal.replace('<mimic joint="slide" multiplier="-2" offset="0.01"/>', "")
     text = problems_of(equal)
-    assert "2 chains are equally long; the tree ends at finger, thumb, flange; choose one with --tip-link" in text
+    assert "2 chains are equally long; the tree ends at finger, thumb, flange; choose one with `tip_link`" in text
     roots = TREE.replace('<joint name="stand"', '<link name="island"/><joint name="stand"')
-    assert "2 links could be the base: world, island; choose one with --base-link" in problems_of(roots)
+    assert "2 links could be the base: world, island; choose one with `base_link`" in problems_of(roots)
     assert parse_urdf(roots, "t", "world").tip_link == "thumb"
     circle = TREE.replace('<parent link="world"/><child link="base"/>', '<parent link="flange"/><child link="base"/>')
     circle = circle.replace('<link name="world"/>', "")
-    assert "the joints form a circle" in problems_of(circle)
+    assert "the joints form a loop" in problems_of(circle)
     with pytest.raises(UsageError, match="is not behind link"):
         parse_urdf(circle, "t", "thumb", "flange")
     assert "has no links" in problems_of('<robot name="r"/>')
-    assert "no joint stands behind the link 'thumb'" in problems_of(TREE, "thumb")
+    assert "no joint follows the link 'thumb'" in problems_of(TREE, "thumb")
     assert "no joint between 'world' and 'base' moves; choose a longer chain" in problems_of(TREE, None, "base")
 
 
 def test_links_that_do_not_exist_or_do_not_follow_are_wrong_usage() -> None:
-    with pytest.raises(UsageError, match=r"--tip-link: t.urdf has no link 'flang'; it has flange"):
+    with pytest.raises(UsageError, match=r"`tip_link`: t.urdf has no link 'flang'; it has flange"):
         parse_urdf(TREE, "t.urdf", None, "flang")
-    with pytest.raises(UsageError, match=r"--base-link: t.urdf has no link '1'; it has world, base, "):
+    with pytest.raises(UsageError, match=r"`base_link`: t.urdf has no link '1'; it has world, base, "):
         parse_urdf(TREE, "t.urdf", "1")
     with pytest.raises(UsageError, match="link 'base' is not behind link 'upper'"):
         parse_urdf(TREE, "t.urdf", "upper", "base")

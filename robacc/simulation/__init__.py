@@ -1,1 +1,1 @@
-"""Simulated poses of an arm with known effects, and template files to start from."""
+"""Simulated poses of an arm with known effects, and template files."""

@@ -1,7 +1,7 @@
-"""Measured poses made up: a robot with its effects commanded through its joint ranges, and an instrument's noise.
+"""Simulate measured poses: a robot with its effects, commanded through its joint ranges, with measurement noise.
 
-The prediction is the model's own, exact and nonlinear, elastic equilibrium included. Everything random comes from one
-seed, in a stream for each purpose, so that asking for noise does not move the poses.
+Poses are the exact nonlinear prediction of the model, including elastic equilibrium. All random numbers come from one
+seed, with a stream for each purpose, so that adding noise does not change the poses.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from robacc.robots.description import Robot
 from robacc.robots.summary import low_discrepancy
 
 _DECIMALS = 6
-"""Of commanded joint variables: a microradian or micrometre, about what a controller's display resolves."""
+"""Decimals of commanded joint variables: a microradian or micrometre, about the resolution of a controller."""
 _STREAMS = {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4, "order": 5}
-_MOST_ROWS = 2_000_000
-"""Some GB of arrays and text; what more is meant to be is a slip of the keyboard."""
+_MAX_ROWS = 2_000_000
+"""Rows of a simulation: some GB of arrays and text; a larger number is likely a typing error."""
 _WARM_UP = 3.0
-"""Time constants that a warm-up lasts: 95 % of the rise is then over."""
+"""Duration of a warm-up in time constants: it reaches 95 % of the rise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is measured, in which circumstances and how well. SI units."""
+    """Poses, circumstances and measurement noise of a simulation. SI units."""
 
     poses: int
-    """Commanded poses."""
+    """Number of commanded poses."""
     seed: int = 0
     cycles: int = 1
-    """Times that all commanded poses are gone through, in the same order."""
+    """Number of times that all commanded poses are visited, in the same order."""
     sampling: Literal["even", "random"] = "even"
     """Low-discrepancy or independent uniform joint variables, within the limits."""
     noise_position: float = 0.0
@@ -45,44 +45,44 @@ class Plan:
     noise_orientation: float = 0.0
     """Standard deviation about each axis, rad."""
     sigma: bool = False
-    """Whether the measuring uncertainty is among the columns."""
+    """Add columns with the measuring uncertainty."""
     outliers: int = 0
-    """Rows whose position is wrong by ``outlier_size`` in some direction."""
+    """Number of rows whose position is wrong by ``outlier_size`` in a random direction."""
     outlier_size: float = 0.01
     orientation: bool = True
     commanded: bool = False
-    """Whether the commanded poses, of the robot without its effects, are among the columns."""
+    """Add columns with the commanded poses, those of the robot without its effects."""
     motion: bool = True
-    """Whether direction and speed of approach are among the columns, as the order of poses gives them."""
+    """Add columns with direction and speed of approach, from the order of the poses."""
     time_step: float | None = None
-    """s from one pose to the next; None: no time."""
+    """s from one pose to the next; None: no column of time."""
     temperature: tuple[float, float] | None = None
-    """Degrees Celsius at the start, and what a warm-up tends to; equal: constant."""
+    """Degrees Celsius at the start and at the end of a warm-up; equal: constant."""
     payloads: tuple[float, ...] = ()
-    """kg; each commanded pose has one of them, at random."""
+    """kg; each commanded pose has one of these payloads, at random."""
 
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """Measured poses, and what is known of them because they were made up."""
+    """Simulated poses and their known outliers."""
 
     data: Measurements
     outliers: NDArray[np.int64]
-    """Rows that were made wrong, ascending, counted from 0."""
+    """Rows that are outliers, ascending, from 0."""
 
 
-def simulate(robot: Robot, plan: Plan, at: Measurements | None = None) -> Simulation:
-    """Measure ``robot``, with the effects its file lists, as ``plan`` says.
+def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> Simulation:
+    """Return simulated poses of ``robot`` and the effects of its file, measured according to ``plan``.
 
-    With several targets each is measured at every pose, one row a target. Commanded poses ``at``, in the order visited,
-    take the place of sampled ones; of them joint variables, ids and cycles are used.
+    With several targets each is measured at every pose, one row for each target. ``planned`` poses, in the order
+    visited, replace sampled ones; their joint variables, ids and cycles are used.
 
     Raises:
-        InputError: a slide has no limits, or the robot's effects cannot be read.
-        UsageError: the plan lacks a circumstance that an effect depends on, or has more outliers than rows, or too many
+        InputError: A prismatic joint has no limits, or the robot's effects cannot be read.
+        UsageError: The plan lacks a circumstance that an effect depends on, has more outliers than rows or too many
             rows, or repeats cycles.
     """
-    data = _circumstances(robot, plan, at)
+    data = _visited_poses(robot, plan, planned)
     poses = predict(robot, data)
     position, rotation = poses.translation, poses.rotation
     shape = position.shape
@@ -92,9 +92,9 @@ def simulate(robot: Robot, plan: Plan, at: Measurements | None = None) -> Simula
         rotation = compose(
             exp_so3(_stream(plan, "orientation").normal(scale=plan.noise_orientation, size=shape)), rotation
         )
-    wrong, shift = _outliers(plan, data.n)
+    outlier_rows, shift = _outliers(plan, data.n)
     position = position.copy()
-    position[:, wrong] += shift
+    position[:, outlier_rows] += shift
     nominal = predict(dataclasses.replace(robot, effects=()), data) if plan.commanded else None
     measured = dataclasses.replace(
         data,
@@ -107,17 +107,19 @@ def simulate(robot: Robot, plan: Plan, at: Measurements | None = None) -> Simula
         direction=data.direction if plan.motion else None,
         speed=data.speed if plan.motion else None,
     )
-    return Simulation(measured, wrong)
+    return Simulation(measured, outlier_rows)
 
 
 def joint_samples(robot: Robot, plan: Plan) -> Array:
-    """``(J, poses)`` commanded joint variables within the limits; a turn for a revolute joint without.
+    """Return commanded joint variables ``(J, poses)`` within the limits; one turn for a revolute joint without limits.
 
     Raises:
-        InputError: a prismatic joint has no limits; each one that has none.
+        InputError: Prismatic joints have no limits.
     """
     problems = [
-        Problem(f"the slide {joint.name} has no limits to sample within", column=f"joints.{joint.name}.limits")
+        Problem(
+            f"the prismatic joint {joint.name} has no limits to sample within", column=f"joints.{joint.name}.limits"
+        )
         for joint in robot.variables
         if joint.limits is None and joint.type == "prismatic"
     ]
@@ -128,38 +130,41 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
     if plan.sampling == "random":
         unit = rng.uniform(size=(len(low), plan.poses))
     else:
-        # Turned by a random amount (Cranley and Patterson 1976), so that a seed has poses of its own, still even.
+        # A random shift (Cranley and Patterson 1976) gives each seed other poses that are still even.
         unit = (low_discrepancy(len(low), plan.poses) + rng.uniform(size=(len(low), 1))) % 1.0
         if plan.time_step is not None:
-            # The sequence runs evenly through each joint's range, so in its own order a drift over time would look like
-            # a periodic error of a joint.
+            # The sequence runs evenly through each joint's range, so in its order a drift over time would look like a
+            # periodic error of a joint.
             unit = unit[:, _stream(plan, "order").permutation(plan.poses)]
     result: Array = np.clip(np.round(low + (high - low) * unit, _DECIMALS), low, high)
     return result
 
 
-def _circumstances(robot: Robot, plan: Plan, at: Measurements | None) -> Measurements:
-    """Everything but what is measured: poses visited in order, cycle after cycle, and each target measured there."""
+def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Measurements:
+    """Return all columns but the measured pose: poses in order, cycle after cycle, with every target at each visit."""
     targets = tuple(robot.targets) if len(robot.targets) > 1 else (None,)
-    one_cycle = plan.poses if at is None else at.n
-    visits = one_cycle * plan.cycles
-    if visits * len(targets) > _MOST_ROWS:
-        raise UsageError(f"{visits * len(targets)} rows are more than the {_MOST_ROWS} that are made at once")
-    stand = np.tile(np.arange(one_cycle), plan.cycles)
+    cycle_length = plan.poses if planned is None else planned.n
+    visits = cycle_length * plan.cycles
+    if visits * len(targets) > _MAX_ROWS:
+        raise UsageError(f"{visits * len(targets)} rows are more than the limit of {_MAX_ROWS}")
+    pose_of_visit = np.tile(np.arange(cycle_length), plan.cycles)
     visit = np.arange(visits).repeat(len(targets))
-    q, ids = (joint_samples(robot, plan), _numbered(np.arange(plan.poses))) if at is None else _planned(at)
-    direction, speed = motion_between_rows(q[:, stand])
-    cycle = None if at is None else at.cycle
+    if planned is None:
+        q, ids = joint_samples(robot, plan), _pose_ids(np.arange(plan.poses))
+    else:
+        q, ids = _planned_joints(planned)
+    direction, speed = motion_between_rows(q[:, pose_of_visit])
+    cycle = None if planned is None else planned.cycle
     if plan.cycles > 1:
         if cycle is not None:
-            raise UsageError("the poses to visit have cycles already: leave out --cycles, or their column cycle")
-        cycle = np.repeat(np.arange(1, plan.cycles + 1), one_cycle).astype(str)
-    pose = stand[visit]
-    weights = np.array(plan.payloads)
-    chosen = None
-    if weights.size:
-        same = np.arange(one_cycle) if at is None else at.groups()
-        chosen = _stream(plan, "payload").choice(weights, size=int(same.max()) + 1)[same]
+            raise UsageError("the poses to visit have cycles already: leave out `cycles`, or their column cycle")
+        cycle = np.repeat(np.arange(1, plan.cycles + 1), cycle_length).astype(str)
+    pose = pose_of_visit[visit]
+    masses = np.array(plan.payloads)
+    payload = None
+    if masses.size:
+        groups = np.arange(cycle_length) if planned is None else planned.groups()
+        payload = _stream(plan, "payload").choice(masses, size=int(groups.max()) + 1)[groups]
     return Measurements(
         position=np.zeros((3, visit.size)),
         q=q[:, pose],
@@ -168,40 +173,40 @@ def _circumstances(robot: Robot, plan: Plan, at: Measurements | None) -> Measure
         target=None if targets == (None,) else np.tile(np.array(targets), visits),
         time=None if plan.time_step is None else plan.time_step * visit.astype(float),
         temperature=None if plan.temperature is None else _temperature(plan.temperature, visits)[visit],
-        payload=None if chosen is None else chosen[pose],
+        payload=None if payload is None else payload[pose],
         direction=direction[:, visit],
         speed=speed[:, visit],
     )
 
 
-def _planned(at: Measurements) -> tuple[Array, NDArray[np.str_]]:
-    """Joint variables ``(J, n)`` and ids ``(n,)`` of poses to visit."""
-    if at.q is None:
+def _planned_joints(planned: Measurements) -> tuple[Array, NDArray[np.str_]]:
+    """Return joint variables ``(J, n)`` and ids ``(n,)`` of poses to visit."""
+    if planned.q is None:
         raise UsageError("the poses to visit have no joint columns")
-    return at.q, _numbered(at.groups()) if at.pose is None else at.pose
+    return planned.q, _pose_ids(planned.groups()) if planned.pose is None else planned.pose
 
 
-def _numbered(poses: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Ids P1, P2 … of numbers from 0, all of one width."""
+def _pose_ids(poses: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Return ids P1, P2 … of numbers from 0, all of equal length."""
     digits = len(str(int(poses.max(initial=0)) + 1))
     return np.array([f"P{number + 1:0{digits}d}" for number in poses])
 
 
-def _temperature(ends: tuple[float, float], visits: int) -> Array:
-    """``(visits,)``: first-order rise from the first to the second, evenly spaced in time."""
-    start, end = ends
+def _temperature(start_end: tuple[float, float], visits: int) -> Array:
+    """Return a first-order rise ``(visits,)`` from start to end, evenly spaced in time."""
+    start, end = start_end
     result: Array = end + (start - end) * np.exp(-_WARM_UP * np.arange(visits) / max(visits - 1, 1))
     return result
 
 
 def _outliers(plan: Plan, n: int) -> tuple[NDArray[np.int64], Array]:
-    """Rows ``(K,)`` and how far each is off, ``(3, K)`` m."""
+    """Return rows ``(K,)`` and their position errors ``(3, K)``, m."""
     if plan.outliers > n:
         raise UsageError(f"{plan.outliers} outliers are more than the {n} rows")
     rng = _stream(plan, "outliers")
     rows = np.sort(rng.choice(n, size=plan.outliers, replace=False)).astype(np.int64)
-    way = rng.normal(size=(3, plan.outliers))
-    return rows, plan.outlier_size * way / np.sqrt(np.sum(np.square(way), axis=0))
+    direction = rng.normal(size=(3, plan.outliers))
+    return rows, plan.outlier_size * direction / np.sqrt(np.sum(np.square(direction), axis=0))
 
 
 def _stream(plan: Plan, purpose: str) -> np.random.Generator:

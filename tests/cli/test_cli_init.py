@@ -96,7 +96,7 @@ def test_from_a_urdf(folder: Path) -> None:
     assert data.q is not None
     assert 0.0 <= data.q[1].min() <= data.q[1].max() <= 0.2
     head = Path("new/place/r.yaml").read_text(encoding="utf-8").partition("robacc: 1")[0]
-    assert "made from two.urdf" in head
+    assert "converted from two.urdf" in head
     assert all(line.startswith("#") for line in head.splitlines())
     assert str(folder) not in text + head
 
@@ -128,8 +128,8 @@ def test_nothing_is_written_over_unasked() -> None:
     [
         ((), 2, "give either a URDF or --joints"),
         (("two.urdf", "--joints", "2"), 2, "give either a URDF or --joints"),
-        (("--joints", "0"), 2, "an arm has 1 to 30 joints, not 0"),
-        (("--joints", "31"), 2, "an arm has 1 to 30 joints, not 31"),
+        (("--joints", "0"), 2, "expected 1 to 30 joints, found 0"),
+        (("--joints", "31"), 2, "expected 1 to 30 joints, found 31"),
         (("--joints", "2", "--robot", "x", "--poses", "./x"), 2, "both name x; name two files"),
         (("--joints", "2", "--tip-link", "hand"), 2, "choose a chain of a URDF"),
         (("two.urdf", "--robot", "two.urdf", "--force"), 2, "two.urdf is the URDF, and would be overwritten"),

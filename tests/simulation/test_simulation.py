@@ -105,7 +105,9 @@ def test_a_joint_without_limits_takes_a_turn_and_a_slide_without_is_an_error() -
     slides = dataclasses.replace(
         stanford, joints=tuple(dataclasses.replace(joint, limits=None) for joint in stanford.joints)
     )
-    with pytest.raises(InputError, match="the slide j3 has no limits to sample within; give it limits") as caught:
+    with pytest.raises(
+        InputError, match="the prismatic joint j3 has no limits to sample within; give it limits"
+    ) as caught:
         simulate(slides, Plan(5))
     assert caught.value.problems[0].column == "joints.j3.limits"
 
@@ -174,7 +176,7 @@ def test_commanded_poses_are_those_of_the_robot_without_effects() -> None:
 
 
 def test_more_rows_than_fit_are_refused_before_they_are_made() -> None:
-    with pytest.raises(UsageError, match="20000000000 rows are more than the 2000000 that are made at once"):
+    with pytest.raises(UsageError, match="20000000000 rows are more than the limit of 2000000"):
         simulate(PUMA, Plan(200_000, cycles=100_000))
 
 

@@ -14,7 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parent))
 
 from generated import with_made_parts
-from transcripts import ROOT, Ran, Session, blocks, brought_up_to_date, commands
+from transcripts import ROOT, Ran, Session, blocks, brought_up_to_date, commands, lost_ends
 
 DOCS = ROOT / "docs"
 
@@ -40,7 +40,8 @@ def refreshed(page: str, name: str, cache: dict[str, Ran]) -> tuple[str, list[st
                     return page, [*problems, f"{name}: {error}; it printed {lines[-1:]}"]
                 current = brought_up_to_date(shown.output, output)
                 if current is None:
-                    problems.append(f"{name}: cannot place the omitted parts of {shown.command!r} in\n{output}")
+                    lost = "\n  ".join(lost_ends(shown.output, output)) or "the order of the parts"
+                    problems.append(f"{name}: {shown.command}\n  {lost}\nis not in\n{output}")
                 lines += [*shown.lines, *(shown.output if current is None else current)]
             parts.append("".join(line.rstrip() + "\n" for line in lines))
     return "".join(parts) + page[place:], problems

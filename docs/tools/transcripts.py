@@ -189,6 +189,14 @@ def brought_up_to_date(shown: tuple[str, ...], output: str) -> tuple[str, ...] |
     return tuple(result)
 
 
+def lost_ends(shown: tuple[str, ...], output: str) -> list[str]:
+    """Return the lines beside an omission that the output no longer has."""
+    patterns = [_pattern(line) for line in output.splitlines()]
+    ends = {i for i, line in enumerate(shown) if OMITTED in (line, *shown[max(i - 1, 0) : i], *shown[i + 1 : i + 2])}
+    lines = [shown[i] for i in sorted(ends) if shown[i] != OMITTED]
+    return [line for line in lines if _find(patterns, line, 0, 0) is None]
+
+
 def _find(patterns: list[str], line: str, start: int, expected: int) -> int | None:
     """Return the number of the equal line nearest to ``expected``, else of a line that begins with it."""
     wanted = _pattern(line)

@@ -20,7 +20,7 @@ DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS / "tools"))
 
 from generated import with_made_parts  # noqa: E402
-from transcripts import Ran, Session, agrees, blocks, brought_up_to_date, commands, same_line  # noqa: E402
+from transcripts import Ran, Session, agrees, blocks, brought_up_to_date, commands, lost_ends, same_line  # noqa: E402
 
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "pictures" not in path.parts)
 NAMES = [str(path.relative_to(DOCS)) for path in PAGES]
@@ -148,6 +148,7 @@ def test_omitted_lines_stay_omitted_when_figures_change() -> None:
     assert brought_up_to_date(("…", "b 7", "…", "end"), output) == ("…", "b -2", "…", "end")
     assert brought_up_to_date(("old", "lines"), output) == tuple(output.splitlines())
     assert brought_up_to_date(("title 1", "…", "gone", "…"), output) is None
+    assert lost_ends(("title 1", "…", "gone", "gone too", "c 9", "…", "end"), output) == ["gone"]
 
 
 class _Fetched(HTMLParser):

@@ -1,1 +1,1 @@
-"""Several results side by side: which differences are real, which result is the better one, which has a grade."""
+"""Comparison of several results: significant differences, a ranking, and the results that meet a grade."""

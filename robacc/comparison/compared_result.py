@@ -1,4 +1,4 @@
-"""What is compared: one result's figures, the errors behind them pose by pose, and how they were made."""
+"""A result to compare: its figures, the errors of every pose behind them, and how it was made."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ class ComparedFigure:
     lower: float | None = None
     upper: float | None = None
     confidence: float | None = None
-    """Of the interval from ``lower`` to ``upper``, where the result has one."""
+    """Confidence of the interval from ``lower`` to ``upper``, if the result has an interval."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparedPoses:
-    """What tells the rows of a result apart: where the arm was sent."""
+    """Commanded poses of a result's rows."""
 
     n: int
     q: Array | None
-    """``(J, n)`` joints as commanded, rad or m."""
+    """``(J, n)`` commanded joints, rad or m."""
     commanded: Array | None
     """``(3, n)`` commanded position, m."""
     pose: NDArray[Any] | None
@@ -40,7 +40,7 @@ class ComparedPoses:
     target: NDArray[Any] | None
 
     def subset(self, rows: NDArray[np.bool_]) -> ComparedPoses:
-        """Some of the rows."""
+        """Return the poses of the rows where ``rows`` is true."""
         return ComparedPoses(
             int(np.count_nonzero(rows)),
             None if self.q is None else self.q[:, rows],
@@ -52,7 +52,7 @@ class ComparedPoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSet:
-    """The errors that a group of figures is of."""
+    """Errors behind a group of figures."""
 
     vectors: Array
     """``(3, n)`` m or rad"""
@@ -64,35 +64,35 @@ class ComparedResult:
     """One result to compare."""
 
     name: str
-    """Under which it appears; no two alike."""
+    """Unique name in the comparison."""
     command: str
     version: str
-    """Of the robacc that made it."""
+    """Version of robacc that made the result."""
     n_poses: int
     robot: str | None
     figures: Mapping[str, ComparedFigure]
-    """By key: ``position.rms``, ``nominal.held_out.position.p95`` …"""
+    """Figures by key: ``position.rms``, ``nominal.held_out.position.p95`` …"""
     errors: Mapping[str, ErrorSet]
-    """By what a key begins with: ``position``, ``orientation``, ``nominal.held_out.position`` …"""
-    made: Mapping[str, str]
-    """How it was made, in words, by aspect."""
+    """Errors by group, the start of a key: ``position``, ``orientation``, ``nominal.held_out.position`` …"""
+    provenance: Mapping[str, str]
+    """How the result was made, as text by aspect."""
     grade: str | None
-    """As the result has it, with its standing."""
+    """The result's own grade, with ``confirmed``, ``not confirmed`` or ``predicted``."""
     scale: Scale | None
-    """That the result was graded on, where it says so in full."""
+    """Grade scale of the result, if the result stores the complete scale."""
     scale_name: str | None
     frame: str | None
-    """``tool`` or ``base``: the axes of vectors."""
+    """Axes of vectors: ``tool`` or ``base``."""
     digest: str
-    """SHA-256 of the file: equal files are one result twice."""
+    """SHA-256 of the file; equal files are the same result."""
 
     @property
     def measured(self) -> bool:
-        """Whether its figures are of measured poses, which a prediction's are not."""
+        """Return whether the figures come from measured poses, as all but those of a prediction do."""
         return self.command != "predict"
 
 
 def split_key(key: str) -> tuple[str, str]:
-    """What the errors are found by, and the statistic: ``after.fitted.position`` and ``rms``."""
-    owner, _, statistic = key.rpartition(".")
-    return owner, statistic
+    """Return the group of a key's errors and its statistic: ``after.fitted.position`` and ``rms``."""
+    group, _, statistic = key.rpartition(".")
+    return group, statistic

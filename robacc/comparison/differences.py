@@ -1,13 +1,13 @@
-"""The difference of one statistic between two sets of errors, with its interval and p-value.
+"""Difference of one statistic between two sets of errors, with its interval and p-value.
 
-A smooth statistic is a function of sums over commanded poses, so its value moves by each pose's own influence on it
-(F. R. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974). Where both sets are of the same
-poses, a pose's two influences are subtracted before they are squared, and what both share cancels; else the two
-standard errors add up as squares, with Welch and Satterthwaite's degrees of freedom. Student's t is widened on either
-side to the studentised bootstrap over poses where that is wider (P. Hall, The Bootstrap and Edgeworth Expansion, 1992).
-A percentile's standard error is the bootstrap's own.
+A smooth statistic is a function of sums over commanded poses, so each pose has an influence on its value (F. R. Hampel,
+"The influence curve and its role in robust estimation", JASA 69, 1974). If both sets have the same poses, the two
+influences of a pose are subtracted before they are squared, and their common part cancels; otherwise the squares of the
+two standard errors add up, with Welch and Satterthwaite's degrees of freedom. Student's t is widened on either side to
+the studentised bootstrap over poses if the bootstrap is wider (P. Hall, The Bootstrap and Edgeworth Expansion, 1992).
+The standard error of a percentile comes from the bootstrap.
 
-The p-value reads the interval the other way round: it is below 1 - confidence just where the interval leaves zero out.
+The p-value agrees with the interval: it is below 1 - confidence exactly if the interval excludes zero.
 """
 
 from __future__ import annotations
@@ -26,65 +26,65 @@ from robacc.statistics.intervals import FEWEST_FOR_BOOTSTRAP, MOST_FOR_BOOTSTRAP
 
 DRAWS = 2000
 FEWEST_FOR_PERCENTILE = 30
-"""Below this the 95th percentile hangs on one pose, and its bootstrap intervals hold less often than they say."""
-_NIL = 1e-13
-"""A standard error of this fraction of the statistic is rounding."""
+"""With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim."""
+_ROUNDING = 1e-13
+"""A standard error below this fraction of the statistic is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How much greater a statistic is in the second set than in the first."""
+    """Statistic of the second set minus statistic of the first."""
 
     value: float
     lower: float | None
     upper: float | None
     confidence: float
     p_value: float | None
-    """Two-sided, that there is no difference."""
+    """Two-sided p-value of no difference."""
     method: str
     paired: bool
     n_poses: int | None
-    """Commanded poses that a paired difference is over."""
+    """Commanded poses of a paired difference."""
     why: str | None = None
-    """Why there is no interval or no p-value."""
+    """Reason for a missing interval or p-value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSample:
-    """The errors of one result, by commanded pose."""
+    """Errors of one result, grouped by commanded pose."""
 
     vectors: Array
     """``(3, N)``"""
     groups: NDArray[np.int64]
-    """``(N,)`` commanded pose of each row, 0 to G - 1; paired samples number them alike."""
+    """``(N,)`` commanded pose of each row, 0 to G - 1; paired samples share the numbering."""
 
     @property
     def n_groups(self) -> int:
-        """Commanded poses."""
+        """Return the number of commanded poses."""
         return int(self.groups.max()) + 1
 
     def sums(self) -> Array:
-        """Of each pose's rows ``(9, G)``: number, length, its square, the components, and theirs."""
+        """Return sums over each pose's rows ``(9, G)``: count, length, its square, components and their squares."""
         lengths = np.sqrt(np.sum(np.square(self.vectors), axis=0))
         features = (np.ones(lengths.size), lengths, lengths**2, *self.vectors, *np.square(self.vectors))
-        return np.stack([np.bincount(self.groups, weights=one, minlength=self.n_groups) for one in features])
+        return np.stack([np.bincount(self.groups, weights=feature, minlength=self.n_groups) for feature in features])
 
 
 def _rms(total: Array) -> tuple[Array, Array]:
     value = np.sqrt(total[2] / total[0])
-    slope = np.zeros_like(total)
-    slope[2] = 0.5 / np.maximum(value * total[0], 1e-300)
-    slope[0] = -0.5 * value / total[0]
-    return value, slope
+    gradient = np.zeros_like(total)
+    gradient[2] = 0.5 / np.maximum(value * total[0], 1e-300)
+    gradient[0] = -0.5 * value / total[0]
+    return value, gradient
 
 
 def _mean(row: int) -> Callable[[Array], tuple[Array, Array]]:
     def mean(total: Array) -> tuple[Array, Array]:
         value = total[row] / total[0]
-        slope = np.zeros_like(total)
-        slope[row] = 1.0 / total[0]
-        slope[0] = -value / total[0]
-        return value, slope
+        gradient = np.zeros_like(total)
+        gradient[row] = 1.0 / total[0]
+        gradient[0] = -value / total[0]
+        return value, gradient
 
     return mean
 
@@ -94,11 +94,11 @@ def _sd(axis: int) -> Callable[[Array], tuple[Array, Array]]:
         mean, square = total[3 + axis] / total[0], total[6 + axis] / total[0]
         value = np.sqrt(np.maximum(square - mean**2, 0.0))
         factor = 0.5 / np.maximum(value * total[0], 1e-300)
-        slope = np.zeros_like(total)
-        slope[6 + axis] = factor
-        slope[3 + axis] = -2.0 * mean * factor
-        slope[0] = (2.0 * mean**2 - square) * factor
-        return value, slope
+        gradient = np.zeros_like(total)
+        gradient[6 + axis] = factor
+        gradient[3 + axis] = -2.0 * mean * factor
+        gradient[0] = (2.0 * mean**2 - square) * factor
+        return value, gradient
 
     return deviation
 
@@ -109,40 +109,40 @@ SMOOTH: dict[str, Callable[[Array], tuple[Array, Array]]] = {
     **{f"mean_{axis}": _mean(3 + i) for i, axis in enumerate("xyz")},
     **{f"sd_{axis}": _sd(i) for i, axis in enumerate("xyz")},
 }
-"""Each takes sums ``(9, …)`` over all poses, and gives the statistic and its derivatives by them."""
+"""Functions of sums ``(9, …)`` over all poses that return the statistic and its derivatives by the sums."""
 VECTORIAL = frozenset(name for name in SMOOTH if name not in ("rms", "mean_error"))
 """Statistics of components, which depend on the frame."""
 RESAMPLED = frozenset({*SMOOTH, "p95"})
-"""Statistics whose difference is found from errors."""
+"""Statistics whose difference is computed from errors."""
 
 
 def difference(
     statistic: str, first: ErrorSample, second: ErrorSample, *, paired: bool, confidence: float = 0.95, seed: int = 0
 ) -> Difference:
-    """The ``statistic`` of ``second`` less that of ``first``.
+    """Return the ``statistic`` of ``second`` minus that of ``first``.
 
     Args:
-        statistic: One of :data:`RESAMPLED`.
+        statistic: A member of :data:`RESAMPLED`.
         first: Errors to compare with.
-        second: Errors to compare; where ``paired``, of the same commanded poses in the same numbering.
-        paired: Whether they are of the same commanded poses.
-        confidence: Of the interval.
-        seed: Of the resampling.
+        second: Errors to compare; if ``paired``, of the same commanded poses with the same numbers.
+        paired: Both samples have the same commanded poses.
+        confidence: Confidence of the interval.
+        seed: Seed of the resampling.
     """
     if min(first.n_groups, second.n_groups) < 2:
-        value = _plain(statistic, second) - _plain(statistic, first)
+        value = _statistic_of(statistic, second) - _statistic_of(statistic, first)
         why = "one commanded pose shows no scatter between poses"
         return Difference(value, None, None, confidence, None, "none", paired, None, why)
     if statistic == "p95":
         return _percentile(first, second, paired, confidence, seed)
     if statistic.startswith("sd_") and min(first.n_groups, second.n_groups) < FEWEST_FOR_BOOTSTRAP:
-        value = _plain(statistic, second) - _plain(statistic, first)
-        why = f"fewer than {FEWEST_FOR_BOOTSTRAP} poses: too few to tell standard deviations apart"
+        value = _statistic_of(statistic, second) - _statistic_of(statistic, first)
+        why = f"fewer than {FEWEST_FOR_BOOTSTRAP} poses: too few to compare standard deviations"
         return Difference(value, None, None, confidence, None, "none", paired, None, why)
     return _smooth(statistic, first, second, paired, confidence, seed)
 
 
-def _plain(statistic: str, sample: ErrorSample) -> float:
+def _statistic_of(statistic: str, sample: ErrorSample) -> float:
     if statistic == "p95":
         lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
         return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
@@ -157,7 +157,7 @@ def _smooth(
     variances = _variances([part.influence(None)[1] for part in parts], paired)
     error = math.sqrt(float(np.sum(variances)))
     n = first.n_groups if paired else None
-    if error <= _NIL * max(abs(part.value) for part in parts):
+    if error <= _ROUNDING * max(abs(part.value) for part in parts):
         return Difference(value, value, value, confidence, float(value == 0.0), "the same at every pose", paired, n)
     sizes = [part.sums.shape[1] for part in parts]
     dof = _degrees_of_freedom(variances, sizes)
@@ -165,24 +165,24 @@ def _smooth(
     below = above = t
     method = "Student's t"
     if min(sizes) >= FEWEST_FOR_BOOTSTRAP and max(sizes) <= MOST_FOR_BOOTSTRAP:
-        drawn = _studentised(parts, value, paired, seed)
+        resampled = _studentised(parts, value, paired, seed)
         low, high = interpolated(
-            drawn, [tail * (drawn.size - 1) for tail in (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)]
+            resampled, [tail * (resampled.size - 1) for tail in (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)]
         )
-        # The lower limit rests on the upper quantile of t, and the other way round.
+        # The lower limit follows from the upper quantile of t, and the upper limit from the lower quantile.
         below, above = max(t, high), max(t, -low)
         method = f"Student's t, no narrower than the studentised bootstrap ({DRAWS} draws)"
     ratio = (below if value > 0.0 else above) / t
     p_value = f_sf((value / error / ratio) ** 2, 1.0, dof)
-    over = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
+    basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
     return Difference(
-        value, value - below * error, value + above * error, confidence, p_value, f"{method}, {over}", paired, n
+        value, value - below * error, value + above * error, confidence, p_value, f"{method}, {basis}", paired, n
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """A smooth statistic of one sample."""
+    """Smooth statistic of one sample."""
 
     statistic: Callable[[Array], tuple[Array, Array]]
     sums: Array
@@ -190,83 +190,84 @@ class _Part:
 
     @property
     def value(self) -> float:
-        """Of the sample itself."""
+        """Return the statistic of the sample itself."""
         return float(self.statistic(self.sums.sum(axis=1))[0])
 
     def influence(self, counts: Array | None) -> tuple[Array, Array]:
-        """Value and each pose's influence on it: of the sample, or of each resample with ``counts`` ``(B, G)``."""
+        """Return the value and each pose's influence on it; ``counts`` ``(B, G)`` gives those of resamples."""
         total = self.sums.sum(axis=1) if counts is None else self.sums @ counts.T
-        value, slope = self.statistic(total)
-        return value, slope.T @ self.sums
+        value, gradient = self.statistic(total)
+        return value, gradient.T @ self.sums
 
 
 def _variances(influences: list[Array], paired: bool, counts: list[Array] | None = None) -> list[Array]:
-    """Squared standard errors, one where the poses are the same, else one for each sample."""
+    """Return squared standard errors: a single term for paired samples, else a term for each sample."""
     terms = [influences[1] - influences[0]] if paired else influences
     weights = [np.ones(1)] * len(terms) if counts is None else counts
-    found = []
+    variances = []
     for term, weight in zip(terms, weights, strict=False):
         size = term.shape[-1]
-        found.append(np.sum(weight * np.square(term), axis=-1) * (size / (size - 1.0)))
-    return found
+        variances.append(np.sum(weight * np.square(term), axis=-1) * (size / (size - 1.0)))
+    return variances
 
 
 def _degrees_of_freedom(variances: list[Array], sizes: list[int]) -> float:
-    whole = float(np.sum(variances))
-    return whole**2 / sum(float(one) ** 2 / (size - 1.0) for one, size in zip(variances, sizes, strict=False))
+    total = float(np.sum(variances))
+    terms = (float(variance) ** 2 / (size - 1.0) for variance, size in zip(variances, sizes, strict=False))
+    return total**2 / sum(terms)
 
 
 def _studentised(parts: list[_Part], value: float, paired: bool, seed: int) -> Array:
-    """(resampled difference - difference) / its own standard error, ``(B,)``."""
+    """Return (resampled difference - difference) / standard error of the resample, ``(B,)``."""
     counts = [_counts(part.sums.shape[1], seed, 0 if paired else i) for i, part in enumerate(parts)]
-    found = [part.influence(one) for part, one in zip(parts, counts, strict=True)]
-    error = np.sqrt(sum(_variances([influence for _, influence in found], paired, counts), np.zeros(DRAWS)))
+    resamples = [part.influence(part_counts) for part, part_counts in zip(parts, counts, strict=True)]
+    error = np.sqrt(sum(_variances([influence for _, influence in resamples], paired, counts), np.zeros(DRAWS)))
     usable = error > 0.0
-    result: Array = (found[1][0] - found[0][0] - value)[usable] / error[usable]
+    result: Array = (resamples[1][0] - resamples[0][0] - value)[usable] / error[usable]
     return result
 
 
 @lru_cache(maxsize=8)
 def _counts(size: int, seed: int, stream: int) -> Array:
-    """How often each of ``size`` poses was drawn, ``(B, size)``."""
-    drawn = np.random.default_rng([seed, stream]).integers(size, size=(DRAWS, size))
-    drawn += size * np.arange(DRAWS)[:, None]
-    return np.bincount(drawn.ravel(), minlength=DRAWS * size).reshape(DRAWS, size).astype(float)
+    """Return the number of times that each of ``size`` poses occurs in each resample, ``(B, size)``."""
+    indices = np.random.default_rng([seed, stream]).integers(size, size=(DRAWS, size))
+    indices += size * np.arange(DRAWS)[:, None]
+    return np.bincount(indices.ravel(), minlength=DRAWS * size).reshape(DRAWS, size).astype(float)
 
 
 def _percentile(first: ErrorSample, second: ErrorSample, paired: bool, confidence: float, seed: int) -> Difference:
-    value = _plain("p95", second) - _plain("p95", first)
+    value = _statistic_of("p95", second) - _statistic_of("p95", first)
     sizes = [first.n_groups, second.n_groups]
     n = first.n_groups if paired else None
     if min(sizes) < FEWEST_FOR_PERCENTILE:
-        why = f"{min(sizes)} poses: too few to tell 95th percentiles apart, which takes {FEWEST_FOR_PERCENTILE}"
+        why = f"{min(sizes)} poses: too few to compare 95th percentiles; at least {FEWEST_FOR_PERCENTILE} are needed"
         return Difference(value, None, None, confidence, None, "none", paired, n, why)
-    drawn = [_resampled_percentile(sample, seed, 0 if paired else i) for i, sample in enumerate((first, second))]
-    error = float(np.std(drawn[1] - drawn[0]))
-    if error <= _NIL * abs(_plain("p95", first)):
+    resampled = [_resampled_percentile(sample, seed, 0 if paired else i) for i, sample in enumerate((first, second))]
+    error = float(np.std(resampled[1] - resampled[0]))
+    if error <= _ROUNDING * abs(_statistic_of("p95", first)):
         return Difference(value, value, value, confidence, float(value == 0.0), "the same at every pose", paired, n)
-    dof = sizes[0] - 1.0 if paired else _degrees_of_freedom([np.asarray(np.var(one)) for one in drawn], sizes)
-    reach = student_quantile(0.5 + 0.5 * confidence, dof) * error
-    over = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
-    method = f"Student's t with the bootstrap's standard error ({drawn[0].size} draws), {over}"
+    dof = sizes[0] - 1.0 if paired else _degrees_of_freedom([np.asarray(np.var(values)) for values in resampled], sizes)
+    half_width = student_quantile(0.5 + 0.5 * confidence, dof) * error
+    basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
+    method = f"Student's t with the bootstrap's standard error ({resampled[0].size} draws), {basis}"
     p_value = f_sf((value / error) ** 2, 1.0, dof)
-    return Difference(value, value - reach, value + reach, confidence, p_value, method, paired, n)
+    return Difference(value, value - half_width, value + half_width, confidence, p_value, method, paired, n)
 
 
 def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:
-    """95th percentiles of samples of poses drawn anew, ``(B,)``; repetitions of a pose are drawn together."""
+    """Return the 95th percentiles of resamples of poses, ``(B,)``; repetitions of a pose stay together."""
     lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
     order = np.argsort(lengths, kind="stable")
     lengths, groups = lengths[order], sample.groups[order]
     size = sample.n_groups
     rng = np.random.default_rng([seed, stream])
-    # Few draws settle a standard error where there are many poses, whose percentile is all but Gaussian.
+    # With many poses the percentile is nearly Gaussian, and few draws suffice for its standard error.
     draws = DRAWS if size <= MOST_FOR_BOOTSTRAP else 200
-    found = np.empty(draws)
+    percentiles = np.empty(draws)
     for i in range(draws):
-        reached = np.cumsum(np.bincount(rng.integers(size, size=size), minlength=size)[groups])
-        position = 0.95 * (reached[-1] - 1.0)
+        cumulative = np.cumsum(np.bincount(rng.integers(size, size=size), minlength=size)[groups])
+        position = 0.95 * (cumulative[-1] - 1.0)
         low = int(position)
-        ranks = np.searchsorted(reached, [low, min(low + 1, reached[-1] - 1)], side="right")
-        found[i] = lengths[ranks[0]] + (position - low) * (lengths[ranks[1]] - lengths[ranks[0]])
-    return found
+        ranks = np.searchsorted(cumulative, [low, min(low + 1, cumulative[-1] - 1)], side="right")
+        percentiles[i] = lengths[ranks[0]] + (position - low) * (lengths[ranks[1]] - lengths[ranks[0]])
+    return percentiles

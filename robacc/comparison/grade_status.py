@@ -1,4 +1,4 @@
-"""Which of several results has a wanted grade: demonstrates it, meets it, or does not."""
+"""Status of several results against a required grade: confirmed, met but not confirmed, or not met."""
 
 from __future__ import annotations
 
@@ -11,134 +11,143 @@ from robacc.accuracy.grade import Grade
 from robacc.accuracy.grade_scale import Scale, default_scale
 from robacc.accuracy.grading import grade
 from robacc.comparison.compared_result import ComparedResult
-from robacc.comparison.pairing import whole
+from robacc.comparison.pairing import unpaired_sample
 from robacc.errors import UsageError
 from robacc.statistics.records import ErrorStatistics, Unit
 
-Verdict = Literal["demonstrated", "met, not demonstrated", "not met"]
+Verdict = Literal["demonstrated", "met_not_demonstrated", "not_met"]
+"""Verdicts as results store them."""
 _UNITS: dict[str, Unit] = {"position": "m", "orientation": "rad"}
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """How one result stands to the wanted grade."""
+class GradeStatus:
+    """Status of one result against the required grade."""
 
     name: str
     verdict: Verdict
     grade: str
-    """Its own on the scale."""
+    """The result's own grade on the scale."""
     probability: float | None
-    """That the wanted grade's limits are truly met, given the data."""
+    """Probability that the limits of the required grade are truly met, given the data."""
     position: float
-    """The scale's statistic, m."""
+    """Statistic of the scale, m."""
     position_bound: float | None
-    """Its upper bound at the scale's confidence."""
+    """Upper bound at the scale's confidence."""
     orientation: float | None
     """rad"""
     orientation_bound: float | None
     poses_to_demonstrate: int | None
-    """Poses in all with which the wanted grade would be demonstrated with probability 0.9 if the estimate stays."""
+    """Total number of poses that confirms the required grade with probability 0.9 if the estimate stays the same."""
     why: str | None
-    """Why it is not demonstrated, or the probability is not known."""
+    """Reason why the grade is not confirmed, or why the probability is unknown."""
 
 
-def chosen_scale(subjects: Sequence[ComparedResult]) -> Scale:
-    """The scale that the results were graded on.
+def common_scale(results: Sequence[ComparedResult]) -> Scale:
+    """Return the grade scale of the results.
 
     Raises:
-        UsageError: They were graded on different ones, or on one that no result has whole.
+        UsageError: The results have different scales, or a scale that no result stores completely.
     """
-    names = {subject.scale_name for subject in subjects if subject.scale_name is not None}
-    scales = {subject.scale for subject in subjects if subject.scale is not None}
+    names = {result.scale_name for result in results if result.scale_name is not None}
+    scales = {result.scale for result in results if result.scale is not None}
     default = default_scale()
     if len(names) > 1 or len(scales) > 1:
-        what = " and ".join(sorted(names)) if len(names) > 1 else f"different scales of the name {min(names)}"
-        raise UsageError(f"the results were graded on {what}; say with --scale which is to hold")
+        conflict = " and ".join(sorted(names)) if len(names) > 1 else f"different scales with the name {min(names)}"
+        raise UsageError(f"the results were graded on {conflict}; choose the scale with `scale`")
     if scales:
         return next(iter(scales))
     if names <= {default.name}:
         return default
-    raise UsageError(f"no result has the scale {min(names)} whole; name its file with --scale")
+    raise UsageError(f"no result stores the complete scale {min(names)}; give its file with `scale`")
 
 
-def standings(subjects: Sequence[ComparedResult], scale: Scale, wanted: str, seed: int = 0) -> tuple[Standing, ...]:
-    """Every result's standing, in their order.
+def grade_statuses(
+    results: Sequence[ComparedResult], scale: Scale, required_grade: str, seed: int = 0
+) -> tuple[GradeStatus, ...]:
+    """Return the status of every result, in the order of the results.
 
     Args:
-        subjects: The results.
-        scale: That they are judged on.
-        wanted: A step of the scale.
-        seed: Of the bootstrap.
+        results: The results.
+        scale: Grade scale to apply.
+        required_grade: A step of the scale.
+        seed: Seed of the bootstrap.
 
     Raises:
-        UsageError: The scale has no such step, or a result no position errors to judge.
+        UsageError: The scale has no such step, or a result has no position errors to grade.
     """
     names = [step.grade for step in scale.steps]
-    if wanted not in names:
-        raise UsageError(f"no grade {wanted!r} on the scale {scale.name}; it has {', '.join(names)}")
-    rank = names.index(wanted)
+    if required_grade not in names:
+        raise UsageError(f"`grade`: the scale {scale.name} has no grade {required_grade!r}; it has {', '.join(names)}")
+    rank = names.index(required_grade)
     return tuple(
-        _measured(subject, scale, rank, seed) if "position" in subject.errors else _by_figures(subject, scale, rank)
-        for subject in subjects
+        _status_by_errors(result, scale, rank, seed)
+        if "position" in result.errors
+        else _status_by_figures(result, scale, rank)
+        for result in results
     )
 
 
-def _measured(subject: ComparedResult, scale: Scale, rank: int, seed: int) -> Standing:
-    position = _statistics(subject, "position", scale, seed)
-    orientation = _statistics(subject, "orientation", scale, seed) if "orientation" in subject.errors else None
-    found = grade(position, orientation, scale)
+def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int) -> GradeStatus:
+    position = _statistics(result, "position", scale, seed)
+    orientation = _statistics(result, "orientation", scale, seed) if "orientation" in result.errors else None
+    assessed = grade(position, orientation, scale)
     names = [step.grade for step in scale.steps]
-    proven = found.demonstrated_grade
-    demonstrated = proven is not None and names.index(proven) <= rank
-    met = found.grade in names and names.index(found.grade) <= rank
-    probability = found.probability_within(names[rank])
-    turned = found.orientation
-    return Standing(
-        subject.name,
-        "demonstrated" if demonstrated else "met, not demonstrated" if met else "not met",
-        found.grade,
+    best_confirmed = assessed.demonstrated_grade
+    confirmed = best_confirmed is not None and names.index(best_confirmed) <= rank
+    met = assessed.grade in names and names.index(assessed.grade) <= rank
+    probability = assessed.probability_within(names[rank])
+    angle = assessed.orientation
+    return GradeStatus(
+        result.name,
+        "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
+        assessed.grade,
         probability,
-        found.position.value,
-        found.position.upper_bound,
-        None if turned is None else turned.value,
-        None if turned is None else turned.upper_bound,
-        found.poses_needed(rank) if met and not demonstrated else None,
-        None if demonstrated or not met else _lacking(found),
+        assessed.position.value,
+        assessed.position.upper_bound,
+        None if angle is None else angle.value,
+        None if angle is None else angle.upper_bound,
+        assessed.poses_needed(rank) if met and not confirmed else None,
+        None if confirmed or not met else _why_not_confirmed(assessed),
     )
 
 
-def _statistics(subject: ComparedResult, quantity: str, scale: Scale, seed: int) -> ErrorStatistics:
-    sample = whole(subject.errors[quantity])
+def _statistics(result: ComparedResult, quantity: str, scale: Scale, seed: int) -> ErrorStatistics:
+    sample = unpaired_sample(result.errors[quantity])
     return error_statistics(
         sample.vectors, _UNITS[quantity], groups=sample.groups, confidence=scale.confidence, seed=seed
     )
 
 
-def _lacking(found: Grade) -> str:
-    quantities = (("position", found.position), ("orientation", found.orientation))
-    unknown = [f"no upper bound of {name}: {one.why}" for name, one in quantities if one is not None and one.why]
-    return "; ".join(unknown) or f"the upper {100 * found.scale.confidence:g} % bound is beyond its limit"
+def _why_not_confirmed(assessed: Grade) -> str:
+    quantities = (("position", assessed.position), ("orientation", assessed.orientation))
+    missing = [
+        f"no upper bound of {name}: {quantity.why}" for name, quantity in quantities if quantity and quantity.why
+    ]
+    return "; ".join(missing) or f"the upper {100 * assessed.scale.confidence:g} % bound is beyond the limit"
 
 
-def _by_figures(subject: ComparedResult, scale: Scale, rank: int) -> Standing:
-    """Of a prediction, or a result without its errors pose by pose: by the figures alone, which demonstrate nothing."""
-    statistic = "max_radius95" if scale.statistic == "max" and not subject.measured else scale.statistic
-    position, orientation = (subject.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS)
+def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> GradeStatus:
+    """Return the status by the figures alone, for a prediction or a result without errors; they confirm nothing."""
+    statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
+    position, orientation = (result.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS)
     if position is None:
-        raise UsageError(f"{subject.name} is a result of {subject.command}, which has no {statistic} error to grade")
+        raise UsageError(f"{result.name} is a result of {result.command}, which has no {statistic} error to grade")
     names = [*(step.grade for step in scale.steps), scale.otherwise]
-    turned = None if orientation is None else orientation.value
-    own = next(
+    angle = None if orientation is None else orientation.value
+    own_rank = next(
         (
             i
             for i, step in enumerate(scale.steps)
-            if _meets(step.position, position.value) and _meets(step.orientation, turned)
+            if _meets(step.position, position.value) and _meets(step.orientation, angle)
         ),
         len(scale.steps),
     )
-    why = "predicted from tolerances, not measured" if not subject.measured else "the result has no errors pose by pose"
-    verdict: Verdict = "met, not demonstrated" if own <= rank else "not met"
-    return Standing(subject.name, verdict, names[own], None, position.value, None, turned, None, None, why)
+    why = "the result does not list the error of every pose"
+    if not result.measured:
+        why = "predicted from tolerances, not measured"
+    verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
+    return GradeStatus(result.name, verdict, names[own_rank], None, position.value, None, angle, None, None, why)
 
 
 def _meets(limit: float | None, value: float | None) -> bool:

@@ -1,4 +1,4 @@
-"""Which rows of two results are of the same commanded pose."""
+"""Pairing of two results by commanded pose."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from robacc.geometry import Array
 from robacc.measurements import commanded_groups
 
 _SAME_JOINT = 1e-6
-"""Joints this near, rad or m, are commanded alike: below any encoder's step, above what a file's digits lose."""
-_SAME_PLACE = 1e-4
-"""Commanded positions this near, m, are the same place, though two arms' joints or an alignment differ."""
+"""Largest difference of equal joint commands, rad or m: below any encoder's step, above the rounding of a file."""
+_SAME_POSITION = 1e-4
+"""Largest distance of equal commanded positions, m, for arms or alignments that differ."""
 _ENOUGH = 0.5
-"""Poses in common are compared in pairs where they are this share of either result's."""
+"""Smallest share of common poses, of either result's poses, for a paired comparison."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,58 +28,73 @@ class Pairing:
     second: ErrorSample
     paired: bool
     n_first: int
-    """Commanded poses of the whole set."""
+    """Commanded poses of the complete set."""
     n_second: int
 
 
-def pair(first: ErrorSet, second: ErrorSet) -> Pairing:
-    """Pair what is of the same poses; where too little is, each set stands for itself."""
+@dataclass(frozen=True, slots=True)
+class PoseMatch:
+    """Match of the poses of two results."""
+
+    first: str
+    second: str
+    """Names of the results."""
+    paired: bool
+    shared: int
+    """Common commanded poses; 0 without pairs."""
+    n_first: int
+    """Commanded poses of each result."""
+    n_second: int
+
+
+def pair_poses(first: ErrorSet, second: ErrorSet) -> Pairing:
+    """Pair the errors of common commanded poses; with too few common poses, return both complete sets unpaired."""
+    samples = [unpaired_sample(errors) for errors in (first, second)]
+    sizes = [sample.n_groups for sample in samples]
     keys = _common_keys(first.poses, second.poses)
-    own = [_numbered(_own_keys(one.poses)) for one in (first, second)]
-    sizes = [int(one.max()) + 1 for one in own]
     if keys is not None:
-        both = np.intersect1d(keys[0], keys[1])
-        if both.size >= max(2, _ENOUGH * max(np.unique(one).size for one in keys)):
+        common = np.intersect1d(keys[0], keys[1])
+        if common.size >= max(2, _ENOUGH * max(np.unique(numbers).size for numbers in keys)):
             samples = []
-            for errors, key in zip((first, second), keys, strict=True):
-                rows = np.isin(key, both)
-                samples.append(ErrorSample(errors.vectors[:, rows], np.searchsorted(both, key[rows])))
+            for errors, numbers in zip((first, second), keys, strict=True):
+                rows = np.isin(numbers, common)
+                samples.append(ErrorSample(errors.vectors[:, rows], np.searchsorted(common, numbers[rows])))
             return Pairing(samples[0], samples[1], True, *sizes)
-    return Pairing(ErrorSample(first.vectors, own[0]), ErrorSample(second.vectors, own[1]), False, *sizes)
+    return Pairing(samples[0], samples[1], False, *sizes)
 
 
-def whole(errors: ErrorSet) -> ErrorSample:
-    """A set of errors by its own commanded poses."""
-    return ErrorSample(errors.vectors, _numbered(_own_keys(errors.poses)))
+def unpaired_sample(errors: ErrorSet) -> ErrorSample:
+    """Return a complete set of errors, grouped by its commanded poses."""
+    return ErrorSample(errors.vectors, _numbered(_pose_numbers(errors.poses)))
 
 
 def _numbered(keys: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.unique(keys, return_inverse=True)[1].astype(np.int64)
 
 
-def _own_keys(poses: ComparedPoses) -> NDArray[np.int64]:
-    """Number of each row's commanded pose, by its id, else its joints, else its place, as measurements have it."""
-    found = commanded_groups(poses.pose, poses.q if poses.q is not None else poses.commanded)
-    return np.arange(poses.n, dtype=np.int64) if found is None else found.numbers
+def _pose_numbers(poses: ComparedPoses) -> NDArray[np.int64]:
+    """Return the number of each row's commanded pose: by id, else by joints, else by position, as measurements do."""
+    groups = commanded_groups(poses.pose, poses.q if poses.q is not None else poses.commanded)
+    return np.arange(poses.n, dtype=np.int64) if groups is None else groups.numbers
 
 
 def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-    """Numbers of commanded poses that mean the same in both; None where nothing says which are the same.
+    """Return numbers of commanded poses with the same meaning in both results; None if nothing relates the poses.
 
-    Row by row where both have the same rows in the same order; else by the joints, or by the ids where they name the
-    same places.
+    Rows are matched in order if both results have the same rows; otherwise by the joints, or by ids that name the
+    same positions.
     """
     same_joints = first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]
     if first.n == second.n and _same_targets(first, second):
         close = same_joints and _close(first.q, second.q, _SAME_JOINT)
-        if close or _close(first.commanded, second.commanded, _SAME_PLACE):
-            # What is repeated in either is one pose in both.
-            keys = _numbered(_own_keys(first))
+        if close or _close(first.commanded, second.commanded, _SAME_POSITION):
+            # A pose repeated in one result is one pose in both.
+            keys = _numbered(_pose_numbers(first))
             return keys, keys
     if same_joints and first.q is not None and second.q is not None:
-        return _matched(first, second, np.round(first.q / _SAME_JOINT), np.round(second.q / _SAME_JOINT))
-    if first.pose is not None and second.pose is not None and _same_places(first, second):
-        return _by_text(first.pose, second.pose)
+        return _numbers_by_joints(np.round(first.q / _SAME_JOINT), np.round(second.q / _SAME_JOINT))
+    if first.pose is not None and second.pose is not None and _same_positions(first, second):
+        return _numbers_by_id(first.pose, second.pose)
     return None
 
 
@@ -98,25 +113,24 @@ def _same_targets(first: ComparedPoses, second: ComparedPoses) -> bool:
     return bool(np.array_equal(first.target, second.target))
 
 
-def _matched(
-    first: ComparedPoses, second: ComparedPoses, one: Array, other: Array
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    number = np.unique(np.concatenate((one, other), axis=1), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
-    return number[: first.n], number[first.n :]
+def _numbers_by_joints(first: Array, second: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    numbers = np.unique(np.concatenate((first, second), axis=1), axis=1, return_inverse=True)[1]
+    numbers = numbers.ravel().astype(np.int64)
+    return numbers[: first.shape[1]], numbers[first.shape[1] :]
 
 
-def _by_text(one: NDArray[np.str_], other: NDArray[np.str_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    number = np.unique(np.concatenate((one, other)), return_inverse=True)[1].astype(np.int64)
-    return number[: one.size], number[one.size :]
+def _numbers_by_id(first: NDArray[np.str_], second: NDArray[np.str_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    numbers = np.unique(np.concatenate((first, second)), return_inverse=True)[1].astype(np.int64)
+    return numbers[: first.size], numbers[first.size :]
 
 
-def _same_places(first: ComparedPoses, second: ComparedPoses) -> bool:
-    """Whether equal ids stand for equal commanded positions, where both say what those are."""
+def _same_positions(first: ComparedPoses, second: ComparedPoses) -> bool:
+    """Return whether equal ids have equal commanded positions, as far as both results list positions."""
     if first.commanded is None or second.commanded is None or first.pose is None or second.pose is None:
         return True
-    places = dict(zip(first.pose.tolist(), first.commanded.T, strict=True))
+    positions = dict(zip(first.pose.tolist(), first.commanded.T, strict=True))
     return all(
-        float(np.max(np.abs(places[name] - place))) <= _SAME_PLACE
-        for name, place in zip(second.pose.tolist(), second.commanded.T, strict=True)
-        if name in places
+        float(np.max(np.abs(positions[name] - position))) <= _SAME_POSITION
+        for name, position in zip(second.pose.tolist(), second.commanded.T, strict=True)
+        if name in positions
     )

@@ -1,4 +1,4 @@
-"""Who is better, as far as the data tell: every pair tested, corrected for their number, and groups that overlap.
+"""Tests of every pair of results, corrected for their number, and groups of results that do not differ.
 
 Sources: S. Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6
 (1979) 65-70; H.-P. Piepho, "An algorithm for a letter-based representation of all-pairwise comparisons", Journal of
@@ -13,9 +13,9 @@ from robacc.comparison.differences import Difference
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """p-values corrected for their number, in their order: the chance of any false difference among all stays below.
+    """Return p-values corrected for their number, which bounds the probability of any false difference.
 
-    None, which is no test, stays None and counts for nothing.
+    None stands for a pair without a test, stays None and does not count.
     """
     tested = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
     corrected: list[float | None] = [None] * len(p_values)
@@ -26,35 +26,35 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return corrected
 
 
-def groups(count: int, different: Set[tuple[int, int]]) -> list[tuple[int, ...]]:
-    """The largest groups of ``count`` members that hold no pair of ``different`` (first index below the second).
+def indistinguishable_groups(count: int, different: Set[tuple[int, int]]) -> list[tuple[int, ...]]:
+    """Return the largest groups of ``count`` members without a pair of ``different`` (first index below the second).
 
-    Members that share a group cannot be told apart; those that share none are different. The group of the first
-    member comes first.
+    Members with a common group do not differ; members without a common group do. The group of the first member comes
+    first.
     """
-    found: list[frozenset[int]] = [frozenset(range(count))]
+    groups: list[frozenset[int]] = [frozenset(range(count))]
     for first, second in sorted(different):
         split: list[frozenset[int]] = []
-        for group in found:
+        for group in groups:
             if first in group and second in group:
                 split += [group - {second}, group - {first}]
             else:
                 split.append(group)
-        found = [one for one in dict.fromkeys(split) if not any(one < other for other in split)]
-    return sorted(tuple(sorted(group)) for group in found)
+        groups = [group for group in dict.fromkeys(split) if not any(group < other for other in split)]
+    return sorted(tuple(sorted(group)) for group in groups)
 
 
-def letters(count: int, found: Sequence[tuple[int, ...]]) -> list[str]:
-    """The letters of each member: a for the first group, b for the second …; past z, a1, b1 …."""
-    names = [chr(ord("a") + i % 26) + (str(i // 26) if i >= 26 else "") for i in range(len(found))]
-    return ["".join(name for name, group in zip(names, found, strict=True) if i in group) for i in range(count)]
+def group_letters(count: int, groups: Sequence[tuple[int, ...]]) -> list[str]:
+    """Return the letters of each member: a for the first group, b for the second …; past z, a1, b1 …."""
+    names = [chr(ord("a") + i % 26) + (str(i // 26) if i >= 26 else "") for i in range(len(groups))]
+    return ["".join(name for name, group in zip(names, groups, strict=True) if i in group) for i in range(count)]
 
 
-def decided(
+def significant_pairs(
     pairs: Sequence[tuple[int, int, Difference]], level: float
 ) -> tuple[list[float | None], set[tuple[int, int]]]:
-    """The corrected p-value of each pair, and the pairs that are different at ``level``."""
-    corrected = holm([one.p_value for _, _, one in pairs])
+    """Return the corrected p-value of each pair, and the pairs that differ at ``level``."""
+    corrected = holm([difference.p_value for _, _, difference in pairs])
     different = {
         (min(i, j), max(i, j)) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level
     }

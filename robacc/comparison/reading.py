@@ -1,241 +1,264 @@
-"""A stored result as something to compare: its figures, the errors behind them, and how it was made.
+"""Read a stored result for a comparison: its figures, the errors behind them, and how it was made.
 
-What compares under one key is one thing: the figures of a fit held out after it stand where those of an estimate do,
-because both are of poses that had no part in what predicts them.
+One key stands for one kind of figure: the figures of a fit on held-out poses have the keys of an estimate, because both
+come from poses that the model was not fitted to.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from robacc.accuracy.grade_scale import STATISTICS, GradeStep, Scale
 from robacc.comparison.compared_result import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
-from robacc.comparison.document import ResultDocument
+from robacc.comparison.result_document import ResultDocument
 from robacc.errors import InputError, UsageError
 
 FITS = ("calibrate", "trace")
 COMPARED = ("estimate", *FITS, "predict", "iso9283")
 _LENGTHS = ("rms", "mean_error", "p95", "max")
 _QUANTITIES = (("position", "m"), ("orientation", "rad"))
+
+
+class _FitStage(NamedTuple):
+    """Place of one stage of a fit in its document."""
+
+    prefix: str
+    """Start of the keys."""
+    stage: str
+    poses: str
+    """``fitted`` or ``held_out``"""
+    errors: str
+    """Name of the errors under ``poses``."""
+    holdout_errors: str | None
+    """Name of the errors under ``poses_apart``; None if there are none."""
+
+
 _STAGES = (
-    ("", "after", "held_out", "held_out_after", "after"),
-    ("before.held_out.", "before", "held_out", "held_out_before", "before"),
-    ("nominal.held_out.", "nominal", "held_out", "nominal", "nominal"),
-    ("after.fitted.", "after", "fitted", "after", None),
+    _FitStage("", "after", "held_out", "held_out_after", "after"),
+    _FitStage("before.held_out.", "before", "held_out", "held_out_before", "before"),
+    _FitStage("nominal.held_out.", "nominal", "held_out", "nominal", "nominal"),
+    _FitStage("after.fitted.", "after", "fitted", "after", None),
 )
-"""What keys of a fit begin with, the stage, its poses, and the name of its errors in the poses' own record and in that
-of poses apart (None: it has none there)."""
 
 
-def subject(document: Mapping[str, Any], name: str, file: str, digest: str) -> ComparedResult:
-    """The subject of a result's document.
+def read_compared_result(document: Mapping[str, Any], name: str, file: str, digest: str) -> ComparedResult:
+    """Return the figures, errors and provenance of a result.
 
     Args:
-        document: As :func:`robacc.documents.read_result.read_result` gives it.
-        name: Under which it is to appear.
-        file: Its file, for messages.
+        document: The JSON document, from :func:`robacc.documents.read_result.read_result`.
+        name: Unique name of the result in the comparison.
+        file: The result's file, for messages.
         digest: SHA-256 of the file.
 
     Raises:
-        InputError: With everything that is wrong with it.
-        UsageError: It is a result of a command that has nothing to compare.
+        InputError: The document has invalid values; every problem is listed.
+        UsageError: The result has no figures to compare.
     """
     command = str(document["command"])
     if command not in COMPARED:
-        raise UsageError(f"{file} is a result of {command}; compared are those of {', '.join(COMPARED)}")
-    found = ResultDocument(document, file)
-    n = found.count("n_poses")
-    figures, errors = dict(_figures(found, command)), dict(_errors(found, command, n))
-    scale, scale_name = _scale(found)
-    if not figures and not found.problems:
-        found.report("position", "the figures of a result are expected here")
-    made = dict(_made(found, command, figures))
-    result = ComparedResult(
+        raise UsageError(f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared")
+    result = ResultDocument(document, file)
+    n = result.count("n_poses")
+    figures, errors = dict(_figures(result, command)), dict(_errors(result, command, n))
+    scale, scale_name = _scale(result)
+    if not figures and not result.problems:
+        result.report("position", "expected the figures of a result")
+    provenance = dict(_provenance(result, command, figures))
+    compared = ComparedResult(
         name=name,
         command=command,
         version=str(document["robacc"]),
         n_poses=n,
-        robot=found.text("robot.name"),
+        robot=result.text("robot.name"),
         figures=figures,
         errors=errors,
-        made=made,
-        grade=_grade(found),
+        provenance=provenance,
+        grade=_grade(result),
         scale=scale,
         scale_name=scale_name,
-        frame=found.text("frame"),
+        frame=result.text("frame"),
         digest=digest,
     )
-    if found.problems:
-        raise InputError(found.problems)
-    return result
+    if result.problems:
+        raise InputError(result.problems)
+    return compared
 
 
-def _figures(found: ResultDocument, command: str) -> Iterator[tuple[str, ComparedFigure]]:
+def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, ComparedFigure]]:
     if command == "iso9283":
-        yield from _iso9283(found)
+        yield from _iso9283(result)
         return
     for quantity, unit in _QUANTITIES:
         if command in FITS:
-            for prefix, stage, poses, _, _ in _stages(found):
-                yield from _lengths(found, f"{stage}.{poses}.{quantity}", f"{prefix}{quantity}", unit)
+            for stage in _stages(result):
+                path = f"{stage.stage}.{stage.poses}.{quantity}"
+                yield from _lengths(result, path, f"{stage.prefix}{quantity}", unit)
         else:
-            yield from _lengths(found, quantity, quantity, unit)
-            yield from _further(found, quantity, unit)
+            yield from _lengths(result, quantity, quantity, unit)
+            yield from _other_figures(result, quantity, unit)
 
 
-def _stages(found: ResultDocument) -> tuple[tuple[str, str, str, str, str | None], ...]:
-    """The stages of a fit; without poses held out, the fitted figures stand in their place, and the result says so."""
-    if found.at("after.held_out") is not None:
+def _stages(result: ResultDocument) -> tuple[_FitStage, ...]:
+    """Return the stages of a fit; without held-out poses, the stages on calibration poses take their place."""
+    if result.at("after.held_out") is not None:
         return _STAGES
     return tuple(
-        (prefix.replace("held_out", "fitted"), stage, "fitted", stage, None) for prefix, stage, *_ in _STAGES[:3]
+        _FitStage(entry.prefix.replace("held_out", "fitted"), entry.stage, "fitted", entry.stage, None)
+        for entry in _STAGES[:3]
     )
 
 
-def _lengths(found: ResultDocument, path: str, key: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
+def _lengths(result: ResultDocument, path: str, key: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
     for name in _LENGTHS:
-        yield from _one(found, path, f"{key}.{name}", f"{name}_{unit}", unit)
+        yield from _figure(result, path, f"{key}.{name}", f"{name}_{unit}", unit)
 
 
-def _one(found: ResultDocument, path: str, key: str, name: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
-    """The figure ``name`` of the mapping at ``path``, with its interval beside it."""
-    value = found.number(f"{path}.{name}")
+def _figure(result: ResultDocument, path: str, key: str, name: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
+    """Yield the figure ``name`` of the mapping at ``path``, with the interval stored beside it."""
+    value = result.number(f"{path}.{name}")
     if value is not None:
-        yield key, _with_interval(found, value, unit, f"{path}.intervals.{name}")
+        yield key, _with_interval(result, value, unit, f"{path}.intervals.{name}")
 
 
-def _with_interval(found: ResultDocument, value: float, unit: str, path: str) -> ComparedFigure:
-    limits = (found.number(f"{path}.lower"), found.number(f"{path}.upper"), found.number(f"{path}.confidence"))
+def _with_interval(result: ResultDocument, value: float, unit: str, path: str) -> ComparedFigure:
+    limits = (result.number(f"{path}.lower"), result.number(f"{path}.upper"), result.number(f"{path}.confidence"))
     return ComparedFigure(value, unit, *limits)
 
 
-def _further(found: ResultDocument, quantity: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
-    """What an estimate or a prediction has beside the lengths."""
-    yield from _one(found, quantity, f"{quantity}.max_radius95", f"max_radius95_{unit}", unit)
+def _other_figures(result: ResultDocument, quantity: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
+    """Yield the figures of an estimate or a prediction other than lengths."""
+    yield from _figure(result, quantity, f"{quantity}.max_radius95", f"max_radius95_{unit}", unit)
     radius = f"{quantity}.radius95.fitted_mean"
-    value = found.number(f"{radius}.radius_{unit}")
+    value = result.number(f"{radius}.radius_{unit}")
     if value is not None:
-        yield f"{quantity}.radius95", _with_interval(found, value, unit, f"{radius}.interval")
-    value = found.number(f"{quantity}.ellipsoid.0.sd_{unit}")
+        yield f"{quantity}.radius95", _with_interval(result, value, unit, f"{radius}.interval")
+    value = result.number(f"{quantity}.ellipsoid.0.sd_{unit}")
     if value is not None:
-        yield f"{quantity}.longest_sd", _with_interval(found, value, unit, f"{quantity}.ellipsoid.0.interval")
+        yield f"{quantity}.longest_sd", _with_interval(result, value, unit, f"{quantity}.ellipsoid.0.interval")
     for i, axis in enumerate("xyz"):
-        value = found.number(f"{quantity}.mean_{unit}.{i}")
+        value = result.number(f"{quantity}.mean_{unit}.{i}")
         if value is not None:
             yield (
                 f"{quantity}.mean_{axis}",
-                _with_interval(found, value, unit, f"{quantity}.intervals.mean_{unit}.{i}"),
+                _with_interval(result, value, unit, f"{quantity}.intervals.mean_{unit}.{i}"),
             )
     for i, axis in enumerate("xyz"):
-        variance = found.number(f"{quantity}.centred_covariance_{unit}2.{i}.{i}")
+        variance = result.number(f"{quantity}.centred_covariance_{unit}2.{i}.{i}")
         if variance is not None:
             yield f"{quantity}.sd_{axis}", ComparedFigure(max(variance, 0.0) ** 0.5, unit)
 
 
-def _iso9283(found: ResultDocument) -> Iterator[tuple[str, ComparedFigure]]:
+def _iso9283(result: ResultDocument) -> Iterator[tuple[str, ComparedFigure]]:
     for symbol in ("AP", "RP", "vAP", "AD", "RD", "drift.AP", "drift.RP", "drift.barycentre", "exchangeability"):
         path = f"iso9283.{symbol}"
-        yield from _one(found, path, f"{path}.max", "max_m", "m")
-        yield from _one(found, f"{path}.orientation", f"{path}.orientation.max", "max_rad", "rad")
+        yield from _figure(result, path, f"{path}.max", "max_m", "m")
+        yield from _figure(result, f"{path}.orientation", f"{path}.orientation.max", "max_rad", "rad")
 
 
-def _errors(found: ResultDocument, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
+def _errors(result: ResultDocument, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
     if command == "estimate":
-        poses = _poses(found, "poses", n)
+        poses = _poses(result, "poses", n)
         for quantity, unit in _QUANTITIES:
-            vectors = found.matrix(f"{quantity}.errors_{unit}", n, 3)
+            vectors = result.matrix(f"{quantity}.errors_{unit}", n, 3)
             if vectors is not None and n:
                 yield quantity, ErrorSet(vectors, poses)
         return
     if command not in FITS:
         return
-    apart = found.at("poses_apart") is not None
-    n_apart = len(found.at("poses_apart.line") or ()) if apart else 0
-    for prefix, _, of, name, name_apart in _stages(found):
-        place, size, label = ("poses_apart", n_apart, name_apart) if apart and of == "held_out" else ("poses", n, name)
-        if label is None or not size:
+    has_holdout = result.at("poses_apart") is not None
+    n_holdout = len(result.at("poses_apart.line") or ()) if has_holdout else 0
+    for stage in _stages(result):
+        path, size, name = "poses", n, stage.errors
+        if has_holdout and stage.poses == "held_out":
+            if stage.holdout_errors is None:
+                continue
+            path, size, name = "poses_apart", n_holdout, stage.holdout_errors
+        if not size:
             continue
-        poses, used = _poses(found, place, size), found.flags(f"{place}.used", size)
+        poses, used = _poses(result, path, size), result.flags(f"{path}.used", size)
         rows = np.ones(size, dtype=bool) if used is None else used
         for quantity, unit in _QUANTITIES:
-            vectors = found.matrix(f"{place}.errors_{unit}.{label}", size, 3)
+            vectors = result.matrix(f"{path}.errors_{unit}.{name}", size, 3)
             if vectors is not None and np.any(rows):
-                yield f"{prefix}{quantity}", ErrorSet(vectors[:, rows], poses.subset(rows))
+                yield f"{stage.prefix}{quantity}", ErrorSet(vectors[:, rows], poses.subset(rows))
 
 
-def _poses(found: ResultDocument, path: str, n: int) -> ComparedPoses:
+def _poses(result: ResultDocument, path: str, n: int) -> ComparedPoses:
     return ComparedPoses(
         n,
-        found.matrix(f"{path}.q", n),
-        found.matrix(f"{path}.commanded_m", n, 3),
-        found.texts(f"{path}.pose", n),
-        found.texts(f"{path}.target", n),
+        result.matrix(f"{path}.q", n),
+        result.matrix(f"{path}.commanded_m", n, 3),
+        result.texts(f"{path}.pose", n),
+        result.texts(f"{path}.target", n),
     )
 
 
-def _grade(found: ResultDocument) -> str | None:
-    grade = found.text("grade.grade")
+def _grade(result: ResultDocument) -> str | None:
+    grade = result.text("grade.grade")
     if grade is None:
         return None
-    if found.root["command"] == "predict":
+    if result.root["command"] == "predict":
         return f"{grade}, predicted"
-    return f"{grade}, demonstrated" if found.at("grade.demonstrated") is True else f"{grade}, not demonstrated"
+    return f"{grade}, confirmed" if result.at("grade.demonstrated") is True else f"{grade}, not confirmed"
 
 
-def _scale(found: ResultDocument) -> tuple[Scale | None, str | None]:
-    """The scale that the result was graded on, where its document has it whole, and its name."""
-    name, statistic = found.text("grade.scale"), found.text("grade.statistic")
-    steps, otherwise = found.at("grade.steps"), found.text("grade.otherwise")
-    confidence = found.number("grade.confidence")
-    if not isinstance(steps, list) or name is None or statistic not in STATISTICS or otherwise is None:
+def _scale(result: ResultDocument) -> tuple[Scale | None, str | None]:
+    """Return the grade scale of the result, if its document stores the complete scale, and the scale's name."""
+    name, statistic = result.text("grade.scale"), result.text("grade.statistic")
+    entries, otherwise = result.at("grade.steps"), result.text("grade.otherwise")
+    confidence = result.number("grade.confidence")
+    if not isinstance(entries, list) or name is None or statistic not in STATISTICS or otherwise is None:
         return None, name
-    read = []
-    for i in range(len(steps)):
-        grade, position = found.text(f"grade.steps.{i}.grade"), found.number(f"grade.steps.{i}.position_m")
+    steps = []
+    for i in range(len(entries)):
+        grade, position = result.text(f"grade.steps.{i}.grade"), result.number(f"grade.steps.{i}.position_m")
         if grade is None or position is None:
-            found.report(f"grade.steps.{i}", "a grade and its limit of position are expected here")
+            result.report(f"grade.steps.{i}", "expected a grade and its position limit")
             return None, name
-        read.append(GradeStep(grade, position, found.number(f"grade.steps.{i}.orientation_rad")))
-    if confidence is None or not 0.5 <= confidence < 1.0 or not read:
+        steps.append(GradeStep(grade, position, result.number(f"grade.steps.{i}.orientation_rad")))
+    if confidence is None or not 0.5 <= confidence < 1.0 or not steps:
         return None, name
-    return Scale(name, statistic, confidence, tuple(read), otherwise), name  # type: ignore[arg-type]
+    return Scale(name, statistic, confidence, tuple(steps), otherwise), name  # type: ignore[arg-type]
 
 
-def _made(found: ResultDocument, command: str, figures: Mapping[str, ComparedFigure]) -> Iterator[tuple[str, str]]:
-    """How the result was made, in words: what differs between two results is warned of."""
+def _provenance(
+    result: ResultDocument, command: str, figures: Mapping[str, ComparedFigure]
+) -> Iterator[tuple[str, str]]:
+    """Yield how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
     yield "command", command
-    yield "robacc version", str(found.root["robacc"])
-    frame = found.text("frame")
+    yield "robacc version", str(result.root["robacc"])
+    frame = result.text("frame")
     if frame is not None:
         yield "frame", frame
-    yield "alignment", _alignment(found, command)
-    scale = found.text("grade.scale")
+    yield "alignment", _alignment(result, command)
+    scale = result.text("grade.scale")
     if scale is not None:
         yield "grade scale", scale
     confidences = sorted({figure.confidence for figure in figures.values() if figure.confidence is not None})
     if confidences:
-        yield "confidence", ", ".join(f"{one:g}" for one in confidences)
+        yield "confidence", ", ".join(f"{confidence:g}" for confidence in confidences)
     if command in FITS:
-        apart = found.at("poses_apart") is not None
-        held = "poses of their own" if apart else f"{found.at('n_folds')} folds"
-        yield "held out", held if found.at("after.held_out") is not None else "nothing (figures of poses fitted)"
-    fitted = found.at("robot.fitted_to")
-    if isinstance(fitted, list):
-        inputs = [one for one in found.at("inputs") or () if isinstance(one, Mapping)]
-        seen = any(one.get("sha256") in fitted for one in inputs if one.get("kind") == "poses")
-        yield "robot file", "fitted to these very poses" if seen else "not fitted to these poses"
-    targets = found.at("poses.target")
+        has_holdout = result.at("poses_apart") is not None
+        source = "separate poses" if has_holdout else f"{result.at('n_folds')} folds"
+        has_held_out = result.at("after.held_out") is not None
+        yield "held out", source if has_held_out else "nothing (errors of calibration poses)"
+    fitted_to = result.at("robot.fitted_to")
+    if isinstance(fitted_to, list):
+        inputs = [entry for entry in result.at("inputs") or () if isinstance(entry, Mapping)]
+        same_poses = any(entry.get("sha256") in fitted_to for entry in inputs if entry.get("kind") == "poses")
+        yield "robot file", "fitted to the same poses" if same_poses else "not fitted to these poses"
+    targets = result.at("poses.target")
     if isinstance(targets, list):
-        yield "targets", ", ".join(sorted({str(one) for one in targets}))
+        yield "targets", ", ".join(sorted({str(target) for target in targets}))
 
 
-def _alignment(found: ResultDocument, command: str) -> str:
+def _alignment(result: ResultDocument, command: str) -> str:
     if command in FITS:
         return "fitted with the model"
-    what = found.at("alignment.what") if command != "iso9283" else found.at("alignment.0.what")
-    if not isinstance(what, list) or not what:
-        return "nothing aligned"
-    return " and ".join(str(one) for one in what) + " aligned"
+    effects = result.at("alignment.what") if command != "iso9283" else result.at("alignment.0.what")
+    if not isinstance(effects, list) or not effects:
+        return "none"
+    return " and ".join(str(effect) for effect in effects) + " aligned"

@@ -1,87 +1,62 @@
-"""What a reader of a comparison must know: where results were made differently, and what the figures do not say."""
+"""Warnings of a comparison, where results were made differently, and notes on what its figures do not say."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
 
 from robacc.accuracy.grade_scale import Scale
 from robacc.comparison.compared_result import ComparedResult
-from robacc.comparison.grade_status import Standing
+from robacc.comparison.grade_status import GradeStatus
+from robacc.comparison.pairing import PoseMatch
 
 _CONSEQUENCES = {
-    "frame": "lengths can be compared, components cannot, and are left out",
-    "alignment": "an alignment takes out part of the error that the other result still has",
-    "held out": "figures of poses fitted are better than those of poses held out",
-    "robot file": "errors of the poses that it was fitted to are smaller than those of others",
-    "confidence": "their intervals are not alike",
+    "frame": "lengths are compared; components are not, because their axes differ",
+    "alignment": "an alignment removes a part of the error that the other result still contains",
+    "held out": "errors of calibration poses are smaller than errors of held-out poses",
+    "robot file": "errors of the poses that it was fitted to are smaller than errors of other poses",
+    "confidence": "the intervals are not comparable",
 }
 
 
-class Match(Protocol):
-    """How the poses of two results go together."""
-
-    @property
-    def paired(self) -> bool:
-        """In pairs."""
-
-    @property
-    def shared(self) -> int:
-        """Commanded poses in common."""
-
-    @property
-    def n_first(self) -> int:
-        """Commanded poses of the first."""
-
-    @property
-    def n_second(self) -> int:
-        """Commanded poses of the second."""
-
-
-def made_differently(subjects: Sequence[ComparedResult], matches: Sequence[tuple[str, str, Match]]) -> tuple[str, ...]:
-    """A line for each aspect in which the results are not alike."""
+def provenance_warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> tuple[str, ...]:
+    """Return a line for each aspect in which the results were made differently, and for poses that differ."""
     lines = []
-    for aspect in dict.fromkeys(aspect for subject in subjects for aspect in subject.made):
-        ways: dict[str, list[str]] = {}
-        for subject in subjects:
-            if aspect in subject.made:
-                ways.setdefault(subject.made[aspect], []).append(subject.name)
-        if len(ways) > 1:
-            listed = "; ".join(f"{', '.join(names)}: {way}" for way, names in ways.items())
+    for aspect in dict.fromkeys(aspect for result in results for aspect in result.provenance):
+        names_by_value: dict[str, list[str]] = {}
+        for result in results:
+            if aspect in result.provenance:
+                names_by_value.setdefault(result.provenance[aspect], []).append(result.name)
+        if len(names_by_value) > 1:
+            listed = "; ".join(f"{', '.join(names)}: {value}" for value, names in names_by_value.items())
             consequence = _CONSEQUENCES.get(aspect)
             lines.append(f"made differently, {aspect}: {listed}" + (f" ({consequence})" if consequence else ""))
-    return (*lines, *_about_poses(subjects, matches))
+    return (*lines, *_pose_warnings(results, pairing))
 
 
-def _about_poses(subjects: Sequence[ComparedResult], matches: Sequence[tuple[str, str, Match]]) -> Iterator[str]:
-    with_errors = {subject.name for subject in subjects if "position" in subject.errors}
-    for first, second, match in matches:
-        if first not in with_errors or second not in with_errors:
+def _pose_warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> Iterator[str]:
+    with_errors = {result.name for result in results if "position" in result.errors}
+    for match in pairing:
+        if match.first not in with_errors or match.second not in with_errors:
             continue
+        names, most = f"{match.first} and {match.second}", max(match.n_first, match.n_second)
         if not match.paired:
-            yield f"made differently, poses: {first} and {second} are not of the same poses, so nothing cancels"
-        elif match.shared < max(match.n_first, match.n_second):
-            most = max(match.n_first, match.n_second)
-            yield (
-                f"made differently, poses: {first} and {second} share {match.shared} of {most} poses; "
-                "their differences are over those alone"
-            )
+            yield f"made differently, poses: {names} have different poses, so their difference cannot be paired"
+        elif match.shared < most:
+            yield f"made differently, poses: {names} share {match.shared} of {most} poses; only these are compared"
 
 
 def notes(
-    subjects: Sequence[ComparedResult], tested: bool, found: Sequence[Standing], scale: Scale | None
+    results: Sequence[ComparedResult], tested: bool, statuses: Sequence[GradeStatus], scale: Scale | None
 ) -> tuple[str, ...]:
-    """What holds of the whole comparison; ``tested`` says whether any difference has a p-value."""
+    """Return the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
     lines = []
     if tested:
         lines.append(
             "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)"
         )
-        lines.append("all poses of a result are of one robot: the tests speak of other poses of these robots")
-    if any(subject.command in ("calibrate", "trace") for subject in subjects):
-        lines.append("position and orientation of calibrate and trace are those after the fit, on poses held out")
-    if scale is not None and sum(one.verdict == "demonstrated" for one in found) > 1:
-        lines.append(
-            f"each grade is demonstrated by itself with {100 * scale.confidence:g} %, not all of them together"
-        )
+        lines.append("the tests apply to other poses of the same robots, not to other robots")
+    if any(result.command in ("calibrate", "trace") for result in results):
+        lines.append("position and orientation of calibrate and trace are those after the fit, on held-out poses")
+    if scale is not None and sum(status.verdict == "demonstrated" for status in statuses) > 1:
+        lines.append(f"each grade by itself is confirmed at {100 * scale.confidence:g} % confidence, not all together")
     return tuple(lines)

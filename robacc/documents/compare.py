@@ -1,57 +1,57 @@
-"""A comparison as the keys of ``robacc.compare/1`` (m and rad)."""
+"""Keys of ``robacc.compare/1``: a comparison in m and rad."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from robacc.comparison.compared_result import ComparedResult
-from robacc.comparison.comparing import Pair, Ranking, ResultComparison, Row
+from robacc.comparison.comparing import ComparedRow, RankedPair, Ranking, ResultComparison
 from robacc.comparison.differences import Difference
-from robacc.comparison.grade_status import Standing
+from robacc.comparison.grade_status import GradeStatus
 
 Document = dict[str, Any]
 
 
-def payload(found: ResultComparison) -> Document:
-    """The document's own keys."""
-    names = [subject.name for subject in found.subjects]
+def payload(comparison: ResultComparison) -> Document:
+    """Return the keys of the comparison."""
+    names = [result.name for result in comparison.results]
     return {
-        "results": [_subject(subject) for subject in found.subjects],
-        "baseline": found.baseline,
-        "confidence": found.confidence,
+        "results": [_result(result) for result in comparison.results],
+        "baseline": comparison.baseline,
+        "confidence": comparison.confidence,
         "pairing": [
             {
-                "first": one.first,
-                "second": one.second,
-                "paired": one.paired,
-                "n_shared": one.shared,
-                "n_first": one.n_first,
-                "n_second": one.n_second,
+                "first": match.first,
+                "second": match.second,
+                "paired": match.paired,
+                "n_shared": match.shared,
+                "n_first": match.n_first,
+                "n_second": match.n_second,
             }
-            for one in found.pairing
+            for match in comparison.pairing
         ],
-        "statistics": [_row(row, names) for row in found.rows],
-        "ranking": _ranking(found.ranking),
-        "grade": _grade(found),
-        "notes": found.notes,
-        "warnings": found.warnings,
+        "statistics": [_row(row, names) for row in comparison.rows],
+        "ranking": _ranking(comparison.ranking),
+        "grade": _grade(comparison),
+        "notes": comparison.notes,
+        "warnings": comparison.warnings,
     }
 
 
-def _subject(subject: ComparedResult) -> Document:
+def _result(result: ComparedResult) -> Document:
     return {
-        "name": subject.name,
-        "command": subject.command,
-        "robacc": subject.version,
-        "sha256": subject.digest,
-        "n_poses": subject.n_poses,
-        "robot": subject.robot,
-        "grade": subject.grade,
-        "made": dict(subject.made),
+        "name": result.name,
+        "command": result.command,
+        "robacc": result.version,
+        "sha256": result.digest,
+        "n_poses": result.n_poses,
+        "robot": result.robot,
+        "grade": result.grade,
+        "made": dict(result.provenance),
     }
 
 
-def _row(row: Row, names: list[str]) -> Document:
+def _row(row: ComparedRow, names: list[str]) -> Document:
     return {
         "key": row.key,
         "unit": row.unit,
@@ -66,24 +66,24 @@ def _row(row: Row, names: list[str]) -> Document:
             for name, figure in zip(names, row.figures, strict=True)
         ],
         "differences": [
-            {"name": name, **_difference(one)}
-            for name, one in zip(names, row.differences, strict=True)
-            if one is not None
+            {"name": name, **_difference(difference)}
+            for name, difference in zip(names, row.differences, strict=True)
+            if difference is not None
         ],
     }
 
 
-def _difference(one: Difference) -> Document:
+def _difference(difference: Difference) -> Document:
     return {
-        "value": one.value,
-        "lower": one.lower,
-        "upper": one.upper,
-        "confidence": one.confidence,
-        "p_value": one.p_value,
-        "paired": one.paired,
-        "n_poses": one.n_poses,
-        "method": one.method,
-        "why": one.why,
+        "value": difference.value,
+        "lower": difference.lower,
+        "upper": difference.upper,
+        "confidence": difference.confidence,
+        "p_value": difference.p_value,
+        "paired": difference.paired,
+        "n_poses": difference.n_poses,
+        "method": difference.method,
+        "why": difference.why,
     }
 
 
@@ -102,7 +102,7 @@ def _ranking(ranking: Ranking) -> Document:
     }
 
 
-def _pair(pair: Pair) -> Document:
+def _pair(pair: RankedPair) -> Document:
     return {
         "better": pair.better,
         "worse": pair.worse,
@@ -112,31 +112,31 @@ def _pair(pair: Pair) -> Document:
     }
 
 
-def _grade(found: ResultComparison) -> Document | None:
-    scale = found.scale
+def _grade(comparison: ResultComparison) -> Document | None:
+    scale = comparison.scale
     if scale is None:
         return None
     return {
-        "wanted": found.wanted,
+        "wanted": comparison.required_grade,
         "scale": scale.name,
         "statistic": scale.statistic,
         "confidence": scale.confidence,
-        "demonstrated_by": [one.name for one in found.standings if one.verdict == "demonstrated"],
-        "results": [_standing(one) for one in found.standings],
+        "demonstrated_by": [status.name for status in comparison.grade_statuses if status.verdict == "demonstrated"],
+        "results": [_grade_status(status) for status in comparison.grade_statuses],
     }
 
 
-def _standing(one: Standing) -> Document:
+def _grade_status(status: GradeStatus) -> Document:
     return {
-        "name": one.name,
-        "verdict": one.verdict.replace(", ", "_").replace(" ", "_"),
-        "demonstrated": one.verdict == "demonstrated",
-        "grade": one.grade,
-        "probability": one.probability,
-        "position_m": one.position,
-        "position_upper_bound_m": one.position_bound,
-        "orientation_rad": one.orientation,
-        "orientation_upper_bound_rad": one.orientation_bound,
-        "poses_to_demonstrate": one.poses_to_demonstrate,
-        "why": one.why,
+        "name": status.name,
+        "verdict": status.verdict,
+        "demonstrated": status.verdict == "demonstrated",
+        "grade": status.grade,
+        "probability": status.probability,
+        "position_m": status.position,
+        "position_upper_bound_m": status.position_bound,
+        "orientation_rad": status.orientation,
+        "orientation_upper_bound_rad": status.orientation_bound,
+        "poses_to_demonstrate": status.poses_to_demonstrate,
+        "why": status.why,
     }

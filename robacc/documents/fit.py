@@ -141,7 +141,7 @@ def _pose_keys(
 
     return {
         "robot": robot_document(robot, data.q),
-        "poses": poses(data, result.residuals, fit.kept),
+        "poses": poses(data, result.residuals, fit.inliers),
         "poses_apart": None if apart is None or result.holdout is None else poses(apart, result.holdout, None),
     }
 
@@ -211,7 +211,7 @@ def _stages(
 ) -> dict[str, dict[str, Any]]:
     """Return ``nominal``, ``before`` and ``after``."""
     residuals, holdout = result.residuals, result.holdout
-    groups, used = data.groups(), fit.kept
+    groups, used = data.groups(), fit.inliers
     fitted = (residuals.nominal, residuals.before, residuals.after)
     held_out: tuple[Array | None, ...] = (residuals.nominal, residuals.held_out_before, residuals.held_out_after)
     held_out_groups, held_out_used = groups, used
@@ -244,7 +244,7 @@ def _gain(gain: Gain | None) -> dict[str, Any] | None:
 def _kind(kind: ShrunkKind) -> dict[str, Any]:
     return {
         "unit": kind.unit,
-        "width": kind.width,
+        "width": kind.std,
         "constants": [
             {"name": name, "probability": probability}
             for name, probability in zip(kind.names, kind.probability, strict=True)
@@ -266,7 +266,7 @@ def _deflection(choice: DeflectionChoice | None) -> dict[str, Any] | None:
 
 def _identifiability(identifiability: Identifiability) -> dict[str, Any]:
     return {
-        "n_identifiable": int(identifiability.kept.size),
+        "n_identifiable": int(identifiability.columns.size),
         "not_identifiable": [
             {"name": parameter.name, "partners": list(parameter.partners), "why": parameter.why}
             for parameter in identifiability.dropped

@@ -275,7 +275,7 @@ def test_results_are_compared_and_checked_without_files() -> None:
     plain = robacc.estimate(POSES, robot=ROBOT)
     aligned = robacc.estimate(POSES, robot=ROBOT, align="base_frame")
     found = robacc.compare(plain, f"{FOLDER}/b.json", robacc.read_result(f"{FOLDER}/a.json"), aligned)
-    assert [one.name for one in found.subjects] == ["estimate", "b", "a", "estimate (2)"]
+    assert [one.name for one in found.results] == ["estimate", "b", "a", "estimate (2)"]
     assert found.made.inputs[0].sha256 == robacc.read_result(f"{FOLDER}/a.json").sha256
     same = next(row for row in found.rows if row.key == "position.rms")
     assert same.figures[0] == same.figures[2]

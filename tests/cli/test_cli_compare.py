@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robacc.cli.main import app
-from robacc.comparison.reading import subject
+from robacc.comparison.reading import read_compared_result
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / "configs" / "robots" / "ur10.yaml"
@@ -113,7 +113,7 @@ def test_equal_files_do_not_differ_and_warn_of_nothing(good: str, tmp_path: Path
     copy = shutil.copy(good, tmp_path / "copy.json")
     result = run(good, str(copy))
     assert result.stderr == ""
-    assert "- good and copy cannot be told apart" in result.stdout
+    assert "- good and copy do not differ significantly" in result.stdout
     found = document(good, str(copy))
     for row in found["statistics"]:
         one = row["differences"][0]
@@ -140,7 +140,7 @@ def test_ranking_of_three_and_the_grade(good: str, fair: str, poor: str) -> None
     assert verdicts["good"]["position_upper_bound_m"] == stored_grade["position"]["upper_bound_m"]
     table = run(poor, good, fair, "--grade", "B").stdout
     assert "Grade B (scale: CAD/CAM 0.1 mm, 0.1 degree)" in table
-    assert "each grade is demonstrated by itself with 95 %, not all of them together" in " ".join(table.split())
+    assert "each grade by itself is confirmed at 95 % confidence, not all together" in " ".join(table.split())
 
 
 def test_a_grade_met_but_not_demonstrated_says_how_many_poses_it_takes(stored: Callable[..., str]) -> None:
@@ -149,7 +149,7 @@ def test_a_grade_met_but_not_demonstrated_says_how_many_poses_it_takes(stored: C
     assert found["verdict"] == "met_not_demonstrated"
     assert 0.5 < found["probability"] < 0.95
     assert found["poses_to_demonstrate"] > 40
-    assert "poses in all would likely demonstrate it" in " ".join(
+    assert "poses in total would probably confirm it" in " ".join(
         run(near, stored("good", 1, 5e-5), "--grade", "B").stdout.split()
     )
 
@@ -168,7 +168,7 @@ def test_results_of_different_scales_need_one_named(good: str, stored: Callable[
     other = stored("machined", 1, 5e-5, "--scale", scale)
     result = run(good, other, "--grade", "B")
     assert result.exit_code == 2
-    assert "graded on CAD/CAM 0.1 mm, 0.1 degree and machining; say with --scale which is to hold" in result.stderr
+    assert "graded on CAD/CAM 0.1 mm, 0.1 degree and machining; choose the scale with --scale" in result.stderr
     found = run(good, other)
     assert (
         "warning: made differently, grade scale: good: CAD/CAM 0.1 mm, 0.1 degree; machined: machining" in found.stderr
@@ -179,8 +179,10 @@ def test_what_was_made_differently_is_said(good: str, stored: Callable[..., str]
     other = stored("elsewhere", 4, 5e-5, "--confidence", "0.9", n=50, shift=0.3)
     result = run(good, other)
     assert result.exit_code == 0
-    assert "made differently, poses: good and elsewhere are not of the same poses" in result.stderr
-    assert "made differently, confidence: good: 0.95; elsewhere: 0.9 (their intervals are not alike)" in result.stderr
+    assert "made differently, poses: good and elsewhere have different poses" in result.stderr
+    assert (
+        "made differently, confidence: good: 0.95; elsewhere: 0.9 (the intervals are not comparable)" in result.stderr
+    )
     found = document(good, other)
     assert not found["pairing"][0]["paired"]
     assert "Welch's degrees of freedom" in found["statistics"][0]["differences"][0]["method"]
@@ -193,7 +195,7 @@ def test_what_was_made_differently_is_said(good: str, stored: Callable[..., str]
 def test_some_of_the_poses(good: str, stored: Callable[..., str]) -> None:
     part = stored("part", 6, 5e-5, n=45)
     result = run(good, part)
-    assert "share 45 of 60 poses; their differences are over those alone" in result.stderr
+    assert "share 45 of 60 poses; only these are compared" in result.stderr
 
 
 def test_baseline_by_name_or_path(good: str, poor: str) -> None:
@@ -265,12 +267,12 @@ def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
     assert rows["after.fitted.position.rms"]["values"][0]["value"] == one["after"]["fitted"]["position"]["rms_m"]
     table = run(fits["frames"], fits["offsets"]).stdout
     assert re.search(r"Position rms, mm +frames +offsets", table)
-    assert "after, poses fitted" in table
+    assert "final model, calibration poses" in table
 
 
 @pytest.mark.parametrize("name", ["estimate", "frames", "apart"])
 def test_figures_are_those_of_the_errors_they_are_tested_by(fits: dict[str, str], name: str) -> None:
-    found = subject(json.loads(Path(fits[name]).read_text(encoding="utf-8")), name, name, "")
+    found = read_compared_result(json.loads(Path(fits[name]).read_text(encoding="utf-8")), name, name, "")
     owners = {"estimate": {"position"}, "frames": STAGES, "apart": STAGES}[name]
     assert {owner for owner in found.errors if owner.endswith("position")} == owners
     for owner, errors in found.errors.items():
@@ -283,7 +285,7 @@ def test_figures_are_those_of_the_errors_they_are_tested_by(fits: dict[str, str]
 def test_an_estimate_beside_a_calibration(fits: dict[str, str]) -> None:
     result = run(fits["estimate"], fits["offsets"])
     assert "made differently, command: estimate: estimate; offsets: calibrate" in result.stderr
-    assert "made differently, alignment: estimate: nothing aligned; offsets: fitted with the model" in result.stderr
+    assert "made differently, alignment: estimate: none; offsets: fitted with the model" in result.stderr
     found = document(fits["estimate"], fits["offsets"])
     assert found["pairing"][0]["paired"]
     assert "position.rms" in [row["key"] for row in found["statistics"]]

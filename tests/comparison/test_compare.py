@@ -15,9 +15,9 @@ from robacc.comparison.compared_result import ComparedFigure, ComparedPoses, Com
 from robacc.comparison.comparing import compare
 from robacc.comparison.differences import SMOOTH, ErrorSample, difference
 from robacc.comparison.from_intervals import from_intervals
-from robacc.comparison.pairing import pair
-from robacc.comparison.ranking import groups, holm, letters
-from robacc.comparison.reading import subject
+from robacc.comparison.pairing import pair_poses
+from robacc.comparison.ranking import group_letters, holm, indistinguishable_groups
+from robacc.comparison.reading import read_compared_result
 from robacc.errors import InputError, UsageError
 
 RNG = np.random.default_rng
@@ -49,60 +49,62 @@ def by_hand(statistic: str, vectors: np.ndarray) -> float:
 @pytest.mark.parametrize("paired", [True, False])
 def test_a_difference_is_that_of_the_statistics(statistic: str, paired: bool) -> None:
     a, b = errors(seed=1), errors(seed=2, scale=1.3e-4)
-    found = difference(statistic, sample(a), sample(b), paired=paired)
-    assert found.value == pytest.approx(by_hand(statistic, b) - by_hand(statistic, a), rel=1e-12, abs=1e-19)
-    assert found.lower is not None
-    assert found.upper is not None
-    assert found.lower < found.value < found.upper
-    assert found.paired is paired
+    delta = difference(statistic, sample(a), sample(b), paired=paired)
+    assert delta.value == pytest.approx(by_hand(statistic, b) - by_hand(statistic, a), rel=1e-12, abs=1e-19)
+    assert delta.lower is not None
+    assert delta.upper is not None
+    assert delta.lower < delta.value < delta.upper
+    assert delta.paired is paired
 
 
 def test_means_of_lengths_by_scipys_t_tests() -> None:
     """Above 1000 poses there is no bootstrap, and the mean's tests are Student's and Welch's own."""
     a, b = errors(1200, 1), errors(1200, 1) + errors(1200, 2, 3e-5) + 2e-6
-    one, other = (np.linalg.norm(v, axis=0) for v in (a, b))
-    found = difference("mean_error", sample(a), sample(b), paired=True)
-    truth = stats.ttest_rel(other, one)
-    interval = truth.confidence_interval(0.95)
-    assert found.p_value == pytest.approx(truth.pvalue, rel=1e-9)
-    assert (found.lower, found.upper) == pytest.approx((interval.low, interval.high), rel=1e-9)
+    first_lengths, second_lengths = (np.linalg.norm(v, axis=0) for v in (a, b))
+    delta = difference("mean_error", sample(a), sample(b), paired=True)
+    reference = stats.ttest_rel(second_lengths, first_lengths)
+    interval = reference.confidence_interval(0.95)
+    assert delta.p_value == pytest.approx(reference.pvalue, rel=1e-9)
+    assert (delta.lower, delta.upper) == pytest.approx((interval.low, interval.high), rel=1e-9)
     b = errors(1100, 3, 1.02e-4)
-    other = np.linalg.norm(b, axis=0)
-    found = difference("mean_error", sample(a), sample(b), paired=False)
-    truth = stats.ttest_ind(other, one, equal_var=False)
-    assert found.p_value == pytest.approx(truth.pvalue, rel=1e-9)
+    second_lengths = np.linalg.norm(b, axis=0)
+    delta = difference("mean_error", sample(a), sample(b), paired=False)
+    reference = stats.ttest_ind(second_lengths, first_lengths, equal_var=False)
+    assert delta.p_value == pytest.approx(reference.pvalue, rel=1e-9)
 
 
 @pytest.mark.parametrize("statistic", ["rms", "sd_x"])
 def test_standard_error_by_the_jackknife(statistic: str) -> None:
     a, b = errors(1500, 1), errors(1500, 2)
-    found = difference(statistic, sample(a), sample(b), paired=True)
+    delta = difference(statistic, sample(a), sample(b), paired=True)
     n = a.shape[1]
     left_out = np.array(
         [by_hand(statistic, np.delete(b, i, 1)) - by_hand(statistic, np.delete(a, i, 1)) for i in range(n)]
     )
     error = math.sqrt((n - 1) / n * np.sum(np.square(left_out - left_out.mean())))
-    assert found.upper is not None
+    assert delta.upper is not None
     # The influence is the jackknife's limit; at 1500 poses they agree to some parts in a thousand.
-    assert found.upper - found.value == pytest.approx(stats.t.ppf(0.975, n - 1) * error, rel=5e-3)
+    assert delta.upper - delta.value == pytest.approx(stats.t.ppf(0.975, n - 1) * error, rel=5e-3)
 
 
 @pytest.mark.parametrize("statistic", ["rms", "p95", "sd_x"])
 def test_pairs_cancel_what_they_share(statistic: str) -> None:
     a = errors(100, 1)
     b = a + errors(100, 2, 5e-6)
-    together, apart = (difference(statistic, sample(a), sample(b), paired=paired) for paired in (True, False))
-    assert width(together) < 0.4 * width(apart)
+    paired_delta, unpaired_delta = (
+        difference(statistic, sample(a), sample(b), paired=paired) for paired in (True, False)
+    )
+    assert width(paired_delta) < 0.4 * width(unpaired_delta)
 
 
-def width(found: Any) -> float:
-    return float(found.upper - found.lower)
+def width(delta: Any) -> float:
+    return float(delta.upper - delta.lower)
 
 
 @pytest.mark.parametrize("statistic", [*SMOOTH, "p95"])
 def test_equal_errors_do_not_differ(statistic: str) -> None:
-    found = difference(statistic, sample(errors()), sample(errors()), paired=True)
-    assert (found.value, found.lower, found.upper, found.p_value) == (0.0, 0.0, 0.0, 1.0)
+    delta = difference(statistic, sample(errors()), sample(errors()), paired=True)
+    assert (delta.value, delta.lower, delta.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95", "sd_z"])
@@ -120,30 +122,32 @@ def test_repeated_poses_are_no_new_evidence(statistic: str) -> None:
 def test_p_value_and_interval_say_the_same(statistic: str, n: int, shift: float) -> None:
     for seed in range(4):
         a, b = errors(n, seed), errors(n, seed + 100, shift * 1e-4)
-        found = difference(statistic, sample(a), sample(b), paired=False)
-        assert found.lower is not None
-        assert found.upper is not None
-        assert found.p_value is not None
-        assert (found.p_value < 0.05) == (not found.lower <= 0.0 <= found.upper)
+        delta = difference(statistic, sample(a), sample(b), paired=False)
+        assert delta.lower is not None
+        assert delta.upper is not None
+        assert delta.p_value is not None
+        assert (delta.p_value < 0.05) == (not delta.lower <= 0.0 <= delta.upper)
 
 
 def test_order_turns_the_sign() -> None:
     a, b = errors(1200, 1), errors(1200, 2)
-    one = difference("rms", sample(a), sample(b), paired=False)
-    other = difference("rms", sample(b), sample(a), paired=False)
-    assert (one.value, one.lower, one.p_value) == pytest.approx((-other.value, -(other.upper or 0.0), other.p_value))
+    forward = difference("rms", sample(a), sample(b), paired=False)
+    reverse = difference("rms", sample(b), sample(a), paired=False)
+    assert (forward.value, forward.lower, forward.p_value) == pytest.approx(
+        (-reverse.value, -(reverse.upper or 0.0), reverse.p_value)
+    )
 
 
 def test_too_few_poses_are_said() -> None:
     few = difference("p95", sample(errors(29)), sample(errors(50)), paired=False)
     assert (few.lower, few.p_value) == (None, None)
-    assert few.why == "29 poses: too few to tell 95th percentiles apart, which takes 30"
+    assert few.why == "29 poses: too few to compare 95th percentiles; at least 30 are needed"
     assert difference("p95", sample(errors(30)), sample(errors(50)), paired=False).p_value is not None
-    one = difference("rms", sample(errors(1)), sample(errors(50)), paired=False)
-    assert one.why == "one commanded pose shows no scatter between poses"
-    assert one.value == pytest.approx(by_hand("rms", errors(50)) - by_hand("rms", errors(1)))
+    single = difference("rms", sample(errors(1)), sample(errors(50)), paired=False)
+    assert single.why == "one commanded pose shows no scatter between poses"
+    assert single.value == pytest.approx(by_hand("rms", errors(50)) - by_hand("rms", errors(1)))
     sd = difference("sd_x", sample(errors(9)), sample(errors(9, 1)), paired=True)
-    assert sd.why == "fewer than 10 poses: too few to tell standard deviations apart"
+    assert sd.why == "fewer than 10 poses: too few to compare standard deviations"
 
 
 def coverage(statistic: str, n: int, m: int, correlation: float, ratio: float, runs: int) -> float:
@@ -152,16 +156,16 @@ def coverage(statistic: str, n: int, m: int, correlation: float, ratio: float, r
     shape, mean = np.array([1.0, 0.6, 0.3])[:, None], np.array([0.4, 0.0, 0.0])[:, None]
     big = mean + shape * RNG(9).standard_normal((3, 1_000_000))
     truth = (ratio - 1.0) * by_hand(statistic, big)
-    held = 0
+    covered = 0
     for seed in range(runs):
         a, b = rng.standard_normal((3, n)), rng.standard_normal((3, m))
         if correlation:
             b = correlation * a + math.sqrt(1 - correlation**2) * b
-        found = difference(
+        delta = difference(
             statistic, sample(mean + shape * a), sample(ratio * (mean + shape * b)), paired=correlation > 0, seed=seed
         )
-        held += (found.lower or 0.0) <= truth <= (found.upper or 0.0)
-    return held / runs
+        covered += (delta.lower or 0.0) <= truth <= (delta.upper or 0.0)
+    return covered / runs
 
 
 def test_coverage_of_the_rms() -> None:
@@ -191,17 +195,17 @@ def test_coverage_of_the_95th_percentile(n: int, m: int, correlation: float, rat
 def test_differences_from_intervals() -> None:
     """Gaussian limits give Gaussian limits: the standard errors 3 and 4 put together are 5."""
     z = stats.norm.ppf(0.975)
-    found = from_intervals(
+    delta = from_intervals(
         ComparedFigure(10.0, "m", 10 - 3 * z, 10 + 3 * z, 0.95),
         ComparedFigure(20.0, "m", 20 - 4 * z, 20 + 4 * z, 0.95),
         0.95,
     )
-    assert (found.value, found.lower, found.upper) == pytest.approx((10.0, 10 - 5 * z, 10 + 5 * z))
-    assert found.p_value == pytest.approx(2 * stats.norm.sf(2.0))
-    lacking = from_intervals(ComparedFigure(1.0, "m"), ComparedFigure(2.0, "m", 1.0, 3.0, 0.95), 0.95)
-    assert (lacking.value, lacking.p_value, lacking.why) == (1.0, None, "the results carry no interval of it")
-    unlike = from_intervals(ComparedFigure(1.0, "m", 0.5, 1.5, 0.9), ComparedFigure(2.0, "m", 1.0, 3.0, 0.95), 0.95)
-    assert unlike.why == "the results' intervals are of different confidences, 0.9 and 0.95"
+    assert (delta.value, delta.lower, delta.upper) == pytest.approx((10.0, 10 - 5 * z, 10 + 5 * z))
+    assert delta.p_value == pytest.approx(2 * stats.norm.sf(2.0))
+    missing = from_intervals(ComparedFigure(1.0, "m"), ComparedFigure(2.0, "m", 1.0, 3.0, 0.95), 0.95)
+    assert (missing.value, missing.p_value, missing.why) == (1.0, None, "the results have no interval for this figure")
+    mixed = from_intervals(ComparedFigure(1.0, "m", 0.5, 1.5, 0.9), ComparedFigure(2.0, "m", 1.0, 3.0, 0.95), 0.95)
+    assert mixed.why == "the intervals of the results have different confidences, 0.9 and 0.95"
     same = from_intervals(ComparedFigure(1.0, "m", 1.0, 1.0, 0.95), ComparedFigure(1.0, "m", 1.0, 1.0, 0.95), 0.95)
     assert same.p_value == 1.0
     assert (
@@ -221,14 +225,14 @@ def test_letters_mean_what_they_say() -> None:
     pairs = list(itertools.combinations(range(4), 2))
     for chosen in itertools.product((False, True), repeat=len(pairs)):
         different = {pair for pair, picked in zip(pairs, chosen, strict=True) if picked}
-        found = groups(4, different)
-        named = letters(4, found)
+        groups = indistinguishable_groups(4, different)
+        letters = group_letters(4, groups)
         for i, j in pairs:
-            assert (not set(named[i]) & set(named[j])) == ((i, j) in different)
-        assert not any(set(one) < set(other) for one in found for other in found)
-    assert groups(3, {(0, 2)}) == [(0, 1), (1, 2)]
-    assert letters(3, [(0, 1), (1, 2)]) == ["a", "ab", "b"]
-    assert letters(28, [(i,) for i in range(28)])[25:] == ["z", "a1", "b1"]
+            assert (not set(letters[i]) & set(letters[j])) == ((i, j) in different)
+        assert not any(set(group) < set(other) for group in groups for other in groups)
+    assert indistinguishable_groups(3, {(0, 2)}) == [(0, 1), (1, 2)]
+    assert group_letters(3, [(0, 1), (1, 2)]) == ["a", "ab", "b"]
+    assert group_letters(28, [(i,) for i in range(28)])[25:] == ["z", "a1", "b1"]
 
 
 def poses(n: int, **changes: Any) -> ComparedPoses:
@@ -237,8 +241,8 @@ def poses(n: int, **changes: Any) -> ComparedPoses:
 
 
 def matched(first: ComparedPoses, second: ComparedPoses) -> tuple[bool, int]:
-    found = pair(ErrorSet(errors(first.n), first), ErrorSet(errors(second.n, 1), second))
-    return found.paired, found.first.n_groups
+    pairing = pair_poses(ErrorSet(errors(first.n), first), ErrorSet(errors(second.n, 1), second))
+    return pairing.paired, pairing.first.n_groups
 
 
 def test_the_same_poses_are_found() -> None:
@@ -261,8 +265,8 @@ def test_pairs_belong_together_whatever_the_order() -> None:
     base, order = poses(30), RNG(1).permutation(30)
     shuffled = base.subset(np.ones(30, dtype=bool))
     shuffled = ComparedPoses(30, np.asarray(base.q)[:, order], None, None, None)
-    found = pair(ErrorSet(errors(30), base), ErrorSet(errors(30)[:, order], shuffled))
-    gained = difference("rms", found.first, found.second, paired=found.paired)
+    pairing = pair_poses(ErrorSet(errors(30), base), ErrorSet(errors(30)[:, order], shuffled))
+    gained = difference("rms", pairing.first, pairing.second, paired=pairing.paired)
     assert (gained.value, gained.p_value) == (pytest.approx(0.0, abs=1e-18), 1.0)
 
 
@@ -284,10 +288,11 @@ def test_ids_that_the_joints_contradict_do_not_join_poses() -> None:
 
 def test_targets_must_be_the_same() -> None:
     base = poses(4)
-    one, other = (dataclasses.replace(base, target=np.array([name] * 4)) for name in ("t1", "t2"))
-    assert pair(ErrorSet(errors(4), one), ErrorSet(errors(4), one)).paired
-    assert not pair(
-        ErrorSet(errors(4), dataclasses.replace(one, q=None)), ErrorSet(errors(4), dataclasses.replace(other, q=None))
+    first, second = (dataclasses.replace(base, target=np.array([name] * 4)) for name in ("t1", "t2"))
+    assert pair_poses(ErrorSet(errors(4), first), ErrorSet(errors(4), first)).paired
+    assert not pair_poses(
+        ErrorSet(errors(4), dataclasses.replace(first, q=None)),
+        ErrorSet(errors(4), dataclasses.replace(second, q=None)),
     ).paired
 
 
@@ -296,7 +301,8 @@ def made(
 ) -> ComparedResult:
     vectors = errors(n, seed, scale)
     figures = {
-        f"position.{one}": ComparedFigure(by_hand(one, vectors), "m") for one in ("rms", "mean_error", "p95", "mean_x")
+        f"position.{statistic}": ComparedFigure(by_hand(statistic, vectors), "m")
+        for statistic in ("rms", "mean_error", "p95", "mean_x")
     }
     figures["position.max"] = ComparedFigure(float(np.max(np.linalg.norm(vectors, axis=0))), "m")
     fields: dict[str, Any] = {
@@ -307,7 +313,7 @@ def made(
         "robot": None,
         "figures": figures,
         "errors": {} if command == "predict" else {"position": ErrorSet(vectors, poses(n))},
-        "made": {"frame": "tool"},
+        "provenance": {"frame": "tool"},
         "grade": None,
         "scale": None,
         "scale_name": None,
@@ -318,87 +324,96 @@ def made(
 
 
 def test_ranking_says_which_differences_are_real() -> None:
-    found = compare([made("worst", 1, scale=2e-4), made("good", 2), made("better", 3)])
-    assert set(found.ranking.names[:2]) == {"good", "better"}
-    assert found.ranking.names[2] == "worst"
-    assert found.ranking.letters == ("a", "a", "b")
-    first, second, worst = found.ranking.names
-    assert found.ranking.sentences() == (
+    comparison = compare([made("worst", 1, scale=2e-4), made("good", 2), made("better", 3)])
+    assert set(comparison.ranking.names[:2]) == {"good", "better"}
+    assert comparison.ranking.names[2] == "worst"
+    assert comparison.ranking.letters == ("a", "a", "b")
+    first, second, worst = comparison.ranking.names
+    assert comparison.ranking.sentences() == (
         f"{second} is better than {worst}",
-        f"{first} and {second} cannot be told apart",
+        f"{first} and {second} do not differ significantly",
     )
-    plain = [pair.difference.p_value for pair in found.ranking.pairs]
-    assert [pair.p_corrected for pair in found.ranking.pairs] == pytest.approx(holm(plain))
-    assert found.warnings == ()
+    plain = [pair.difference.p_value for pair in comparison.ranking.pairs]
+    assert [pair.p_corrected for pair in comparison.ranking.pairs] == pytest.approx(holm(plain))
+    assert comparison.warnings == ()
 
 
 def test_differences_are_to_the_baseline() -> None:
     a, b = made("a", 1), made("b", 2)
-    one, other = compare([a, b]), compare([a, b], baseline="b")
-    assert one.rows[0].differences[0] is None
-    assert other.rows[0].differences[1] is None
-    first, second = one.rows[0].differences[1], other.rows[0].differences[0]
+    to_first, to_second = compare([a, b]), compare([a, b], baseline="b")
+    assert to_first.rows[0].differences[0] is None
+    assert to_second.rows[0].differences[1] is None
+    first, second = to_first.rows[0].differences[1], to_second.rows[0].differences[0]
     assert first is not None
     assert second is not None
     assert first.value == pytest.approx(-second.value)
 
 
 def test_equal_results_are_one_result_twice() -> None:
-    found = compare([made("a", 1, digest="same"), made("b", 1, digest="same")])
-    assert found.warnings == ()
-    for row in found.rows:
-        one = row.differences[1]
-        assert one is not None
-        assert (one.value, one.lower, one.upper, one.p_value) == (0.0, 0.0, 0.0, 1.0)
-    assert found.ranking.sentences() == ("a and b cannot be told apart",)
+    comparison = compare([made("a", 1, digest="same"), made("b", 1, digest="same")])
+    assert comparison.warnings == ()
+    for row in comparison.rows:
+        delta = row.differences[1]
+        assert delta is not None
+        assert (delta.value, delta.lower, delta.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
+    assert comparison.ranking.sentences() == ("a and b do not differ significantly",)
 
 
 def test_largest_errors_and_predictions_are_not_tested() -> None:
-    found = compare([made("a", 1), made("b", 2)])
-    largest = next(row for row in found.rows if row.key == "position.max").differences[1]
+    comparison = compare([made("a", 1), made("b", 2)])
+    largest = next(row for row in comparison.rows if row.key == "position.max").differences[1]
     assert largest is not None
-    assert (largest.p_value, largest.why) == (None, "no test holds for the largest of all errors")
-    found = compare([made("a", 1), made("p", 2, command="predict")])
-    one = found.rows[0].differences[1]
-    assert one is not None
-    assert one.p_value is None
-    assert one.why is not None
-    assert one.why.startswith("a prediction is of robots to come")
-    assert found.ranking.groups == ()
-    assert found.ranking.sentences() == ("in order of the figure; no difference could be tested",)
+    assert (largest.p_value, largest.why) == (None, "no test exists for the largest of all errors")
+    comparison = compare([made("a", 1), made("p", 2, command="predict")])
+    delta = comparison.rows[0].differences[1]
+    assert delta is not None
+    assert delta.p_value is None
+    assert delta.why is not None
+    assert delta.why.startswith("a prediction describes robots yet to be built")
+    assert comparison.ranking.groups == ()
+    assert comparison.ranking.sentences() == ("ordered by the figure; no difference could be tested",)
     mixed = compare([made("a", 1), made("b", 2), made("p", 3, command="predict")])
     assert "b and p could not be tested" in mixed.ranking.sentences()
 
 
 def test_what_was_made_differently_is_warned_of() -> None:
-    found = compare([made("a", 1), made("b", 2, made={"frame": "base"}, frame="base")])
-    assert found.warnings == (
-        "made differently, frame: a: tool; b: base (lengths can be compared, components cannot, and are left out)",
+    comparison = compare([made("a", 1), made("b", 2, provenance={"frame": "base"}, frame="base")])
+    assert comparison.warnings == (
+        "made differently, frame: a: tool; b: base "
+        "(lengths are compared; components are not, because their axes differ)",
     )
-    assert "position.mean_x" not in [row.key for row in found.rows]
+    assert "position.mean_x" not in [row.key for row in comparison.rows]
     assert "position.mean_x" in [row.key for row in compare([made("a", 1), made("b", 2)]).rows]
     other = dataclasses.replace(
         made("b", 2), errors={"position": ErrorSet(errors(50, 2), ComparedPoses(50, None, None, None, None))}
     )
     assert compare([made("a", 1), other]).warnings == (
-        "made differently, poses: a and b are not of the same poses, so nothing cancels",
+        "made differently, poses: a and b have different poses, so their difference cannot be paired",
     )
     part = made("b", 2)
-    kept = np.arange(50) < 40
-    whole = part.errors["position"]
-    part = dataclasses.replace(part, errors={"position": ErrorSet(whole.vectors[:, kept], whole.poses.subset(kept))})
+    rows = np.arange(50) < 40
+    all_errors = part.errors["position"]
+    part = dataclasses.replace(
+        part, errors={"position": ErrorSet(all_errors.vectors[:, rows], all_errors.poses.subset(rows))}
+    )
     assert compare([made("a", 1), part]).warnings == (
-        "made differently, poses: a and b share 40 of 50 poses; their differences are over those alone",
+        "made differently, poses: a and b share 40 of 50 poses; only these are compared",
     )
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"baseline": "z"}, r"no result is named 'z'; they are a, b"),
-        ({"by": "position.mean_x"}, r"no shared figure 'position.mean_x' to rank by; there are position.rms, "),
-        ({"confidence": 2.0}, r"at least 0.5 and below 1, not 2"),
-        ({"wanted": "Z"}, r"no grade 'Z' on the scale CAD/CAM 0.1 mm, 0.1 degree; it has A, B, C, D, E"),
+        ({"baseline": "z"}, r"`baseline`: no result is named 'z'; choose from a, b"),
+        (
+            {"by": "position.mean_x"},
+            r"`by`: the results have no common figure 'position.mean_x'; choose from position.rms, ",
+        ),
+        ({"confidence": 2.0}, r"`confidence`: expected a probability of at least 0.5 and below 1, found 2"),
+        (
+            {"required_grade": "Z"},
+            r"`grade`: the scale CAD/CAM 0.1 mm, 0.1 degree has no grade 'Z'; it has A, B, C, D, E",
+        ),
     ],
 )
 def test_calls_that_do_not_fit(options: dict[str, Any], message: str) -> None:
@@ -407,9 +422,9 @@ def test_calls_that_do_not_fit(options: dict[str, Any], message: str) -> None:
 
 
 def test_there_must_be_something_to_compare() -> None:
-    with pytest.raises(UsageError, match="takes at least two results"):
+    with pytest.raises(UsageError, match="needs at least two results"):
         compare([made("a", 1)])
-    with pytest.raises(UsageError, match="results of estimate and iso9283 share no figure that could be compared"):
+    with pytest.raises(UsageError, match="results of estimate and iso9283 have no figure in common to compare"):
         compare([made("a", 1), made("b", 2, command="iso9283", figures={"iso9283.AP.max": ComparedFigure(1.0, "m")})])
 
 
@@ -420,40 +435,40 @@ def document(**changes: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"n_poses": "2"}, "r.json, n_poses: a number of poses is expected here"),
-        ({"position": {"rms_m": "x"}}, "r.json, position.rms_m: a number is expected here, found 'x'"),
-        ({"position": {"rms_m": True}}, "r.json, position.rms_m: a number is expected here, found 'True'"),
-        ({"position": {"rms_m": 1.0, "errors_m": [[1, 2, 3]]}}, "position.errors_m: 2 rows of 3 numbers are expected"),
-        ({"position": {"rms_m": 1.0, "errors_m": "x"}}, "position.errors_m: 2 rows of 3 numbers are expected here"),
+        ({"n_poses": "2"}, "r.json, n_poses: expected a number of poses"),
+        ({"position": {"rms_m": "x"}}, "r.json, position.rms_m: expected a number, found 'x'"),
+        ({"position": {"rms_m": True}}, "r.json, position.rms_m: expected a number, found 'True'"),
+        ({"position": {"rms_m": 1.0, "errors_m": [[1, 2, 3]]}}, "position.errors_m: expected 2 rows of 3 numbers"),
+        ({"position": {"rms_m": 1.0, "errors_m": "x"}}, "position.errors_m: expected 2 rows of 3 numbers"),
         (
             {"position": {"rms_m": 1.0, "errors_m": [[1, 2, None], [1, 2, 3]]}},
-            "r.json, position.errors_m: numbers below 1e+09 are expected here",
+            "r.json, position.errors_m: expected numbers below 1e+09",
         ),
-        ({"position": {"rms_m": 1.0}, "poses": {"pose": [1, 2]}}, "r.json, poses.pose: 2 texts are expected here"),
-        ({"position": {"rms_m": 1.0}, "robot": {"name": 3}}, "r.json, robot.name: a text is expected here, found '3'"),
-        ({}, "r.json, position: the figures of a result are expected here"),
+        ({"position": {"rms_m": 1.0}, "poses": {"pose": [1, 2]}}, "r.json, poses.pose: expected 2 texts"),
+        ({"position": {"rms_m": 1.0}, "robot": {"name": 3}}, "r.json, robot.name: expected text, found '3'"),
+        ({}, "r.json, position: expected the figures of a result"),
         (
             {
                 "position": {"rms_m": 1.0},
                 "grade": {"scale": "s", "statistic": "rms", "otherwise": "F", "confidence": 0.9, "steps": [3]},
             },
-            "r.json, grade.steps.0: a grade and its limit of position are expected here",
+            "r.json, grade.steps.0: expected a grade and its position limit",
         ),
     ],
 )
 def test_what_is_wrong_with_a_result_is_said_with_its_place(changes: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError) as caught:
-        subject(document(**changes), "r", "r.json", "00")
+        read_compared_result(document(**changes), "r", "r.json", "00")
     assert problem in str(caught.value)
 
 
 def test_outliers_of_a_fit_are_flags() -> None:
     fit = document(command="calibrate", n_folds=5, after={"fitted": {"position": {"rms_m": 1.0}}})
     fit["poses"] = {"used": [1, 0]}
-    with pytest.raises(InputError, match=r"poses.used: 2 of true and false are expected here"):
-        subject(fit, "r", "r.json", "00")
+    with pytest.raises(InputError, match=r"poses.used: expected 2 booleans"):
+        read_compared_result(fit, "r", "r.json", "00")
 
 
 def test_other_results_have_nothing_to_compare() -> None:
-    with pytest.raises(UsageError, match=r"r.json is a result of show; compared are those of estimate, calibrate"):
-        subject(document(command="show"), "r", "r.json", "00")
+    with pytest.raises(UsageError, match=r"r.json is a result of show; only results of estimate, calibrate"):
+        read_compared_result(document(command="show"), "r", "r.json", "00")

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from typing import TextIO
 
 from robacc.comparison.compared_result import split_key
-from robacc.comparison.comparing import ResultComparison, Row
+from robacc.comparison.comparing import ComparedRow, ResultComparison
 from robacc.comparison.differences import Difference
+from robacc.comparison.grade_status import Verdict
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import chance, decimals, fixed, p_value, three_digits
@@ -29,9 +30,14 @@ _STATISTICS = {
 _STAGES = {
     "before.held_out": "baseline, held-out poses",
     "nominal.held_out": "nominal model",
-    "after.fitted": "extended model, calibration poses",
+    "after.fitted": "final model, calibration poses",
     "before.fitted": "baseline, calibration poses",
     "nominal.fitted": "nominal model",
+}
+_VERDICTS: dict[Verdict, str] = {
+    "demonstrated": "confirmed",
+    "met_not_demonstrated": "met, not confirmed",
+    "not_met": "not met",
 }
 _ROUNDING = 1e-12
 """m or rad; smaller values are rounding errors."""
@@ -51,7 +57,7 @@ def draw_comparison(comparison: ResultComparison, stream: TextIO) -> None:
 
 def comparison_lines(comparison: ResultComparison, width: int) -> Iterator[TextLine]:
     """Return the report's lines; running text is wrapped to ``width`` columns."""
-    yield heading(f"{len(comparison.subjects)} results compared; baseline: {_short(comparison.baseline)}")
+    yield heading(f"{len(comparison.results)} results compared; baseline: {_short(comparison.baseline)}")
     yield from _results(comparison)
     yield from (BLANK, *_ranking(comparison))
     if comparison.scale is not None:
@@ -86,13 +92,13 @@ def _short(name: str) -> str:
 def _results(comparison: ResultComparison) -> list[TextLine]:
     paired = {pairing.second: pairing for pairing in comparison.pairing}
     rows = []
-    for subject in comparison.subjects:
-        match = paired.get(subject.name)
+    for result in comparison.results:
+        match = paired.get(result.name)
         poses = "" if match is None else "same poses" if match.paired else "different poses"
-        if match is not None and not subject.errors:
+        if match is not None and not result.errors:
             poses = ""
-        cells = (subject.command, subject.robot or "–", str(subject.n_poses), subject.grade or "–", poses)
-        rows.append((_short(subject.name), *(_short(cell) for cell in cells)))
+        cells = (result.command, result.robot or "–", str(result.n_poses), result.grade or "–", poses)
+        rows.append((_short(result.name), *(_short(cell) for cell in cells)))
     return columns(("result", "command", "robot", "poses", "grade", ""), rows)
 
 
@@ -127,28 +133,28 @@ def _grade(comparison: ResultComparison, width: int) -> Iterator[TextLine]:
     scale = comparison.scale
     if scale is None:
         return
-    yield heading(f"Grade {comparison.wanted} (scale: {scale.name})")
+    yield heading(f"Grade {comparison.required_grade} (scale: {scale.name})")
     rows = []
-    for standing in comparison.standings:
-        probability = "–" if standing.probability is None else chance(standing.probability)
+    for status in comparison.grade_statuses:
+        probability = "–" if status.probability is None else chance(status.probability)
         cells = [
-            standing.verdict,
-            standing.grade,
+            _VERDICTS[status.verdict],
+            status.grade,
             probability,
-            _bounded(standing.position, standing.position_bound, "m"),
+            _bounded(status.position, status.position_bound, "m"),
         ]
         cells.append(
-            "–" if standing.orientation is None else _bounded(standing.orientation, standing.orientation_bound, "rad")
+            "–" if status.orientation is None else _bounded(status.orientation, status.orientation_bound, "rad")
         )
-        rows.append((_short(standing.name), *cells))
+        rows.append((_short(status.name), *cells))
     header = ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °")
     yield from columns(header, rows)
-    reasons = [f"{standing.name}: {standing.why}" for standing in comparison.standings if standing.why]
+    reasons = [f"{status.name}: {status.why}" for status in comparison.grade_statuses if status.why]
     reasons += [
-        f"{standing.name}: if the estimate does not change, {standing.poses_to_demonstrate} poses in total would "
+        f"{status.name}: if the estimate does not change, {status.poses_to_demonstrate} poses in total would "
         "probably confirm it"
-        for standing in comparison.standings
-        if standing.poses_to_demonstrate is not None
+        for status in comparison.grade_statuses
+        if status.poses_to_demonstrate is not None
     ]
     yield from items(reasons, width)
 
@@ -157,10 +163,10 @@ def _bounded(value: float, bound: float | None, unit: str) -> str:
     return _amount(value, unit) + ("" if bound is None else f" ({_amount(bound, unit)})")
 
 
-def _block(comparison: ResultComparison, title: str, rows: list[Row], labels: list[str]) -> Iterator[TextLine]:
+def _block(comparison: ResultComparison, title: str, rows: list[ComparedRow], labels: list[str]) -> Iterator[TextLine]:
     """Return the table of related statistics; few results stand in columns, many in rows."""
     unit = rows[0].unit
-    names = [_short(subject.name) for subject in comparison.subjects]
+    names = [_short(result.name) for result in comparison.results]
     title = f"{title}, {_UNITS[unit]}"
     if len(names) == 2:
         table = []
@@ -197,18 +203,18 @@ def _block(comparison: ResultComparison, title: str, rows: list[Row], labels: li
     yield from _differences(comparison, [rows[k] for k in selected], [labels[k] for k in selected])
 
 
-def _differences(comparison: ResultComparison, rows: list[Row], labels: list[str]) -> list[TextLine]:
+def _differences(comparison: ResultComparison, rows: list[ComparedRow], labels: list[str]) -> list[TextLine]:
     """Return a line for each statistic and each result but the baseline."""
     table = []
     for label, row in zip(labels, rows, strict=True):
-        for subject, difference in zip(comparison.subjects, row.differences, strict=True):
+        for result, difference in zip(comparison.results, row.differences, strict=True):
             if difference is not None:
                 cells = (
                     _difference(difference, row.unit),
                     _interval(difference, row.unit),
                     p_value(difference.p_value),
                 )
-                table.append((f"{label}, {_short(subject.name)}", *cells))
+                table.append((f"{label}, {_short(result.name)}", *cells))
     return columns((f"difference from {_short(comparison.baseline)}", "difference", _percent(comparison), ""), table)
 
 

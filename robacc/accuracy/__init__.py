@@ -1,1 +1,1 @@
-"""How far the arm was from where it was to be: errors of poses, their figures and statistics, the grade."""
+"""Accuracy of measured poses: errors of poses, their metrics and statistics, and the grade."""

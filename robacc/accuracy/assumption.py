@@ -21,7 +21,7 @@ class Assumption:
     independent: bool
     """No commanded pose was repeated."""
     text: str
-    """The same as a sentence."""
+    """Assumptions and rejections as a sentence."""
 
 
 def without_mean_test(tests: AssumptionTests) -> AssumptionTests:

@@ -30,14 +30,14 @@ def before_and_after(
     validation poses ``holdout``; None where no pose was held out.
     """
     nominal = residuals(data, predict(robot, data))
-    fitted = [pose_metrics(residual[:, after.kept]) for residual in (nominal, before.residual, after.residual)]
+    fitted = [pose_metrics(residual[:, after.inliers]) for residual in (nominal, before.residual, after.residual)]
     calibration = Residuals(nominal, before.residual, after.residual)
     if held_out is None:
         stages = [Stage(metrics, None) for metrics in fitted]
         return BeforeAfter(stages[0], stages[1], stages[2], None, calibration, None)
     if holdout is None:
         calibration = dataclasses.replace(calibration, held_out_before=held_out[0], held_out_after=held_out[1])
-        validation, inliers, groups = None, after.kept, data.groups()
+        validation, inliers, groups = None, after.inliers, data.groups()
     else:
         nominal = residuals(holdout, predict(robot, holdout))
         validation, inliers, groups = Residuals(nominal, *held_out), np.ones(holdout.n, dtype=bool), holdout.groups()

@@ -48,7 +48,7 @@ class BeforeAfter:
     """Stages, gain and residuals of two fits to the same poses."""
 
     nominal: Stage
-    """The nominal model."""
+    """Stage of the nominal model."""
     before: Stage
     after: Stage
     gain: Gain | None

@@ -39,7 +39,7 @@ MOST_FOR_BOOTSTRAP = 1000
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A confidence interval in the unit of its quantity."""
+    """Confidence interval in the unit of its quantity."""
 
     lower: float | None
     upper: float | None

@@ -22,7 +22,7 @@ NIL = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class AssumptionTest:
-    """One statistical test; the statistic and its p-value are None where ``why`` says so."""
+    """Result of a statistical test; statistic and p-value are None where ``why`` gives the reason."""
 
     method: str
     statistic: float | None

@@ -84,9 +84,9 @@ class ErrorStatistics:
     intervals: Intervals
     ellipsoid: Ellipsoid
     radius95_zero_mean: Radius
-    """Under N(0, covariance)"""
+    """Radius of N(0, covariance)."""
     radius95_fitted_mean: Radius
-    """Under N(mean, centred_covariance)"""
+    """Radius of N(mean, centred_covariance)."""
     tests: AssumptionTests
     structure: PoseStructure
     assumption: str

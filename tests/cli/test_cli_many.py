@@ -162,7 +162,7 @@ def test_warnings_carry_their_files_name(folder: Path) -> None:
         for name in "ac"
         for text in (
             f"warning: {folder / name}.csv:1: unknown column 'cmd_yy' is ignored",
-            f"warning: {name}.csv: errors this large come from frames that do not agree rather than from the arm",
+            f"warning: {name}.csv: the errors are too large for an arm and suggest frames that are not registered",
         )
     ]
 
@@ -179,7 +179,7 @@ def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:
     (folder / "c.csv").write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3.001\n1,2,4,1,2,4.002\n", encoding="utf-8")
     done = run(*files(folder, "ac"))
     assert done.exit_code == 3
-    assert "a.csv               failed: the poses do not say where the target was to be" in done.stdout
+    assert "a.csv               failed: the poses have no commanded positions" in done.stdout
     assert json.loads(run(*files(folder, "ac"), "--format", "json").stdout)["results"][0]["exit_status"] == 2
 
 
@@ -188,7 +188,7 @@ def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:
     [
         (["a", "-"], 2, "standard input is one file"),
         (["a", "c", "a"], 2, "a.csv is given twice"),
-        (["a", "c", "--confidence", "2"], 2, "below 1, not 2"),
+        (["a", "c", "--confidence", "2"], 2, "less than 1, not 2"),
         (["a", "c", "--align", "base_frame"], 2, "it needs --robot"),
         (["a", "c", "--tip-link", "t"], 2, "the URDF that --robot names"),
         (["a", "c", "--robot", "none.yaml"], 3, "none.yaml: there is no such file"),

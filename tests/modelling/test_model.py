@@ -170,7 +170,7 @@ def test_number_of_identifiable_geometric_parameters(name: str) -> None:
         data = measured(robot_arm.robot, 60, orientation=orientation)
         free = [REGISTRY[effect].default(robot_arm, data) for effect in GEOMETRY]
         identified = fit(Model.of(robot_arm.robot, free), data).identifiability
-        assert identified.kept.size == expected
+        assert identified.columns.size == expected
         assert len(identified.dropped) == sum(len(e.terms(robot_arm, data)) for e in free) - expected
         assert all(why.why for why in identified.dropped)
 
@@ -190,7 +190,7 @@ def test_the_fit_agrees_with_scipy_from_the_same_start(orientation: bool) -> Non
     model = Model.of(robot_arm.robot, [REGISTRY[name].default(robot_arm, data) for name in names])
     options = Options(robust=False, misfit=(2e-5, 2e-5), tolerance=1e-13)
     fitted = fit(model, data, options)
-    kept = fitted.identifiability.kept
+    kept = fitted.identifiability.columns
     peer, size = by_scipy(fitted, data, 2e-5, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert kept.size > 20
     # 1e-9 of the parameters' own length, and no parameter off by more than a millionth of its standard error.

@@ -18,7 +18,7 @@ DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur1
 def test_position_error_of_a_real_arm_after_registration(series: str, rms_mm: float) -> None:
     robot = read_robot(str(DATA / "robot.yaml"))
     data = read_poses(str(DATA / f"series_{series}.csv"), joint_names=robot.variable_names)
-    result = estimate(data, robot, what=("base_frame", "tool_frame"))
+    result = estimate(data, robot, align=("base_frame", "tool_frame"))
     assert result.alignment is not None
     assert result.alignment.n_parameters == 12
     # 10 %: the figure hangs a little on how orientation is weighed against position in the registration.

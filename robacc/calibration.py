@@ -249,7 +249,7 @@ def _hold_out(
 
 def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
     """Rows whose prediction they decide themselves: mean of the hat matrix over their components."""
-    kept = found.identifiability.kept
+    kept = found.identifiability.columns
     if kept.size == 0:
         return ()
     inverse = posterior(found.gram, found.precision)
@@ -259,15 +259,15 @@ def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
         _, jacobian = found.model.bind(data.subset(block)).linearise(found.theta, kept)
         columns = jacobian[: found.residual.shape[0]] * found.weight[:, None, block]
         share[block] = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / found.residual.shape[0]
-    high = np.flatnonzero((share > _LEVERAGE) & found.kept)
+    high = np.flatnonzero((share > _LEVERAGE) & found.inliers)
     return tuple((int(i), float(share[i])) for i in high[np.argsort(-share[high])])
 
 
 def _warnings(found: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
     warnings = [*data.warnings, *data.contradicted_ids(), *outliers_warning(found, data), *frames_warning(found, data)]
     warnings.extend((*sigma_warning(noise), *weak_parameters_warning(found)))
-    count = int(found.identifiability.kept.size)
-    spare = int(np.count_nonzero(found.kept)) * found.residual.shape[0] - count
+    count = int(found.identifiability.columns.size)
+    spare = int(np.count_nonzero(found.inliers)) * found.residual.shape[0] - count
     if spare < count:
         warnings.append(f"only {spare} more numbers measured than coefficients fitted: measure more poses")
     warnings.extend(condition_warning(found))

@@ -230,7 +230,7 @@ def _seen(
     mimic it.
     """
     columns = _columns(declared, effect, data, plan)
-    known = declared.identifiability.kept
+    known = declared.identifiability.columns
     basis = np.linalg.qr(columns[:, known])[0]
     own = columns[:, len(declared.terms) :]
     way = rng.normal(size=own.shape[1])

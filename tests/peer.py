@@ -17,7 +17,7 @@ def by_scipy(found: Fit, data: Measurements, noise: float, **options: Any) -> tu
 
     scipy judges its steps in units of the coefficients, which differ by 1e5: each gets its standard error for one.
     """
-    kept, bound, weight = found.identifiability.kept, found.model.bind(data), weights(data, noise, noise)
+    kept, bound, weight = found.identifiability.columns, found.model.bind(data), weights(data, noise, noise)
     size = np.sqrt(np.diag(found.covariance))[kept]
 
     def whole(x: np.ndarray) -> np.ndarray:

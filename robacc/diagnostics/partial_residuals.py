@@ -116,7 +116,9 @@ def _of_joint(effect: Effect, joint: str, own: Sequence[int], found: Fit, data: 
     unit = "rad" if found.model.arm.is_revolute(joint) else "m"
     spectrum = None
     if orders_of(effect):
-        spectrum = _spectrum(driver.values[found.kept], before[found.kept], after[found.kept], sd[found.kept])
+        spectrum = _spectrum(
+            driver.values[found.inliers], before[found.inliers], after[found.inliers], sd[found.inliers]
+        )
     return PartialResidual(
         joint, driver.name, driver.unit, unit, driver.values, before - after, before, after, sd, grid, value, spectrum
     )

@@ -42,7 +42,7 @@ def residual_correlations(found: Fit, data: Measurements) -> tuple[ResidualCorre
 
     Rows of one commanded pose count as one, by their mean: its own repeatability is no similarity of neighbours.
     """
-    rows = np.flatnonzero(found.kept)[:_MOST]
+    rows = np.flatnonzero(found.inliers)[:_MOST]
     groups = np.unique(data.groups()[rows], return_inverse=True)[1]
     count = np.bincount(groups)
 

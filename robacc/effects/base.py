@@ -79,6 +79,11 @@ class Term:
     weight: float = 1.0
     """Prior standard deviation relative to the group's."""
 
+    @property
+    def label(self) -> str:
+        """Return the last part of the name: the constant, coordinate or polynomial."""
+        return self.name.rpartition(".")[2]
+
 
 @dataclass(frozen=True, slots=True)
 class About:

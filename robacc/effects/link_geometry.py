@@ -84,7 +84,7 @@ class LinkGeometry(Effect):
                 unit = arm.chain.motions[motion].unit
                 terms.append(Term(f"{self.name}.{joint}.{label}", unit, 1e-3, (Part(motion),)))
         # Hayati's rotations last: one is kept only for what the table's own numbers cannot describe.
-        return tuple(sorted(terms, key=lambda term: term.name.endswith(".beta")))
+        return tuple(sorted(terms, key=lambda term: term.label == "beta"))
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
         """The robot with its table changed."""

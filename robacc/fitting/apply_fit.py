@@ -1,4 +1,4 @@
-"""A fit written back into a robot: constants into its own numbers, the rest into its list of effects."""
+"""Write a fit into a robot: constants into its own numbers, other effects into its list of effects."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from robacc.robots.description import Robot
 
 
 def apply_fit(fit: Fit) -> Robot:
-    """The robot that predicts what the fit predicts, to rounding.
+    """Return the robot that predicts the same as the fit, to rounding.
 
-    The fitted values are near the nominal ones by construction: coefficients the poses cannot tell apart stay at zero.
+    Coefficients that are not identifiable on the poses stay at their nominal value.
     """
     values: list[dict[str, float]] = [{} for _ in fit.model.free]
     for name, owner, value in zip(fit.names, fit.owners, fit.theta, strict=True):
@@ -25,37 +25,37 @@ def apply_fit(fit: Fit) -> Robot:
 
 
 def apply_values(model: Model, values: Sequence[Mapping[str, float]]) -> Robot:
-    """The same for coefficients given by name, for each of the model's free effects."""
+    """Return the robot with coefficients given by name, for each of the model's free effects."""
     robot = model.arm.robot
     listed = [Known(known.effect, dict(known.values)) for known in model.known]
-    for effect, found in zip(model.free, values, strict=True):
-        # Base and tool terms of the chain are about the robot as it stands, so each effect is folded on the last.
+    for effect, coefficients in zip(model.free, values, strict=True):
+        # Base and tool terms refer to the robot's present frames, so each effect is applied to the last result.
         arm = Arm.of(robot)
         if effect.is_constant:
-            robot = effect.apply(arm, found)
+            robot = effect.apply(arm, coefficients)
             continue
-        own = {name: value for name, value in found.items() if value != 0}
-        same = next((i for i, known in enumerate(listed) if known.effect.key() == effect.key()), None)
-        if same is not None:
-            before = listed[same].values
-            merged = {name: before.get(name, 0.0) + own.get(name, 0.0) for name in {**before, **own}}
-            listed[same] = Known(effect, merged)
-        elif own:
-            listed.append(Known(effect, own))
+        nonzero = {name: value for name, value in coefficients.items() if value != 0}
+        place = next((i for i, known in enumerate(listed) if known.effect.key() == effect.key()), None)
+        if place is not None:
+            before = listed[place].values
+            sums = {name: before.get(name, 0.0) + nonzero.get(name, 0.0) for name in {**before, **nonzero}}
+            listed[place] = Known(effect, sums)
+        elif nonzero:
+            listed.append(Known(effect, nonzero))
     entries: list[Mapping[str, Any]] = [entry_of(known.effect, known.values) for known in listed]
     return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))
 
 
 def absorb_constants(robot: Robot) -> Robot:
-    """The robot with the constant effects of its file written into its own numbers; the others stay listed, in SI.
+    """Return the robot with the constant effects of its file in its own numbers; other effects stay listed, in SI.
 
     Raises:
         InputError: the file's ``effects:`` cannot be read.
     """
-    rest = []
+    entries = []
     for known in known_effects(robot):
         if known.effect.is_constant:
             robot = known.effect.apply(Arm.of(robot), known.values)
         else:
-            rest.append(entry_of(known.effect, known.values))
-    return dataclasses.replace(robot, effects=tuple(rest), effect_units=(1.0, 1.0))
+            entries.append(entry_of(known.effect, known.values))
+    return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))

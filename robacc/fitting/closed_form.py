@@ -1,4 +1,4 @@
-"""Where base and target are, in closed form from any start, before least squares refines them.
+"""Registration of base and target in closed form, from any start, before least squares refines them.
 
 With F the arm's own pose (base to last link, known effects included), B the base and G the target on the last link, a
 measured pose is B F G. Position only: p = R_B (p_F + R_F g) + t_B.
@@ -27,18 +27,18 @@ from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
 
 _TRIM = 6.0
-"""Poses further off than this many median errors take no part in a second pass: a beam break is not a start."""
+"""Median errors beyond which a pose is left out of the second pass, as a beam break is."""
 _ALTERNATIONS = 50
 _SETTLED = 1e-9
-"""Fall of the sum of squares, as a share of it, by which an alternation is the last."""
+"""Decrease of the cost, as a share, at which the alternation ends."""
 _OPEN = 1e-10
-"""Share of the largest singular value below which the poses leave a direction open."""
-_LEAST_SPREAD = 1e-4
-"""m^2; what orientations weigh at least, so that they decide where the positions do not spread."""
+"""Share of the largest singular value below which a direction is not identifiable."""
+_LEAST_POSITION_VAR = 1e-4
+"""m^2; least weight of orientations, which decide if all positions are close together."""
 _RELUCTANCE = 1e-3
-"""Of a target to move where the base could instead: the solution of least norm weighs its move a thousand times."""
+"""Scale of a target's columns: the solution of least norm moves the base rather than a target."""
 _ONE_AXIS = 1e-4
-"""Second smallest eigenvalue over the largest: below it axes are parallel within a degree or so."""
+"""Second smallest eigenvalue over the largest, below which axes are parallel within about a degree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class _Start:
 
 
 def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
-    """The robot with its base, its tool (or each target's), or both, moved onto the measured poses in closed form.
+    """Return the robot with its base, its tool (or each target's), or both, registered in closed form.
 
     Raises:
         InputError: too few poses for it.
@@ -58,17 +58,17 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     needed = 1 if data.rotation is not None else 3
     if data.n < needed:
         raise InputError(
-            f"{data.n} pose{'s' * (data.n != 1)}: finding base_frame or tool_frame needs at least {needed}"
+            f"{data.n} pose{'s' * (data.n != 1)}: registration of base_frame or tool_frame needs at least {needed}"
         )
-    kept = np.ones(data.n, dtype=bool)
+    inliers = np.ones(data.n, dtype=bool)
     registered = robot
     for _ in range(2):
-        registered = _register(robot, data.subset(np.flatnonzero(kept)), base, tool)
+        registered = _register(robot, data.subset(np.flatnonzero(inliers)), base, tool)
         error = np.linalg.norm(data.position - predict(registered, data).translation, axis=0)
         trimmed = error <= _TRIM * np.median(error)
         if trimmed.all() or trimmed.sum() < max(needed, data.n // 2):
             break
-        kept = trimmed
+        inliers = trimmed
     return registered
 
 
@@ -80,17 +80,17 @@ def _register(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot
     per_row = _stack(tools, index)
     arm = base_now.inverse() @ predict(robot, data) @ per_row.inverse()
     if not tool:
-        return _moved(robot, _base_from(arm @ per_row, data), None, names)
+        return _with_frames(robot, _base_from(arm @ per_row, data), None, names)
     if not base:
-        return _moved(robot, None, _tools_from(base_now @ arm, data, index, tools), names)
-    found = _both(arm, data, index, tools)
-    return _moved(robot, found[0], found[1], names)
+        return _with_frames(robot, None, _tools_from(base_now @ arm, data, index, tools), names)
+    new_base, new_tools = _base_and_tools(arm, data, index, tools)
+    return _with_frames(robot, new_base, new_tools, names)
 
 
-def _both(
+def _base_and_tools(
     arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses]
 ) -> tuple[Poses, list[Poses]]:
-    """Base and targets together: from the orientations where they were measured, else by alternation."""
+    """Return base and targets together: from the orientations if they were measured, else by alternation."""
     start = None
     if data.rotation is not None and data.n >= 3:
         start = _rotations_by_svd(arm.rotation, data.rotation)
@@ -105,21 +105,21 @@ def _both(
 def _alternate(
     arm: Poses, data: Measurements, index: NDArray[np.int64], tools: list[Poses], start: tuple[Array, Array] | None
 ) -> tuple[Poses, list[Poses]]:
-    """Solve t_B and every g linearly for a given R_B, then R_B by registration for given g, until nothing moves."""
+    """Solve t_B and every g linearly for a given R_B, then R_B by registration for given g, to convergence."""
     if start is not None:
         rotation, turn = start
         tools = [Poses(turn, tool.translation) for tool in tools]
     else:
         base = _base_from(arm @ _stack(tools, index), data, orientation=False)
         rotation = base.rotation
-    previous = np.inf
+    previous_cost = np.inf
     translation = np.zeros(3)
     for _ in range(_ALTERNATIONS):
         translation, offsets, residual = _linear_offsets(arm, data, index, tools, rotation)
         tools = [Poses(tool.rotation, offset) for tool, offset in zip(tools, offsets, strict=True)]
-        if start is not None or previous - residual <= _SETTLED * previous:
+        if start is not None or previous_cost - residual <= _SETTLED * previous_cost:
             break
-        previous = residual
+        previous_cost = residual
         rotation = _base_from(arm @ _stack(tools, index), data, orientation=False).rotation
     return Poses(rotation, translation), tools
 
@@ -127,28 +127,28 @@ def _alternate(
 def _linear_offsets(
     arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses], rotation: Array
 ) -> tuple[Array, list[Array], float]:
-    """Least squares for t_B and each target's g in R_B^T p - p_F = R_B^T t_B + R_F g.
+    """Solve for t_B and each target's g by least squares in R_B^T p - p_F = R_B^T t_B + R_F g.
 
-    What the poses leave open (along a SCARA's axes) the base takes, which may stand anywhere: targets stay as they are.
+    Along a direction that is not identifiable (a SCARA's axes) the base moves and the targets stay.
     """
     count = len(tools)
-    right = np.einsum("ji,jn->in", rotation, data.position) - (arm @ _stack(tools, index)).translation
+    rhs = np.einsum("ji,jn->in", rotation, data.position) - (arm @ _stack(tools, index)).translation
     matrix = np.zeros((data.n, 3, 3 + 3 * count))
     matrix[:, :, :3] = np.eye(3)
     for target in range(count):
         rows = np.flatnonzero(index == target)
         matrix[rows, :, 3 + 3 * target : 6 + 3 * target] = _RELUCTANCE * np.moveaxis(arm.rotation[:, :, rows], 2, 0)
-    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), right.T.ravel(), rcond=_OPEN)
-    residual = matrix.reshape(-1, 3 + 3 * count) @ solution - right.T.ravel()
+    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), rhs.T.ravel(), rcond=_OPEN)
+    residual = matrix.reshape(-1, 3 + 3 * count) @ solution - rhs.T.ravel()
     offsets = [tool.translation + _RELUCTANCE * solution[3 + 3 * i : 6 + 3 * i] for i, tool in enumerate(tools)]
     return rotation @ solution[:3], offsets, float(residual @ residual)
 
 
 def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array] | None:
-    """R_B and R_G with R_B R_F R_G = R measured: the null vector of the linear equations R_F R_G - R_B^T R = 0.
+    """Return R_B and R_G with R_B R_F R_G = R measured: the null vector of the linear equations R_F R_G - R_B^T R = 0.
 
-    None where there is more than one: turns about one axis only, as all of a SCARA's are, leave open how much of the
-    turn about it is the base's and how much the target's.
+    None if it is not unique: turns about one axis only, as of a SCARA, do not distinguish a turn of the base about it
+    from a turn of the target.
 
     Source: robot-world/hand-eye calibration by Kronecker products, A. Li, L. Wang, D. Wu 2010.
     """
@@ -166,37 +166,37 @@ def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array] | None
 
 
 def _base_from(target: Poses, data: Measurements, orientation: bool = True) -> Poses:
-    """B with B X = measured, X the target in the base: registration of points (Kabsch), orientations counted in."""
-    here, there = target.translation, data.position
-    here_mean, there_mean = here.mean(axis=1), there.mean(axis=1)
-    matrix = (there - there_mean[:, None]) @ (here - here_mean[:, None]).T
+    """Return B with B X = measured, X the target in the base: registration of points (Kabsch) and orientations."""
+    predicted, measured = target.translation, data.position
+    predicted_mean, measured_mean = predicted.mean(axis=1), measured.mean(axis=1)
+    matrix = (measured - measured_mean[:, None]) @ (predicted - predicted_mean[:, None]).T
     if orientation and data.rotation is not None:
-        # Weighed as points at the spread of the positions, so that neither kind drowns the other.
-        spread = max(float(np.sum(np.square(here - here_mean[:, None]))) / data.n, _LEAST_SPREAD)
-        matrix = matrix + spread * np.einsum("ijn,kjn->ik", data.rotation, target.rotation)
+        # Weighted as points at the scatter of the positions, so that neither kind dominates.
+        position_var = max(float(np.sum(np.square(predicted - predicted_mean[:, None]))) / data.n, _LEAST_POSITION_VAR)
+        matrix = matrix + position_var * np.einsum("ijn,kjn->ik", data.rotation, target.rotation)
     rotation = _nearest_rotation(matrix)
-    return Poses(rotation, there_mean - rotation @ here_mean)
+    return Poses(rotation, measured_mean - rotation @ predicted_mean)
 
 
 def _tools_from(arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses]) -> list[Poses]:
-    """Each target's mean place on the last link."""
+    """Return each target's mean pose on the last link."""
     local = rotate_back(arm.rotation, data.position - arm.translation)
-    found = []
+    mean_tools = []
     for target, tool in enumerate(tools):
         rows = index == target
         if not rows.any():
-            found.append(tool)
+            mean_tools.append(tool)
             continue
         rotation = tool.rotation
         if data.rotation is not None:
             turned = compose(transpose(arm.rotation[..., rows]), data.rotation[..., rows])
             rotation = _nearest_rotation(turned.sum(axis=2))
-        found.append(Poses(rotation, local[:, rows].mean(axis=1)))
-    return found
+        mean_tools.append(Poses(rotation, local[:, rows].mean(axis=1)))
+    return mean_tools
 
 
 def _nearest_rotation(matrix: Array) -> Array:
-    """The rotation nearest a 3 x 3 matrix (polar factor by SVD; Kabsch 1976)."""
+    """Return the rotation nearest to a 3 x 3 matrix (polar factor by SVD; Kabsch 1976)."""
     u, _, vt = np.linalg.svd(matrix)
     sign = np.sign(np.linalg.det(u @ vt))
     result: Array = u @ np.diag([1.0, 1.0, sign]) @ vt
@@ -217,7 +217,7 @@ def _stack(poses: Sequence[Poses], index: NDArray[np.int64]) -> Poses:
     return Poses(rotation[..., index], translation[..., index])
 
 
-def _moved(robot: Robot, base: Poses | None, tools: Sequence[Poses] | None, names: Sequence[str]) -> Robot:
+def _with_frames(robot: Robot, base: Poses | None, tools: Sequence[Poses] | None, names: Sequence[str]) -> Robot:
     if base is not None:
         robot = dataclasses.replace(robot, base=_frame(base))
     if tools is not None:

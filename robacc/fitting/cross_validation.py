@@ -1,4 +1,4 @@
-"""Poses held out in turn, so that every pose gets an error from a model it had no part in."""
+"""Cross-validation: poses are held out in turn, so that each gets an error from a model fitted without it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
 
 LEAST_GROUPS = 6
-"""Commanded poses below which nothing is held out: a fifth of them says nothing."""
+"""Commanded poses that cross-validation needs at least."""
 
 
 def folds(data: Measurements, count: int, seed: int) -> NDArray[np.int64] | None:
-    """``(N,)`` number of the fold that holds each row out; None where there are too few poses.
+    """Return ``(N,)`` the number of the fold that holds each row out; None if there are too few poses.
 
     Repeats of one commanded pose stay together. A pose's fold depends on the pose and the seed, not on the order of
     rows.
@@ -32,11 +32,11 @@ def folds(data: Measurements, count: int, seed: int) -> NDArray[np.int64] | None
 
 
 def parts(assigned: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """For each fold the rows to learn from and the rows held out."""
+    """Yield for each fold the rows to fit and the held-out rows."""
     for number in range(int(assigned.max()) + 1):
         yield assigned != number, assigned == number
 
 
-def held_out(found: Fit, data: Measurements) -> Array:
-    """``(M, N)`` residuals of poses that the fit has not seen."""
-    return residuals(data, found.model.bind(data).poses(found.theta))
+def held_out(fit: Fit, data: Measurements) -> Array:
+    """Return ``(M, N)`` residuals of held-out poses."""
+    return residuals(data, fit.model.bind(data).poses(fit.theta))

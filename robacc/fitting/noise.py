@@ -1,4 +1,4 @@
-"""How much of a residual is measuring noise: known from the file, from repeats, or only from the residual itself."""
+"""Measurement noise: known from the file, from repeats, or only from the residual itself."""
 
 from __future__ import annotations
 
@@ -12,58 +12,62 @@ from robacc.modelling.observation import Noise
 from robacc.statistics.distributions import chi2_sf, f_sf
 
 _LEAST_REPEATS = 10
-"""Degrees of freedom below which repeats say too little of the noise."""
+"""Degrees of freedom that an estimate of the noise from repeats needs at least."""
 
 
 @dataclass(frozen=True, slots=True)
 class LackOfFit:
-    """Whether a residual is more than noise that is known independently of the model."""
+    """Test of a residual against noise that is known independently of the model."""
 
     noise: Noise
     p_value: float | None
-    """None where noise is known from the residual alone: then only structure can tell."""
+    """None if noise is known from the residual alone."""
     ratio: float
-    """Root mean square of the residual over the noise's."""
+    """Root mean square of the residual over that of the noise."""
 
 
-def lack_of_fit(found: Fit, data: Measurements) -> LackOfFit:
-    """Compare the residual of the rows that took part with the measuring noise."""
-    rows = found.kept
-    freedom = found.degrees_of_freedom * (0.5 if found.residual.shape[0] == 6 else 1.0)
-    energy = float(np.sum(np.square(found.residual[:3, rows])))
-    repeats = _pure_error(found, data)
+def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
+    """Compare the residual of the inliers with the measurement noise."""
+    rows = fit.inliers
+    dof = fit.degrees_of_freedom * (0.5 if fit.residual.shape[0] == 6 else 1.0)
+    sum_of_squares = float(np.sum(np.square(fit.residual[:3, rows])))
+    if fit.scatter is not None and not fit.scatter.is_none:
+        # Noise and scatter were estimated together from this residual, so it cannot be more than both.
+        white = fit.whitening.apply(fit.residual * rows)[:3]
+        return LackOfFit(fit.noise, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))))
+    repeats = _pure_error(fit, data)
     if repeats is not None:
-        variance, repeat_freedom = repeats
-        rest = max(freedom - repeat_freedom, 1.0)
-        between = max(energy - variance * repeat_freedom, 0.0) / rest
-        p_value = f_sf(between / max(variance, 1e-300), rest, repeat_freedom)
-        noise = Noise(float(np.sqrt(variance)), found.noise.orientation, "repeats")
-        return LackOfFit(noise, p_value, float(np.sqrt(energy / max(freedom, 1.0) / variance)))
+        variance, repeat_dof = repeats
+        remaining_dof = max(dof - repeat_dof, 1.0)
+        between = max(sum_of_squares - variance * repeat_dof, 0.0) / remaining_dof
+        p_value = f_sf(between / max(variance, 1e-300), remaining_dof, repeat_dof)
+        noise = Noise(float(np.sqrt(variance)), fit.noise.orientation, "repeats")
+        return LackOfFit(noise, p_value, float(np.sqrt(sum_of_squares / max(dof, 1.0) / variance)))
     if data.sigma_position is not None:
         known = np.square(data.sigma_position[:, rows])
-        statistic = float(np.sum(np.square(found.residual[:3, rows]) / known))
+        statistic = float(np.sum(np.square(fit.residual[:3, rows]) / known))
         sigma = float(np.sqrt(np.mean(known)))
         orientation = None
         if data.sigma_rotation is not None and data.rotation is not None:
             orientation = float(np.sqrt(np.mean(np.square(data.sigma_rotation[rows]))))
-        ratio = float(np.sqrt(energy / max(freedom, 1.0))) / sigma
-        return LackOfFit(Noise(sigma, orientation, "file"), chi2_sf(statistic, max(freedom, 1.0)), ratio)
-    return LackOfFit(found.noise, None, 1.0)
+        ratio = float(np.sqrt(sum_of_squares / max(dof, 1.0))) / sigma
+        return LackOfFit(Noise(sigma, orientation, "file"), chi2_sf(statistic, max(dof, 1.0)), ratio)
+    return LackOfFit(fit.noise, None, 1.0)
 
 
-def _pure_error(found: Fit, data: Measurements) -> tuple[float, float] | None:
-    """Variance along an axis (m^2) within repeats of one commanded pose, and its degrees of freedom."""
-    groups = data.groups()[found.kept]
+def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float] | None:
+    """Return the variance along an axis (m^2) within repeats of a commanded pose, and its degrees of freedom."""
+    groups = data.groups()[fit.inliers]
     if data.target is not None:
-        pairs = np.stack((groups, np.unique(data.target[found.kept], return_inverse=True)[1]))
+        pairs = np.stack((groups, np.unique(data.target[fit.inliers], return_inverse=True)[1]))
         groups = np.unique(pairs, axis=1, return_inverse=True)[1]
     counts = np.bincount(groups)
-    freedom = 3.0 * float(np.sum(np.maximum(counts - 1, 0)))
-    if freedom < _LEAST_REPEATS:
+    dof = 3.0 * float(np.sum(np.maximum(counts - 1, 0)))
+    if dof < _LEAST_REPEATS:
         return None
-    residual = found.residual[:3, found.kept]
+    residual = fit.residual[:3, fit.inliers]
     within = 0.0
     for axis in residual:
         means = np.bincount(groups, weights=axis) / np.maximum(counts, 1)
         within += float(np.sum(np.square(axis - means[groups])))
-    return (within / freedom, freedom) if within > 0 else None
+    return (within / dof, dof) if within > 0 else None

@@ -1,9 +1,9 @@
-"""Hayati's rotation only where the data show it.
+"""Hayati's rotation only if the data require it.
 
-Near-parallel axes need a rotation about y in the model, or their tilt has nowhere to go (Hayati 1983). Where the axes
-are truly parallel it is one more number for noise to fill, which costs accuracy at poses far from those measured. So
-where the whole geometry is fitted, the rotations are put to a Wald test together once everything else is in the model,
-and left out where they do not matter.
+Near-parallel axes need a rotation about y in the model, or their tilt cannot be described (Hayati 1983). If the axes
+are truly parallel, it is one more coefficient that fits noise, which costs accuracy at poses far from those measured.
+So if the whole geometry is fitted, the rotations are put to a joint Wald test once everything else is in the model, and
+left out if they are not significant.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.statistics.distributions import chi2_sf
 
-_NEEDED = 0.001
-"""The rotations stay where chance alone would make them this large less often."""
+_SIGNIFICANCE = 0.001
+"""The rotations stay if their p-value is at most this."""
 
 
-def without_idle_rotations(found: Fit, original: Model, data: Measurements, options: Options) -> Fit:
-    """``found``, or the fit of ``original`` with the rotations about y left out of a geometry that is fitted whole."""
-    place = next((i for i, effect in enumerate(original.free) if _is_whole(effect, original.arm)), None)
-    kept = found.identifiability.kept
-    rotations = [i for i in kept if found.owners[i] == place and found.names[i].endswith(".beta")]
-    if place is None or not rotations or not np.isfinite(found.covariance[rotations, rotations]).all():
-        return found
-    value = found.theta[rotations]
-    statistic = float(value @ np.linalg.solve(found.covariance[np.ix_(rotations, rotations)], value))
-    if chi2_sf(statistic, float(len(rotations))) <= _NEEDED:
-        return found
+def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, options: Options) -> Fit:
+    """Return ``fitted``, or the fit of ``original`` without the rotations about y of a geometry fitted as a whole."""
+    place = next((i for i, effect in enumerate(original.free) if _is_whole_geometry(effect, original.arm)), None)
+    columns = fitted.identifiability.columns
+    rotations = [i for i in columns if fitted.owners[i] == place and fitted.terms[i].label == "beta"]
+    if place is None or not rotations or not np.isfinite(fitted.covariance[rotations, rotations]).all():
+        return fitted
+    value = fitted.theta[rotations]
+    statistic = float(value @ np.linalg.solve(fitted.covariance[np.ix_(rotations, rotations)], value))
+    if chi2_sf(statistic, float(len(rotations))) <= _SIGNIFICANCE:
+        return fitted
     effects = list(original.free)
     effects[place] = LinkGeometry(effects[place].joints, ("theta", "d", "a", "alpha"))
     return fit(dataclasses.replace(original, free=tuple(effects)), data, options)
 
 
-def _is_whole(effect: Effect, arm: Arm) -> bool:
-    """Whether it is the arm's whole geometry, and not a row of it that stands out."""
+def _is_whole_geometry(effect: Effect, arm: Arm) -> bool:
+    """Return whether the effect is the arm's whole geometry, not a single row of it."""
     return isinstance(effect, LinkGeometry) and not effect.labels and set(effect.joints) == set(arm.names)

@@ -1,4 +1,4 @@
-"""Registering the instrument's frame and the target before errors are judged: closed form, then least squares."""
+"""Registration of the instrument's frame and the target before errors are judged: closed form, then least squares."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ ALIGNABLE = ("base_frame", "tool_frame")
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """What was aligned, and how."""
+    """A registered robot, and its fitted frames."""
 
     robot: Robot
     effects: tuple[str, ...]
     n_parameters: int
-    """Numbers that were fitted: those the poses show."""
+    """Identifiable coefficients."""
     parameters: tuple[FittedParameter, ...]
-    """Of the frames found: x, y, z (m), roll, pitch, yaw (rad)."""
+    """Coordinates of the fitted frames: x, y, z (m), roll, pitch, yaw (rad)."""
     notes: tuple[str, ...]
-    """What the poses could not show, in words."""
+    """Coefficients that are not identifiable on the poses, one sentence each."""
 
 
-def align(robot: Robot, data: Measurements, what: Sequence[str]) -> Alignment:
+def align(robot: Robot, data: Measurements, frames: Sequence[str]) -> Alignment:
     """Fit base, tool or both to the measured poses, by least squares from a closed form, from any start.
 
     Raises:
-        UsageError: something else than ``base_frame`` and ``tool_frame`` is named.
+        UsageError: ``frames`` is empty or names anything else than ``base_frame`` and ``tool_frame``.
         InputError: too few poses.
     """
-    unknown = [name for name in what if name not in ALIGNABLE]
-    if unknown or not what:
+    unknown = [name for name in frames if name not in ALIGNABLE]
+    if unknown or not frames:
         raise UsageError(f"cannot align {', '.join(unknown) or 'nothing'}; choose among {', '.join(ALIGNABLE)}")
-    effects = tuple(name for name in ALIGNABLE if name in what)
+    effects = tuple(name for name in ALIGNABLE if name in frames)
     arm = Arm.of(robot)
-    found = fit(Model.of(robot, [effect_class(name).default(arm, data) for name in effects]), data, Options())
-    notes = tuple(dropped.why for dropped in found.dropped)
-    return Alignment(apply_fit(found), effects, int(found.identifiability.kept.size), parameters(found), notes)
+    fitted = fit(Model.of(robot, [effect_class(name).default(arm, data) for name in effects]), data, Options())
+    notes = tuple(dropped.why for dropped in fitted.dropped)
+    return Alignment(apply_fit(fitted), effects, int(fitted.identifiability.columns.size), parameters(fitted), notes)

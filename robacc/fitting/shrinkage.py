@@ -1,7 +1,7 @@
-"""Gaussian priors about zero: those that are given, and those of groups, whose width the data decide.
+"""Gaussian priors about zero: given ones, and those of groups, whose standard deviation is estimated from the data.
 
-Terms of a group share a width; it is the one of largest marginal likelihood for the present linearisation (MacKay 1992;
-REML), found by MacKay's fixed point.
+Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
+(MacKay 1992; REML), by MacKay's fixed point.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from robacc.geometry import Array
 
 _ROUNDS = 60
 _SETTLED = 1e-3
-"""Widths that change by less than this share from one round to the next are found."""
+"""Change of the groups' standard deviations, as a share, at which the iteration ends."""
 
 
 class Priors:
-    """Precision of every coefficient's prior; the groups' widths are improved in place."""
+    """Precision of every coefficient's prior; the groups' standard deviations are improved in place."""
 
     def __init__(self, terms: Sequence[Term], given: Array | None, start: Mapping[str, float]) -> None:
         """``given`` ``(P,)`` are standard deviations, inf or NaN for none.
 
-        A group starts at the width that ``start`` has of it, or at its terms' usual size.
+        A group starts at its standard deviation in ``start``, or at its terms' usual size.
         """
         self._terms = terms
         self.groups: dict[str, list[int]] = {}
         for i, term in enumerate(terms):
             if term.group is not None:
                 self.groups.setdefault(term.group, []).append(i)
-        self.widths = {name: start[name] for name in self.groups if name in start}
-        """Of each group, in units of its terms' weights."""
+        self.group_stds = {name: start[name] for name in self.groups if name in start}
+        """Standard deviation of each group, in units of its terms' weights."""
         sizes = [start.get(t.group, t.typical) * t.weight if t.group else np.inf for t in terms]
         self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
         if given is not None:
@@ -43,47 +43,49 @@ class Priors:
             self.precision[known] = 1.0 / np.square(given[known])
 
     def effective(self, gram: Array, columns: NDArray[np.int64]) -> float:
-        """Number of coefficients the data decided: all of them without priors, fewer with."""
+        """Return the number of coefficients that the data determine: all without priors, fewer with."""
         prior = self.precision[columns]
         if not prior.any():
             return float(columns.size)
         return float(columns.size - prior @ np.diag(posterior(gram, prior)))
 
-    def widen(
+    def update(
         self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, settled: float
     ) -> bool:
-        """Find the groups' widths, and where noise is not known its scale; whether one changed by ``settled``.
+        """Update the groups' standard deviations, and the noise if unknown; return whether one changed by ``settled``.
 
-        ``components`` is the number of residuals that take part.
+        ``components`` is the number of residuals of the inliers.
         """
-        place = {int(column): i for i, column in enumerate(columns)}
-        before = dict(self.widths)
-        noise = 1.0
+        index = {int(column): i for i, column in enumerate(columns)}
+        before = dict(self.group_stds)
+        noise_var = 1.0
         for _ in range(_ROUNDS):
-            previous = dict(self.widths)
-            self._set(noise)
+            previous = dict(self.group_stds)
+            self._set(noise_var)
             prior = self.precision[columns]
-            spread = np.diag(inverse := posterior(normal.gram, prior))
-            theta = inverse @ normal.moment
+            posterior_var = np.diag(inverse := posterior(normal.gram, prior))
+            theta = inverse @ normal.rhs
             for name, members in self.groups.items():
-                at = [place[i] for i in members]
+                indices = [index[i] for i in members]
                 sizes = np.array([self._terms[i].weight for i in members])
-                decided = len(members) - float(prior[at] @ spread[at])
-                size = float(np.sum(np.square(theta[at] / sizes)))
-                self.widths[name] = float(np.sqrt(max(size / max(decided, 1e-3), 1e-18)))
+                n_determined = len(members) - float(prior[indices] @ posterior_var[indices])
+                sum_of_squares = float(np.sum(np.square(theta[indices] / sizes)))
+                self.group_stds[name] = float(np.sqrt(max(sum_of_squares / max(n_determined, 1e-3), 1e-18)))
             if not noise_known:
-                decided = columns.size - float(prior @ spread)
-                noise = float(max(normal.left(theta) / max(components - decided, 1.0), 1e-12))
+                n_determined = columns.size - float(prior @ posterior_var)
+                noise_var = float(max(normal.expected_cost(theta) / max(components - n_determined, 1.0), 1e-12))
             if not self._changed(previous, _SETTLED):
                 break
-        self._set(noise)
+        self._set(noise_var)
         return self._changed(before, settled)
 
-    def _set(self, noise: float) -> None:
+    def _set(self, noise_var: float) -> None:
         for name, members in self.groups.items():
-            width = self.widths.setdefault(name, self._terms[members[0]].typical)
+            group_std = self.group_stds.setdefault(name, self._terms[members[0]].typical)
             for i in members:
-                self.precision[i] = noise / (width * self._terms[i].weight) ** 2
+                self.precision[i] = noise_var / (group_std * self._terms[i].weight) ** 2
 
     def _changed(self, before: dict[str, float], share: float) -> bool:
-        return any(abs(width - before.get(name, 0.0)) > share * width for name, width in self.widths.items())
+        return any(
+            abs(group_std - before.get(name, 0.0)) > share * group_std for name, group_std in self.group_stds.items()
+        )

@@ -1,9 +1,9 @@
-"""Where most constants of an arm are as its table says, those that are not are found, and noise moves no others.
+"""Sparse prior: if most constants of an arm are nominal, those that differ are found, and noise moves no others.
 
-Constants of one kind (lengths, angles) are taken to be the table's value with probability 1 - pi, and else to differ
-from it by a normal draw of standard deviation w ("spike and slab"). Both pi and w are the data's own, so the prior asks
-for no size in advance. With theta_i = gamma_i mu_i, alpha_i = P(gamma_i = 1), G and m the normal equations of the
-constants with all other coefficients eliminated, the mean-field posterior is found one constant at a time:
+Constants of one kind (lengths, angles) have their nominal value with probability 1 - pi, and otherwise differ from it
+by a normal deviate of standard deviation w ("spike and slab"). Both pi and w are estimated from the data. With
+theta_i = gamma_i mu_i, alpha_i = P(gamma_i = 1), G and m the normal equations of the constants with all other
+coefficients eliminated, the mean-field posterior is found one constant at a time:
 
     v_i = 1 / (G_ii + 1/w^2),  mu_i = v_i (m_i - sum_{j != i} G_ij alpha_j mu_j),
     logit alpha_i = logit pi + log(v_i / w^2) / 2 + mu_i^2 / (2 v_i),
@@ -13,11 +13,11 @@ variable selection). Its mean is the solution of the normal equations with prior
 
     G_ii (1/alpha_i - 1) + 1/(alpha_i w^2)
 
-on each constant, with which the nonlinear fit is done again. Where most constants of a kind differ, as on most real
-arms, the table is no guide: such a kind keeps plain least squares.
+on each constant, with which the nonlinear fit is repeated. If most constants of a kind differ, as on most real arms,
+that kind keeps plain least squares.
 
-Standard errors stay those of the data alone. An interval about a drawn value then holds for a constant of any size,
-while one by the posterior's width would hold only on average over constants that are spread as the prior says.
+Standard errors stay those of the data alone. The interval of a shrunk constant then covers the truth for a constant of
+any size; a posterior interval would do so only on average over constants distributed as the prior.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 
 _FEWEST = 4
-"""Constants of a kind below which pi and w are not to be learnt; drawing fewer than three never pays (Stein)."""
+"""Constants of a kind that estimates of pi and w need at least; shrinking fewer than three never pays (Stein)."""
 _MOST = 2.0 / 3.0
-"""Share of a kind's constants that differ from which on the table is no guide."""
+"""Share of a kind's constants that differ, up to which the kind is shrunk."""
 _ROUNDS = 200
 _SETTLED = 1e-3
-"""Of a standard error: a change by which the constants are found."""
+"""Change of a constant, over its standard error, at which the iteration ends."""
 _SMALLEST = 1e-9
-"""m or rad: a width that is as good as none."""
+"""m or rad: least standard deviation of the slab."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,99 +51,108 @@ class ShrunkKind:
     unit: str
     names: tuple[str, ...]
     probability: tuple[float, ...]
-    """That each differs."""
-    width: float
-    """By how much those do that differ, root mean square, in ``unit``."""
+    """Probability of each constant to differ."""
+    std: float
+    """Root mean square deviation of the constants that differ, in ``unit``."""
 
 
 def shrink_to_nominal(
-    found: Fit, data: Measurements, options: Options, effects: Sequence[str]
+    fitted: Fit, data: Measurements, options: Options, effects: Sequence[str]
 ) -> tuple[Fit, tuple[ShrunkKind, ...]]:
-    """The fit again with constants of ``effects`` drawn to the file's values, and the kinds of which that holds.
+    """Return the fit with constants of ``effects`` shrunk to nominal, and the kinds that were shrunk.
 
-    Where it holds of none, ``found`` itself. The covariance is that of ``found``, without the prior.
+    If no kind is, return ``fitted`` itself. The covariance stays that of ``fitted``, without the prior.
     """
-    kept = found.identifiability.kept
+    columns = fitted.identifiability.columns
     kinds: dict[str, list[int]] = {}
-    for place, column in enumerate(kept):
-        if found.model.free[found.owners[column]].name in effects:
-            kinds.setdefault(found.terms[column].unit, []).append(place)
-    kinds = {unit: places for unit, places in kinds.items() if len(places) >= _FEWEST}
-    result: list[_Selected] = []
+    for index, column in enumerate(columns):
+        if fitted.model.free[fitted.owners[column]].name in effects:
+            kinds.setdefault(fitted.terms[column].unit, []).append(index)
+    kinds = {unit: indices for unit, indices in kinds.items() if len(indices) >= _FEWEST}
+    selections: list[_Selected] = []
     while kinds:
-        result = _select(found, list(kinds.values()))
-        guided = [one.probability.sum() <= _MOST * one.places.size for one in result]
-        if all(guided):
+        selections = _select(fitted, list(kinds.values()))
+        is_sparse = [selection.probability.sum() <= _MOST * selection.indices.size for selection in selections]
+        if all(is_sparse):
             break
-        kinds = {unit: places for (unit, places), good in zip(kinds.items(), guided, strict=True) if good}
+        kinds = {unit: indices for (unit, indices), sparse in zip(kinds.items(), is_sparse, strict=True) if sparse}
     if not kinds:
-        return found, ()
-    deviation = np.full(found.theta.size, np.inf) if options.priors is None else options.priors.copy()
-    for one in result:
-        deviation[kept[one.places]] = 1.0 / np.sqrt(one.precision)
-    start = dataclasses.replace(options, priors=deviation, start=found.theta, widths=found.widths, held=found.held)
-    again = dataclasses.replace(fit(found.model, data, start), covariance=found.covariance)
-    return again, tuple(
-        ShrunkKind(unit, tuple(found.names[i] for i in kept[one.places]), tuple(one.probability.tolist()), one.width)
-        for unit, one in zip(kinds, result, strict=True)
+        return fitted, ()
+    prior_std = np.full(fitted.theta.size, np.inf) if options.priors is None else options.priors.copy()
+    for selection in selections:
+        prior_std[columns[selection.indices]] = 1.0 / np.sqrt(selection.precision)
+    start = dataclasses.replace(
+        options, priors=prior_std, start=fitted.theta, group_stds=fitted.group_stds, prior_stds=fitted.prior_stds
+    )
+    refit = dataclasses.replace(fit(fitted.model, data, start), covariance=fitted.covariance)
+    return refit, tuple(
+        ShrunkKind(
+            unit,
+            tuple(fitted.names[i] for i in columns[selection.indices]),
+            tuple(selection.probability.tolist()),
+            selection.std,
+        )
+        for unit, selection in zip(kinds, selections, strict=True)
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _Selected:
-    places: NDArray[np.int64]
-    """Among the coefficients kept."""
+    indices: NDArray[np.int64]
+    """Indices among the identifiable coefficients."""
     probability: Array
     precision: Array
-    width: float
+    std: float
 
 
-def _select(found: Fit, kinds: Sequence[Sequence[int]]) -> list[_Selected]:
-    """The mean-field posterior of the constants of some kinds, all other coefficients as free as they are."""
-    places = np.concatenate([np.array(one, dtype=np.int64) for one in kinds])
-    members = np.split(np.arange(places.size), np.cumsum([len(one) for one in kinds])[:-1])
-    gram, moment = _alone(found, places)
-    mean = np.asarray(np.linalg.solve(gram, moment), dtype=np.float64)
+def _select(fitted: Fit, kinds: Sequence[Sequence[int]]) -> list[_Selected]:
+    """Return the mean-field posterior of each kind of constants, all other coefficients eliminated."""
+    indices = np.concatenate([np.array(kind, dtype=np.int64) for kind in kinds])
+    members = np.split(np.arange(indices.size), np.cumsum([len(kind) for kind in kinds])[:-1])
+    gram, rhs = _eliminated(fitted, indices)
+    mean = np.asarray(np.linalg.solve(gram, rhs), dtype=np.float64)
     diagonal = np.diag(gram)
-    weight = np.empty(places.size)
-    odds = np.zeros(places.size)
-    for own in members:
-        weight[own] = max(float(np.sqrt(np.mean(np.square(mean[own])))), _SMALLEST)
+    slab_std = np.empty(indices.size)
+    odds = np.zeros(indices.size)
+    for group in members:
+        slab_std[group] = max(float(np.sqrt(np.mean(np.square(mean[group])))), _SMALLEST)
     for _ in range(_ROUNDS):
-        before = mean.copy()
-        probability, own_mean = _sweep(gram, moment, mean, 1.0 / np.square(weight), odds)
-        spread = 1.0 / (diagonal + 1.0 / np.square(weight))
-        for own in members:
-            differ = float(probability[own].sum())
-            energy = float(probability[own] @ (np.square(own_mean[own]) + spread[own]))
-            weight[own] = max(np.sqrt(energy / max(differ, 1e-3)), _SMALLEST)
-            share = (differ + 0.5) / (own.size + 1.0)
-            odds[own] = np.log(share / (1.0 - share))
-        if np.max(np.abs(mean - before) * np.sqrt(diagonal)) < _SETTLED:
+        previous_mean = mean.copy()
+        probability, slab_mean = _sweep(gram, rhs, mean, 1.0 / np.square(slab_std), odds)
+        posterior_var = 1.0 / (diagonal + 1.0 / np.square(slab_std))
+        for group in members:
+            differ = float(probability[group].sum())
+            second_moment = float(probability[group] @ (np.square(slab_mean[group]) + posterior_var[group]))
+            slab_std[group] = max(np.sqrt(second_moment / max(differ, 1e-3)), _SMALLEST)
+            share = (differ + 0.5) / (group.size + 1.0)
+            odds[group] = np.log(share / (1.0 - share))
+        if np.max(np.abs(mean - previous_mean) * np.sqrt(diagonal)) < _SETTLED:
             break
-    precision = diagonal * (1.0 / probability - 1.0) + 1.0 / (probability * np.square(weight))
-    return [_Selected(places[own], probability[own], precision[own], float(weight[own[0]])) for own in members]
+    precision = diagonal * (1.0 / probability - 1.0) + 1.0 / (probability * np.square(slab_std))
+    return [
+        _Selected(indices[group], probability[group], precision[group], float(slab_std[group[0]])) for group in members
+    ]
 
 
-def _sweep(gram: Array, moment: Array, mean: Array, precision: Array, odds: Array) -> tuple[Array, Array]:
-    """Each constant once, given the others, its ``mean`` changed in place; P(differs) and mean where it does."""
-    probability, own_mean = np.empty(mean.size), np.empty(mean.size)
+def _sweep(gram: Array, rhs: Array, mean: Array, precision: Array, odds: Array) -> tuple[Array, Array]:
+    """Update each ``mean`` in place, given the others; return P(differs) and the mean if it does, of each constant."""
+    probability, slab_mean = np.empty(mean.size), np.empty(mean.size)
     for i in range(mean.size):
-        total = gram[i, i] + precision[i]
-        own_mean[i] = (moment[i] - gram[i] @ mean + gram[i, i] * mean[i]) / total
-        logit = odds[i] + 0.5 * np.log(precision[i] / total) + 0.5 * np.square(own_mean[i]) * total
+        precision_sum = gram[i, i] + precision[i]
+        slab_mean[i] = (rhs[i] - gram[i] @ mean + gram[i, i] * mean[i]) / precision_sum
+        logit = odds[i] + 0.5 * np.log(precision[i] / precision_sum) + 0.5 * np.square(slab_mean[i]) * precision_sum
         probability[i] = 1.0 / (1.0 + np.exp(-np.clip(logit, -40.0, 40.0)))
-        mean[i] = probability[i] * own_mean[i]
-    return probability, own_mean
+        mean[i] = probability[i] * slab_mean[i]
+    return probability, slab_mean
 
 
-def _alone(found: Fit, places: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Normal equations of the coefficients at ``places``, all others eliminated."""
-    gram = found.gram + np.diag(found.precision)
-    others = np.setdiff1d(np.arange(gram.shape[0]), places)
-    cross = gram[np.ix_(others, places)]
+def _eliminated(fitted: Fit, indices: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the normal equations of the coefficients at ``indices``, all others eliminated."""
+    gram = fitted.gram + np.diag(fitted.precision)
+    others = np.setdiff1d(np.arange(gram.shape[0]), indices)
+    cross = gram[np.ix_(others, indices)]
     scale = 1.0 / np.sqrt(np.diag(gram)[others])
-    rest = gram[np.ix_(others, others)] * scale[:, None] * scale
-    right = np.column_stack((cross, found.moment[others])) * scale[:, None]
-    answer = scale[:, None] * np.linalg.solve(rest, right)
-    return gram[np.ix_(places, places)] - cross.T @ answer[:, :-1], found.moment[places] - cross.T @ answer[:, -1]
+    others_gram = gram[np.ix_(others, others)] * scale[:, None] * scale
+    coupled = np.column_stack((cross, fitted.rhs[others])) * scale[:, None]
+    solved = scale[:, None] * np.linalg.solve(others_gram, coupled)
+    return gram[np.ix_(indices, indices)] - cross.T @ solved[:, :-1], fitted.rhs[indices] - cross.T @ solved[:, -1]

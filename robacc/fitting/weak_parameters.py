@@ -1,6 +1,7 @@
-"""Constants of the arm that poses hardly show: where they are few, or all of one orientation.
+"""Weakly identifiable constants of the arm: poses are few, or all have one orientation.
 
-Left free, noise moves such a constant by centimetres along a direction that these poses do not see and others do.
+Without a prior, noise moves such a constant by centimetres along a direction that has no effect on these poses but does
+on others.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from robacc.geometry import Array
 from robacc.modelling.model import Model
 
 PRIOR_SIZES = 3.0
-"""Times its usual size that a constant of a badly made arm is off: 3 mm or 3 mrad."""
+"""Deviation of a constant of a badly made arm, over its usual size: 3 mm or 3 mrad."""
 WEAK = 0.3
-"""A constant whose standard error is more than this part of that is hardly shown."""
+"""Share of that deviation above which a standard error makes a constant weakly identifiable."""
 
 
 def prior_std(equations: PoseEquations, model: Model) -> Array:
-    """``(K,)`` by how much each coefficient kept is off on a badly made arm (m or rad); inf of what is no constant."""
+    """Return ``(K,)`` the deviation of each sought coefficient on a badly made arm (m or rad); inf of no constant."""
     constant = [effect.is_constant and not effect.is_frame for effect in model.free]
     return np.array(
         [
@@ -31,11 +32,11 @@ def prior_std(equations: PoseEquations, model: Model) -> Array:
 
 
 def std_at_nominal(equations: PoseEquations, white: Whitening, precision: Array) -> Array:
-    """``(K,)`` standard errors of the coefficients kept, were the robot its file's.
+    """Return ``(K,)`` standard errors of the sought coefficients at the nominal robot.
 
-    What is free to drift goes to where it seems to be known; here it is seen for what it is. ``white`` has weight
-    zero for rows left out, ``precision`` ``(P,)`` that of the priors.
+    A coefficient that drifts goes to where it appears well identifiable; the nominal robot shows its real standard
+    error. ``white`` has weight zero for rows left out, ``precision`` ``(P,)`` is of the priors.
     """
     _, normal = equations.linearise(np.zeros(len(equations.terms)), white)
-    spread: Array = np.sqrt(np.diag(posterior(normal.gram, precision[equations.columns])))
-    return spread
+    std: Array = np.sqrt(np.diag(posterior(normal.gram, precision[equations.columns])))
+    return std

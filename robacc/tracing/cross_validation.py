@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from robacc.effects.base import Effect
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
-from robacc.fitting.deflection_model import choose_deflection, with_deflection
-from robacc.fitting.forms import choose_form
+from robacc.fitting.deflection_model import choose_deflection, choose_form, with_deflection
 from robacc.fitting.solver import Fit, Options
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -34,6 +33,8 @@ Progress = Callable[[str, int, int], None]
 
 _FOLD_POSES = 400
 """Poses that the choice within a fold looks at, at most."""
+LEAST_GAIN = 1.645
+"""Standard errors that a gain on held-out poses must be above zero: positive at 95 % confidence."""
 _SHARED_FROM = 600
 """Poses from which a second process is worth its start."""
 
@@ -164,6 +165,25 @@ def reduced(
     return _joined(left.effects, masks, results, held.before.shape)
 
 
+def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
+    """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
+
+    Poses are independent, not rows. ``weight`` ``(M, N)`` are reciprocal standard deviations of the components; where
+    None, positions alone are judged, each as good as the others.
+    """
+    if weight is None:
+        without, after, weight = without[:3], after[:3], np.ones_like(after[:3])
+    gain = np.sum((np.square(without) - np.square(after)) * np.square(weight), axis=0)
+    sums = np.bincount(np.unique(data.groups(), return_inverse=True)[1], weights=gain)
+    if sums.size < 2:
+        return 0.0
+    error = float(np.std(sums, ddof=1)) / np.sqrt(sums.size)
+    mean = float(np.mean(sums))
+    if error == 0.0:
+        return np.inf if mean > 0 else 0.0
+    return float(mean / error)
+
+
 def _reported(one: _Fold, number: int, count: int, progress: Progress) -> _Fold:
     progress("cross-fitting", number + 1, count + 1)
     return one
@@ -216,7 +236,7 @@ def _parts(
     loop: SearchResult, data: Measurements, assigned: NDArray[np.int64], number: int
 ) -> tuple[Measurements, Measurements]:
     """What a fold learns from, without outliers, and what it is judged on."""
-    learn = (assigned != number) & loop.final.kept
+    learn = (assigned != number) & loop.final.inliers
     return data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(assigned == number))
 
 
@@ -224,7 +244,7 @@ def _completed(loop: SearchResult, effects: Sequence[Effect], train: Measurement
     """What is declared and ``effects``, fitted to a fold's poses."""
     model = loop.declared.model.with_free(*effects)
     complete = refit(loop.final, model.free, train, _options(loop.final))
-    return complete if complete.widths else choose_form(complete, model, train, _options(loop.final))[0]
+    return complete if complete.group_stds else choose_form(complete, model, train, _options(loop.final))[0]
 
 
 def _judged(
@@ -251,13 +271,13 @@ def _again(
 
 def _options(found: Fit) -> Options:
     """A fold weighs rows as the whole did, and its outliers are already left out."""
-    return dataclasses.replace(SEARCH, robust=False, misfit=found.misfit)
+    return dataclasses.replace(SEARCH, robust=False, misfit=found.misfit, scatter=found.scatter)
 
 
 def _on(loop: SearchResult, data: Measurements, holdout: Measurements) -> CrossValidation:
     """Poses of their own: the models of all the other poses, as they stand."""
     declared = choose_deflection(loop.declared, loop.declared.model, data, SEARCH)[0]
-    final = loop.final if loop.final.widths else choose_deflection(loop.final, loop.final.model, data, SEARCH)[0]
+    final = loop.final if loop.final.group_stds else choose_deflection(loop.final, loop.final.model, data, SEARCH)[0]
     lacking = {effect.key(): _lacking(final, [effect], holdout) for effect in loop.effects}
     without = {key: one for key, one in lacking.items() if one is not None}
     return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)

@@ -76,7 +76,7 @@ def describe_finding(
         p_value, evidence, alternatives = _first_validity(loop.steps, effect)
     before = after = None
     if held is not None:
-        rows = final.kept if held.folds else slice(None)
+        rows = final.inliers if held.folds else slice(None)
         without = held.without.get(effect.key())
         before = None if without is None else pose_metrics(without[:, rows]).position.rms
         after = pose_metrics(held.after[:, rows]).position.rms
@@ -153,7 +153,7 @@ def _rests_on(effect: Effect, final: Fit, data: Measurements) -> int | None:
         moved = bound.poses(lacking).translation - final.poses.translation
     except RobaccError:
         return None
-    share = np.sort(np.sum(np.square(moved[:, final.kept]), axis=0))[::-1]
+    share = np.sort(np.sum(np.square(moved[:, final.inliers]), axis=0))[::-1]
     if share.sum() <= 0:
         return None
     count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1

@@ -172,7 +172,7 @@ def linearise(
     columns = np.moveaxis(white.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
     own = sum(len(effect.terms(arm, data)) for effect in declared)
     whitened = white.apply(residual) + np.einsum("mpn,p->mn", columns[:, own:count], found.theta[own:])
-    kept = found.identifiability.kept
+    kept = found.identifiability.columns
     number = {key: i for i, key in enumerate(unique)}
     places = tuple(
         np.array([number[candidate.effect.term_key(term)] for term in candidate.terms]) for candidate in pool
@@ -187,7 +187,7 @@ def linearise(
         places=places,
         joint_columns=columns[:, count : count + len(joints)],
         residual=whitened,
-        kept=found.kept[rows],
+        kept=found.inliers[rows],
         missing=missing,
         only=None if only is None else tuple(only),
     )

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
+from robacc.fitting.fit_repeatability import SIGNIFICANT, components_of, is_same, with_scatter
+from robacc.fitting.repeatability import Components
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -20,6 +22,8 @@ _ROUNDS = 4
 """Times at most that everything is fitted together and chosen again."""
 _BETTER = 10.0
 """Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
+_SCATTER_ROUNDS = 3
+"""Times at most that the scatter of the joints is estimated."""
 _MANY = 3
 """Named findings from which a correction is tried in place of them though they leave no structure."""
 SEARCH = Options(tolerance=1e-4, settled=1e-2)
@@ -35,6 +39,7 @@ def choose(
 ) -> Selection:
     """Named effects first; where they leave structure, or take many to explain it, a correction may do better."""
     named = scene.selection(rows, start, most)
+    named.prune()
     blocks = scene.batches(rows, most) if empirical else []
     named.field.blocks = blocks
     if any(one.candidate.is_correction for one in named.chosen):
@@ -65,6 +70,10 @@ class SearchResult:
     steps: tuple[SelectionStep, ...]
     scene: LinearisedCandidates
     selection: Selection
+    options: Options
+    """With the scatter of the joints, where the data show it."""
+    components: Components | None = None
+    """Scatter of the joints, where it is significant."""
 
 
 def search(
@@ -74,28 +83,45 @@ def search(
     only: Sequence[str] | None = None,
     empirical: bool = True,
 ) -> SearchResult:
-    """Fit, choose, refit, until the choice stands."""
-    declared = fit(model, data, options)
+    """Fit, choose, refit, until the choice stands; then once more with the scatter of the joints that is left.
+
+    Scatter that rows of a visit share is no effect, but chance makes effects fit it. It is estimated beside the effects
+    that were chosen, so that a real effect does not pass for scatter, and each finding is judged anew beside it.
+    """
+    baseline = fit(model, data, options)
     everything = np.ones(data.n, dtype=bool)
-    first = scene = linearise(declared, data, model.free, only)
+    first = scene = linearise(baseline, data, model.free, only)
     selection = choose(scene, everything, empirical=empirical)
     steps = list(selection.steps)
-    present: Fit = declared
+    present: Fit = baseline
     effects: tuple[Effect, ...] = ()
     frames: tuple[Effect, ...] = ()
-    for _ in range(_ROUNDS):
-        chosen = frames + tuple(selection.refined(one) for one in selection.chosen)
+    components: Components | None = None
+    rounds = scatter_rounds = 0
+    while rounds < _ROUNDS:
+        rounds += 1
+        chosen = frames + tuple(selection.refined(choice) for choice in selection.chosen)
         if [effect.search_key() for effect in chosen] == [effect.search_key() for effect in effects]:
-            break
+            if scatter_rounds == _SCATTER_ROUNDS or (new := components_of(present, data)) is None:
+                break
+            if new.gain <= SIGNIFICANT:
+                break
+            components = new
+            if is_same(options, components):
+                break
+            scatter_rounds, rounds = scatter_rounds + 1, min(rounds, _ROUNDS - 2)
+            options = with_scatter(options, components)
+            baseline = refit(baseline, baseline.model.free, data, options)
+            first = linearise(baseline, data, model.free, only)
         effects = chosen
         # A frame that was found is registered anew by every fit, so it does not compete again.
         frames = tuple(effect for effect in effects if effect.is_frame)
-        rest = tuple(effect for effect in effects if not effect.is_frame)
-        present = refit(present, (*declared.model.free, *frames, *rest), data, options)
+        others = tuple(effect for effect in effects if not effect.is_frame)
+        present = refit(present, (*baseline.model.free, *frames, *others), data, options)
         scene = linearise(present, data, (*model.free, *frames), only)
-        selection = choose(scene, everything, rest, empirical)
+        selection = choose(scene, everything, others, empirical)
         steps.extend(selection.steps)
-    return SearchResult(declared, present, effects, tuple(steps), first, selection)
+    return SearchResult(baseline, present, effects, tuple(steps), first, selection, options, components)
 
 
 def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:
@@ -112,8 +138,14 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
     one = data.subset(np.arange(1))
     start = [ended.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, one)]
     # Rows that are no part of the rest were found out once; where they are the same rows they start left out.
-    kept = like.kept if options.robust and like.kept.size == data.n else None
-    begin = dataclasses.replace(options, start=np.array(start), kept=kept, widths=like.widths, held=like.held)
+    inliers = like.inliers if options.robust and like.inliers.size == data.n else None
+    begin = dataclasses.replace(
+        options,
+        start=np.array(start),
+        inliers=inliers,
+        group_stds=like.group_stds,
+        prior_stds=like.prior_stds,
+    )
     return fit(model, data, begin)
 
 

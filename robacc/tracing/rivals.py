@@ -80,8 +80,8 @@ def lag_refitted(loop: SearchResult, one: Chosen, effect: Effect, data: Measurem
     The evidence's likelihood is replaced by that of the two fits; None where the rival cannot be fitted.
     """
     final = loop.final
-    train = data.subset(np.flatnonzero(final.kept))
-    options = dataclasses.replace(SEARCH, robust=False, misfit=final.misfit)
+    train = data.subset(np.flatnonzero(final.inliers))
+    options = dataclasses.replace(SEARCH, robust=False, misfit=final.misfit, scatter=final.scatter)
     others = [other for other in loop.effects if other is not effect]
     conditioned = loop.selection.field.condition(loop.selection.chosen, without=one)
 
@@ -94,9 +94,9 @@ def lag_refitted(loop: SearchResult, one: Chosen, effect: Effect, data: Measurem
             found = refit(final, (*loop.declared.model.free, *free), train, options)
         except RobaccError:
             return None
-        energies = [float(np.sum(np.square(f.whitening.apply(f.residual * f.kept)))) for f in (final, found)]
+        energies = [float(np.sum(np.square(f.whitening.apply(f.residual * f.inliers)))) for f in (final, found)]
         rest = (own.total - linear(own)) - (rival.total - linear(rival))
-        freedom = found.residual.size - found.identifiability.kept.size
+        freedom = found.residual.size - found.identifiability.columns.size
         return rest + 0.5 * freedom * math.log(energies[1] / energies[0])
 
     return lag

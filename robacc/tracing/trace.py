@@ -14,9 +14,10 @@ from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
 from robacc.diagnostics.data_mistakes import refuse_mistake
 from robacc.diagnostics.residual_correlation import residual_correlations
+from robacc.effects.base import Effect
 from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.deflection_model import DeflectionChoice
-from robacc.fitting.forms import choose_form
+from robacc.fitting.deflection_model import DeflectionChoice, choose_form
+from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.warnings import (
@@ -31,7 +32,14 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, reduced
+from robacc.tracing.cross_validation import (
+    LEAST_GAIN,
+    CrossValidation,
+    Progress,
+    cross_validate,
+    gain_score,
+    reduced,
+)
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, describe_finding
 from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit, search
@@ -41,6 +49,12 @@ Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 
 _OF_EVERY_ARM = ("joint_offset", "link_geometry")
 """What a nominal model is wrong in before anything else is."""
+_MOST_REPEATABILITY = 1e-4
+"""m: scatter at the target beyond what arms repeat to (data sheets: 0.02 to 0.1 mm)."""
+_SMALL_POSE_ERROR = 1e-5
+"""m: an error common to all visits of a pose that is below what instruments measure."""
+_MANY_OUTLIERS = 0.05
+"""Share of the rows from which outliers are no accidents."""
 _MOST_TO_ADVISE = 200
 """Coefficients beyond which rivals are not fitted to find the poses that would decide."""
 
@@ -76,6 +90,10 @@ class Trace:
     deflection: DeflectionChoice | None
     """At which pose the moments of elastic effects are taken; None where none is fitted, or it was not asked."""
     unexplained: Unexplained
+    repeatability: Repeatability | None
+    """None where the poses show no scatter of the joints beside the noise."""
+    explained_share: float | None
+    """Share of the baseline's held-out variance above noise and repeatability that the findings explain."""
     steps: tuple[SelectionStep, ...]
     missing: dict[str, str]
     detection: tuple[DetectionLimit, ...]
@@ -115,11 +133,14 @@ def trace(
     held = cross_validate(whole, data, holdout, n_folds, seed, empirical, progress)
     loop = _reproduced(whole, held, data)
     held = reduced(held, whole, loop, data, holdout, n_folds, seed)
-    declared, form = choose_form(loop.declared, loop.declared.model, data, Options())
-    final, form = _polished(loop, data) if loop.effects else (declared, form)
+    loop, held, withdrawn = _with_gain(loop, held, data, holdout, n_folds, seed)
+    converged = dataclasses.replace(Options(), scatter=loop.options.scatter, misfit=loop.options.misfit)
+    declared, form = choose_form(loop.declared, loop.declared.model, data, converged)
+    final, form = _polished(loop, data, converged) if loop.effects else (declared, form)
     noise = lack_of_fit(final, data)
     findings = tuple(describe_finding(loop, effect, final, held, data) for effect in loop.effects)
-    unexplained = _left(loop, final, noise, data)
+    repeatability = None if loop.components is None else repeatability_of(final, loop.components, data)
+    unexplained = _left(loop, final, noise, data, repeatability)
     ends = None if held is None else (held.before, held.after)
     shown = before_and_after(model.arm.robot, data, declared, final, ends, holdout)
     return Trace(
@@ -135,6 +156,8 @@ def trace(
         findings=findings,
         deflection=form,
         unexplained=unexplained,
+        repeatability=repeatability,
+        explained_share=_explained_share(shown.before, shown.after, noise, repeatability),
         steps=loop.steps,
         missing=loop.scene.missing,
         detection=_detection(loop, held),
@@ -144,6 +167,7 @@ def trace(
             *data.warnings,
             *data.contradicted_ids(),
             *([no_held_out_warning(data)] if held is None else []),
+            *_withdrawn_warning(withdrawn),
             *outliers_warning(final, data),
             *frames_warning(declared, data),
             *sigma_warning(noise),
@@ -153,6 +177,13 @@ def trace(
         residuals=shown.residuals,
         holdout=shown.holdout,
     )
+
+
+def _withdrawn_warning(withdrawn: Sequence[str]) -> tuple[str, ...]:
+    if not withdrawn:
+        return ()
+    names = ", ".join(withdrawn)
+    return (f"withdrawn, because the error of held-out poses is not lower with it than without: {names}",)
 
 
 def _reproduced(loop: SearchResult, held: CrossValidation | None, data: Measurements) -> SearchResult:
@@ -172,21 +203,68 @@ def _reproduced(loop: SearchResult, held: CrossValidation | None, data: Measurem
     if len(effects) == len(loop.effects):
         return loop
     free = (*loop.declared.model.free, *frames_first(effects))
-    final = refit(loop.final, free, data, SEARCH) if effects else loop.declared
+    final = refit(loop.final, free, data, loop.options) if effects else loop.declared
     steps = (*loop.steps, *selection.steps)
     return dataclasses.replace(loop, effects=effects, final=final, selection=selection, steps=steps)
 
 
-def _polished(loop: SearchResult, data: Measurements) -> tuple[Fit, DeflectionChoice | None]:
+def _with_gain(
+    loop: SearchResult,
+    held: CrossValidation | None,
+    data: Measurements,
+    holdout: Measurements | None,
+    n_folds: int,
+    seed: int,
+) -> tuple[SearchResult, CrossValidation | None, tuple[str, ...]]:
+    """Withdraw findings that do not lower the error of held-out poses by more than its uncertainty.
+
+    The weakest goes first and the others are judged anew; at the end all findings together must have a gain. Returns
+    what is left, its cross-validation, and the findings that were withdrawn, in words.
+    """
+    withdrawn: list[str] = []
+    judged = data if holdout is None else holdout
+    while held is not None and loop.effects:
+        weight = loop.final.weight if holdout is None else None
+        scores = {
+            effect: gain_score(held.without[effect.key()], held.after, judged, weight)
+            for effect in loop.effects
+            if effect.key() in held.without
+        }
+        weakest = min(scores, key=lambda effect: scores[effect], default=None)
+        if weakest is not None and scores[weakest] < LEAST_GAIN:
+            effects: tuple[Effect, ...] = tuple(effect for effect in loop.effects if effect != weakest)
+            withdrawn.append(str(weakest))
+        elif gain_score(held.before, held.after, judged, weight) < LEAST_GAIN:
+            effects = ()
+            withdrawn.extend(str(effect) for effect in loop.effects)
+        else:
+            break
+        kept = _with_effects(loop, effects, data)
+        held = reduced(held, loop, kept, data, holdout, n_folds, seed)
+        loop = kept
+    return loop, held, tuple(withdrawn)
+
+
+def _with_effects(loop: SearchResult, effects: tuple[Effect, ...], data: Measurements) -> SearchResult:
+    """Return the search with some of its findings only, fitted together."""
+    keys = {effect.search_key() for effect in effects}
+    chosen = [choice for choice in loop.selection.chosen if choice.candidate.effect.search_key() in keys]
+    selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
+    free = (*loop.declared.model.free, *frames_first(effects))
+    final = refit(loop.final, free, data, loop.options) if effects else loop.declared
+    return dataclasses.replace(loop, effects=effects, final=final, selection=selection)
+
+
+def _polished(loop: SearchResult, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice | None]:
     """The final fit to full convergence, elastic effects in the form that the data show.
 
     Shrunk blocks, and with them the form, are left as the search found them.
     """
-    if loop.final.widths:
+    if loop.final.group_stds:
         return loop.final, None
     model = loop.declared.model.with_free(*frames_first(loop.effects))
-    found = refit(loop.final, model.free, data, Options())
-    return choose_form(found, model, data, Options())
+    found = refit(loop.final, model.free, data, options)
+    return choose_form(found, model, data, options)
 
 
 def _advice(
@@ -205,7 +283,7 @@ def _advice(
 
 def _detection(loop: SearchResult, held: CrossValidation | None) -> tuple[DetectionLimit, ...]:
     rows = loop.selection.field.rows
-    share = rows.size / np.count_nonzero(loop.final.kept)
+    share = rows.size / np.count_nonzero(loop.final.inliers)
     folds = 0 if held is None else held.folds
     return tuple(detection_limits(loop.selection, loop.final.weight[:, rows], folds, share))
 
@@ -217,7 +295,42 @@ def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:
     return "explained" if named and not left.structured else "partly_explained"
 
 
-def _left(loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements) -> Unexplained:
+def _explained_share(
+    before: Stage, after: Stage, noise: LackOfFit, repeatability: Repeatability | None
+) -> float | None:
+    """Return how much of the explainable held-out variance of the baseline the findings explain, 0 to 1."""
+    if before.held_out is None or after.held_out is None:
+        return None
+    floor = 3.0 * noise.noise.position**2 + (0.0 if repeatability is None else repeatability.position**2)
+    total = before.held_out.position.rms**2 - floor
+    if total <= 0.0:
+        return None
+    share = (before.held_out.position.rms**2 - after.held_out.position.rms**2) / total
+    return float(min(max(share, 0.0), 1.0))
+
+
+def _scatter_hints(repeatability: Repeatability | None) -> tuple[str, ...]:
+    """Say what scatter of the joints is too large, or too often the same, to be repeatability."""
+    if repeatability is None:
+        return ()
+    hints = []
+    if repeatability.source == "residual" and repeatability.position > _MOST_REPEATABILITY:
+        hints.append(
+            f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
+            "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; repeated "
+            "visits of some poses would tell which"
+        )
+    if repeatability.pose_position > max(repeatability.position, _SMALL_POSE_ERROR):
+        hints.append(
+            f"all visits of a pose share an error of {1e3 * repeatability.pose_position:.3g} mm rms that no candidate "
+            "explains"
+        )
+    return tuple(hints)
+
+
+def _left(
+    loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements, repeatability: Repeatability | None
+) -> Unexplained:
     ranking = loop.selection.rank(with_blocks=True)
     best = ranking[0] if ranking else None
     p_value = 1.0 if best is None else best.p_value
@@ -234,6 +347,13 @@ def _left(loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements) 
     for one in residual_correlations(final, data):
         structured, p_value = True, min(p_value, one.p_value)
         hints.append(one.text)
+    if scatter := _scatter_hints(repeatability):
+        structured = True
+        hints.extend(scatter)
+    share = final.outliers.size / data.n
+    if share > _MANY_OUTLIERS:
+        structured = True
+        hints.append(f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance")
     known = noise.p_value is not None
     if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
         structured = True
@@ -244,7 +364,7 @@ def _left(loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements) 
         )
         if best is not None and best.p_value > FALSE_ALARM:
             hints.append("nothing that was tried depends on it: repeatability, or an effect outside the catalogue")
-    residual = final.residual[:3, final.kept]
+    residual = final.residual[:3, final.inliers]
     return Unexplained(
         float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0)))),
         math.sqrt(3) * noise.noise.position if known else None,

@@ -75,7 +75,7 @@ def worst_of_prediction(found: Fit, robot: Robot, n: int = 40) -> float:
     """Largest error, in its own standard errors, of what the fit predicts at poses that it has not seen."""
     fresh = simulate(robot, dataclasses.replace(PLAN, poses=n, seed=77, noise_position=0.0, noise_orientation=0.0)).data
     poses, jacobian = found.model.bind(fresh).linearise(found.theta)
-    kept = found.identifiability.kept
+    kept = found.identifiability.columns
     columns = jacobian[:3, kept]
     variance = np.einsum("ipn,pq,iqn->in", columns, found.covariance[np.ix_(kept, kept)], columns)
     error = poses.translation - fresh.position
@@ -97,7 +97,7 @@ def test_recovery_within_four_standard_errors(name: str, arm_name: str) -> None:
     others = [REGISTRY[part].default(one, data) for part in GEOMETRY if part != name]
     whole = REGISTRY[name].default(one, data) if effect.is_constant else effect
     found = fit(Model.of(one.robot, [*others, whole]), data)
-    assert found.kept.all()
+    assert found.inliers.all()
     # 4 of 120 numbers' worth of normal tails would be one seed in a hundred; 5 leaves the seed free.
     assert worst_of_prediction(found, robot) < 5.0
     # What a fit shrinks, or cannot tell from geometry, has no number of its own to compare: its prediction was.

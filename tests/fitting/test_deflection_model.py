@@ -1,4 +1,4 @@
-"""At which pose gravity's moments are taken: told by the data where it matters, in equilibrium where it does not."""
+"""Choice of the deflection model: by the data if the models are distinguishable, else equilibrium."""
 
 from __future__ import annotations
 
@@ -168,14 +168,14 @@ def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_prior() 
         (
             "rigid",
             SOFT,
-            "deflection: rigid, as the poses show it: moments at the undeflected pose change the prediction",
+            "deflection model: undeflected pose; torques at the undeflected pose change the prediction",
         ),
         (
             "equilibrium",
             SOFT,
-            "deflections in equilibrium: moments at the undeflected pose change the prediction by 0.00",
+            "deflection model: equilibrium; torques at the undeflected pose change the prediction by 0.00",
         ),
-        ("equilibrium", STIFF, "mm rms, too little to tell"),
+        ("equilibrium", STIFF, "mm rms, too little to distinguish the two models"),
     ],
 )
 def test_table_and_document_say_which_form_and_why(form: str, compliance: float, said: str) -> None:
@@ -220,7 +220,7 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert payload["findings"][0]["settings"] == settings
     stream = StringIO()
     draw_trace(found, "poses.csv", "robot.yaml", "base_frame,tool_frame", stream)
-    assert "moments at the undeflected pose change" in " ".join(stream.getvalue().split())
+    assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 
 def test_a_declared_effect_has_the_same_form_before_and_after_a_finding() -> None:

@@ -50,7 +50,7 @@ def truth_for(name: str, free: list[Effect], data: Measurements, seed: int = 0) 
     found = fit(Model.of(one.robot, free), data, Options(misfit=(NOISE, NOISE)))
     reach = np.abs(found.model.bind(data).linearise(np.zeros(len(found.terms)))[1]).max(axis=(0, 2))
     value = np.zeros(len(found.terms))
-    kept = found.identifiability.kept
+    kept = found.identifiability.columns
     value[kept] = np.random.default_rng(seed).normal(scale=3e-4, size=kept.size) / reach[kept]
     entries = []
     for number, effect in enumerate(free):
@@ -72,7 +72,7 @@ def test_estimates_scatter_about_the_truth_as_the_covariance_says(name: str, ori
     for seed in range(6):
         data = simulate(robot, dataclasses.replace(plan, seed=seed)).data
         found = fit(Model.of(arm(name).robot, free), data, Options(misfit=(NOISE, NOISE)))
-        kept = found.identifiability.kept
+        kept = found.identifiability.columns
         error = (found.theta - truth)[kept]
         statistic += float(error @ np.linalg.solve(found.covariance[np.ix_(kept, kept)], error))
         count += kept.size
@@ -90,7 +90,7 @@ def test_the_solution_is_scipys(name: str) -> None:
     robot, _ = truth_for(name, effects(name, *SEVERAL), blank(name))
     data = simulate(robot, PLAN).data
     found = fit(Model.of(arm(name).robot, free), data, Options(robust=False, misfit=(NOISE, NOISE), tolerance=1e-13))
-    kept = found.identifiability.kept
+    kept = found.identifiability.columns
     peer, size = by_scipy(found, data, NOISE, method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert kept.size > 30
     assert np.linalg.norm(found.theta[kept] - peer.x * size) <= 1e-9 * np.linalg.norm(found.theta[kept])
@@ -110,7 +110,7 @@ def test_exact_data_give_exact_coefficients(name: str) -> None:
         np.testing.assert_allclose(found.poses.translation, data.position, rtol=0, atol=1e-12)
         if data.rotation is not None:
             np.testing.assert_allclose(found.theta, truth, rtol=0, atol=1e-10)
-        assert found.kept.all()
+        assert found.inliers.all()
 
 
 @pytest.mark.parametrize("orientation", [True, False])
@@ -124,7 +124,7 @@ def test_rows_that_are_no_part_of_the_rest_are_named_and_no_others(orientation: 
         assert found.outliers.tolist() == made.outliers.tolist()
         assert found.misfit[0] == pytest.approx(NOISE, rel=0.3)
         every = fit(Model.of(arm("puma560").robot, free), made.data, Options(robust=False))
-        assert every.kept.all()
+        assert every.inliers.all()
         assert every.misfit[0] > 1.5 * NOISE
 
 
@@ -150,11 +150,11 @@ def test_rows_are_weighed_by_their_own_sigma() -> None:
     free = effects("puma560", "joint_offset")
     found = fit(Model.of(arm("puma560").robot, free), measured)
     good = fit(Model.of(arm("puma560").robot, free), measured.subset(np.flatnonzero(sigma == NOISE)))
-    kept = np.intersect1d(found.identifiability.kept, good.identifiability.kept)
+    kept = np.intersect1d(found.identifiability.columns, good.identifiability.columns)
     ratio = np.sqrt(np.diag(found.covariance)[kept] / np.diag(good.covariance)[kept])
     assert np.all(ratio <= 1 + 1e-9)
     assert np.all(ratio > 0.9)
-    assert found.kept.all()
+    assert found.inliers.all()
     assert found.misfit[0] < NOISE
     assert 1e-3 < stats.chi2.sf(found.chi_square, found.degrees_of_freedom) < 1 - 1e-3
 
@@ -192,7 +192,7 @@ def test_a_blocks_width_is_that_of_largest_marginal_likelihood() -> None:
     found = fit(
         Model.of(one.robot, [*effects("puma560", "joint_offset"), profile]), data, Options(misfit=(NOISE, NOISE))
     )
-    (width,) = found.widths.values()
+    (width,) = found.group_stds.values()
     shrunk = found.precision > 0
     assert shrunk.sum() == len(names)
 
@@ -201,7 +201,7 @@ def test_a_blocks_width_is_that_of_largest_marginal_likelihood() -> None:
         precision = found.precision / factor**2
         matrix = found.gram + np.diag(precision)
         return float(
-            0.5 * found.moment @ np.linalg.solve(matrix, found.moment)
+            0.5 * found.rhs @ np.linalg.solve(matrix, found.rhs)
             - 0.5 * np.linalg.slogdet(matrix)[1]
             + 0.5 * np.sum(np.log(precision[shrunk]))
         )
@@ -212,7 +212,7 @@ def test_a_blocks_width_is_that_of_largest_marginal_likelihood() -> None:
     assert log_evidence(0.5) < best - 1
     assert width > 0
     # Shrunk coefficients count for less than one each; the truth, drawn from a prior, lies where the posterior says.
-    assert found.degrees_of_freedom > data.n * 6 - found.identifiability.kept.size
+    assert found.degrees_of_freedom > data.n * 6 - found.identifiability.columns.size
     at = [found.names.index(name) for name in names]
     error = found.theta[at] - np.array(list(values.values()))
     statistic = error @ np.linalg.solve(found.covariance[np.ix_(at, at)], error)
@@ -271,7 +271,7 @@ def test_a_direction_that_the_poses_hardly_show_does_not_hold_up_the_others(n: i
     left = []
     for names in (("base_frame", "tool_frame"), ("base_frame", "tool_frame", "joint_offset", "link_geometry")):
         found = fit(Model.of(robot, effects("puma560", *names)), data, Options(robust=False))
-        left.append((float(np.square(found.residual / noise).sum()), found.identifiability.kept.size))
+        left.append((float(np.square(found.residual / noise).sum()), found.identifiability.columns.size))
     (before, few), (after, many) = left
     assert stats.chi2.cdf(before - after, many - few) > 1e-3
     assert stats.chi2.sf(before - after, many - few) > 1e-3

@@ -33,19 +33,20 @@ def test_a_column_that_others_make_up_is_dropped_with_its_partners() -> None:
     a, b, c, noise = rng.normal(size=(4, 50))
     matrix = np.stack((a, 1e-6 * b, 2 * a - 3 * b, np.zeros(50), c, c + 1e-4 * noise), axis=1)
     found = identify(matrix, ("a", "b", "ab", "nothing", "c", "nearly c"), 50)
-    assert found.kept.tolist() == [0, 1, 4, 5]
+    assert found.columns.tolist() == [0, 1, 4, 5]
     assert [drop.name for drop in found.dropped] == ["ab", "nothing"]
     assert set(found.dropped[0].partners) == {"a", "b"}
     assert (
-        found.dropped[0].why == f"ab cannot be told from {', '.join(found.dropped[0].partners)} together on these poses"
+        found.dropped[0].why
+        == f"ab is not distinguishable from {', '.join(found.dropped[0].partners)} together on these poses"
     )
     assert found.dropped[1].why == "nothing has no effect on these poses"
 
 
 def test_words_for_one_partner_and_for_many() -> None:
-    assert Dropped("x", ("y",)).why == "x cannot be told from y on these poses"
+    assert Dropped("x", ("y",)).why == "x is not distinguishable from y on these poses"
     many = Dropped("x", ("a", "b", "c", "d", "e")).why
-    assert many == "x cannot be told from a, b, c, d … together on these poses"
+    assert many == "x is not distinguishable from a, b, c, d … together on these poses"
 
 
 @pytest.mark.parametrize(("angle", "kept"), [(3 * DEPENDENT, 2), (DEPENDENT / 3, 1)])
@@ -53,14 +54,14 @@ def test_the_limit_is_the_part_that_is_new(angle: float, kept: int) -> None:
     # Two unit columns at a known angle; neither the units of a column nor its order in the rows matters.
     matrix = np.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)], [0.0, 0.0]])
     for scale in (np.ones(2), np.array([1e5, 1e-5])):
-        assert identify(matrix * scale, ("one", "other"), 3).kept.size == kept
-        assert identify((matrix * scale)[::-1], ("one", "other"), 3).kept.size == kept
+        assert identify(matrix * scale, ("one", "other"), 3).columns.size == kept
+        assert identify((matrix * scale)[::-1], ("one", "other"), 3).columns.size == kept
 
 
 def test_a_lever_that_no_instrument_sees_tells_nothing() -> None:
     matrix = np.diag([1.0, DEPENDENT / 3, DEPENDENT / 3])
-    assert identify(matrix, ("a", "b", "c"), 3).kept.tolist() == [0, 1, 2]
-    assert identify(matrix, ("a", "b", "c"), 3, ("rad", "rad", "m")).kept.tolist() == [0, 2]
+    assert identify(matrix, ("a", "b", "c"), 3).columns.tolist() == [0, 1, 2]
+    assert identify(matrix, ("a", "b", "c"), 3, ("rad", "rad", "m")).columns.tolist() == [0, 2]
 
 
 def test_observability_indices_are_those_of_the_definition() -> None:
@@ -83,7 +84,7 @@ def test_observability_indices_are_those_of_the_definition() -> None:
 
 def test_nothing_to_fit_is_well_conditioned() -> None:
     found = identify(np.zeros((0, 0)), (), 5)
-    assert (found.kept.size, found.condition, found.observability()) == (0, 1.0, {})
+    assert (found.columns.size, found.condition, found.observability()) == (0, 1.0, {})
 
 
 def test_the_first_joints_zero_is_the_bases_yaw() -> None:
@@ -91,7 +92,7 @@ def test_the_first_joints_zero_is_the_bases_yaw() -> None:
     found = fit(geometric_model("puma560", data, ("base_frame", "joint_offset")), data)
     (dropped,) = found.dropped
     assert (dropped.name, dropped.partners) == ("joint_offset.j1", ("base_frame.yaw",))
-    assert dropped.why == "joint_offset.j1 cannot be told from base_frame.yaw on these poses"
+    assert dropped.why == "joint_offset.j1 is not distinguishable from base_frame.yaw on these poses"
     i = found.names.index("joint_offset.j1")
     assert found.theta[i] == 0.0
     assert np.isnan(found.covariance[i, i])
@@ -115,7 +116,7 @@ def test_the_number_kept_is_the_rank_that_numpy_finds(name: str) -> None:
     revolute = sum(joint.type == "revolute" for joint in arm(name).robot.variables)
     prismatic = len(arm(name).names) - revolute
     # 4 R + 2 P + 6: Everett, Driels, Mooring 1987.
-    assert found.identifiability.kept.size == rank == 4 * revolute + 2 * prismatic + 6
+    assert found.identifiability.columns.size == rank == 4 * revolute + 2 * prismatic + 6
 
 
 def test_poses_too_much_alike_lose_coefficients() -> None:
@@ -125,8 +126,8 @@ def test_poses_too_much_alike_lose_coefficients() -> None:
     q = data.q.copy()
     q[3] = 0.3
     still = dataclasses.replace(data, q=q)
-    assert fit(geometric_model("puma560", data), data).identifiability.kept.size == 4 * 6 + 6
-    assert fit(geometric_model("puma560", still), still).identifiability.kept.size == 4 * 5 + 6
+    assert fit(geometric_model("puma560", data), data).identifiability.columns.size == 4 * 6 + 6
+    assert fit(geometric_model("puma560", still), still).identifiability.columns.size == 4 * 5 + 6
 
 
 def test_the_decision_does_not_depend_on_the_order_of_rows_or_on_the_run() -> None:

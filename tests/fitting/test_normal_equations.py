@@ -12,8 +12,8 @@ import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.fitting.normal_equations import PoseEquations
 from robacc.fitting.solver import Options, fit
-from robacc.geometry import compose, exp_so3
 from robacc.fitting.whitening import Whitening
+from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
@@ -64,10 +64,10 @@ def test_the_gradient_is_that_of_the_cost_for_orientations_far_off() -> None:
     for i, term in enumerate(equations.terms):
         step = np.zeros(theta.size)
         step[i] = 1e-2 * term.typical
-        costs = [float(np.square(equations.outcome(theta + s * step).residual * weight).sum()) for s in (1, -1)]
+        costs = [float(np.square(equations.predict(theta + s * step).residual * weight).sum()) for s in (1, -1)]
         # Central difference: rounding 1e-16 of the cost, curvature 1e-5 squared of it.
         slope = (costs[1] - costs[0]) / (4 * step[i])
-        assert slope == pytest.approx(normal.gradient[i], rel=1e-6, abs=1e-9 * normal.energy / step[i])
+        assert slope == pytest.approx(normal.gradient[i], rel=1e-6, abs=1e-9 * normal.cost / step[i])
 
 
 @pytest.mark.parametrize("orientation", ORIENTATION)
@@ -82,7 +82,7 @@ def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch:
         weight = weights(equations, data.n)
         outcome, summed = equations.linearise(theta, Whitening(weight))
         triangle, factorised = equations.factorise(theta, Whitening(weight))
-        np.testing.assert_array_equal(outcome.residual, equations.outcome(theta).residual)
+        np.testing.assert_array_equal(outcome.residual, equations.predict(theta).residual)
         np.testing.assert_allclose(triangle.T @ triangle, summed.gram, rtol=0, atol=1e-12 * summed.gram.max())
         results += [summed, factorised]
     for one in results[1:]:
@@ -91,7 +91,7 @@ def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch:
             one.gram / scale[:, None] / scale, results[0].gram / scale[:, None] / scale, atol=1e-12
         )
         np.testing.assert_allclose(one.gradient / scale, results[0].gradient / scale, rtol=1e-9, atol=1e-9)
-        assert one.energy == pytest.approx(results[0].energy, rel=1e-12)
+        assert one.cost == pytest.approx(results[0].cost, rel=1e-12)
 
 
 @pytest.mark.parametrize("orientation", ORIENTATION)
@@ -106,16 +106,16 @@ def test_a_row_without_weight_takes_no_part(orientation: bool) -> None:
     _, alone = PoseEquations(model(part, "joint_offset"), part).linearise(theta, Whitening(weight[:, some]))
     np.testing.assert_allclose(masked.gram, alone.gram, rtol=1e-12)
     np.testing.assert_allclose(masked.gradient, alone.gradient, rtol=1e-9)
-    assert masked.energy == pytest.approx(alone.energy, rel=1e-12)
+    assert masked.cost == pytest.approx(alone.cost, rel=1e-12)
 
 
 def test_what_the_linearisation_expects_elsewhere() -> None:
     data = measured()
     equations = PoseEquations(model(data, "joint_offset"), data)
     _, normal = equations.linearise(np.zeros(len(equations.terms)), Whitening(weights(equations, data.n)))
-    solution = np.linalg.solve(normal.gram, normal.moment)
-    assert normal.left(solution) == pytest.approx(normal.energy - normal.gradient @ solution, rel=1e-9)
-    assert normal.left(normal.theta) == pytest.approx(normal.energy)
+    solution = np.linalg.solve(normal.gram, normal.rhs)
+    assert normal.expected_cost(solution) == pytest.approx(normal.cost - normal.gradient @ solution, rel=1e-9)
+    assert normal.expected_cost(normal.theta) == pytest.approx(normal.cost)
 
 
 def test_columns_built_in_part_are_those_of_the_whole() -> None:
@@ -139,7 +139,7 @@ def test_steps_end_where_rounding_begins(n: int) -> None:
     assert found.steps <= 6
     # One step more from there moves no coefficient by a millionth of its standard error.
     again = PoseEquations(found.model, data)
-    again.columns = found.identifiability.kept
+    again.columns = found.identifiability.columns
     _, normal = again.linearise(found.theta, found.whitening)
     error = np.sqrt(np.diag(found.covariance))[again.columns]
     assert np.abs(np.linalg.solve(normal.gram, normal.gradient) / error).max() < 1e-6

@@ -175,7 +175,7 @@ def test_other_things_are_not_aligned(what: tuple[str, ...], message: str) -> No
 def test_too_few_poses_are_refused() -> None:
     robot = arm("puma560").robot
     data = measured("puma560", 1, orientation=False)
-    with pytest.raises(InputError, match=r"2 poses: finding base_frame or tool_frame needs at least 3"):
+    with pytest.raises(InputError, match=r"2 poses: registration of base_frame or tool_frame needs at least 3"):
         align(robot, data.subset(np.arange(2)), BOTH)
     with pytest.raises(InputError, match=r"9 numbers measured \(3 poses\), too few for 9 coefficients"):
         align(robot, data.subset(np.arange(3)), BOTH)

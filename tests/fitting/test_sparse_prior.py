@@ -68,7 +68,7 @@ def test_where_one_length_is_wrong_it_is_found_and_noise_moves_no_other() -> Non
         chances = dict(zip(lengths.names, lengths.probability, strict=True))
         assert chances.pop("link_geometry.j2.a") > 0.999
         assert max(chances.values()) < 0.5
-        assert lengths.width == pytest.approx(5e-4, rel=0.2)
+        assert lengths.std == pytest.approx(5e-4, rel=0.2)
         # What is found is as least squares has it, and standard errors are those of least squares.
         at = found.names.index("link_geometry.j2.a")
         deviation = float(np.sqrt(alone.covariance[at, at]))
@@ -98,7 +98,7 @@ def test_kinds_are_judged_apart() -> None:
     alone = plain(data, *CONSTANTS)
     found, kinds = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
     assert [kind.unit for kind in kinds] == ["m"]
-    lengths = [i for i in found.identifiability.kept if found.names[i] in kinds[0].names]
+    lengths = [i for i in found.identifiability.columns if found.names[i] in kinds[0].names]
     assert np.linalg.norm(found.theta[lengths]) < 0.5 * np.linalg.norm(alone.theta[lengths])
 
 
@@ -119,16 +119,16 @@ def test_probabilities_are_those_of_all_subsets_counted() -> None:
     data = measured((entry,), 4, "panda")
     alone = plain(data, "joint_offset", robot="panda")
     _, (kind,) = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
-    kept = [alone.names[i] for i in alone.identifiability.kept]
+    kept = [alone.names[i] for i in alone.identifiability.columns]
     own, others = [kept.index(name) for name in kind.names], [i for i, n in enumerate(kept) if n not in kind.names]
     share = (sum(kind.probability) + 0.5) / (len(own) + 1.0)
     evidence, models = [], list(product((False, True), repeat=len(own)))
     for chosen in models:
         inside = [own[i] for i in np.flatnonzero(chosen)]
         columns = others + inside
-        prior = np.array([0.0] * len(others) + [kind.width**-2] * len(inside))
+        prior = np.array([0.0] * len(others) + [kind.std**-2] * len(inside))
         matrix = alone.gram[np.ix_(columns, columns)] + np.diag(prior)
-        moment = alone.moment[columns]
+        moment = alone.rhs[columns]
         log = 0.5 * moment @ np.linalg.solve(matrix, moment) - 0.5 * np.linalg.slogdet(matrix)[1]
         log += 0.5 * np.log(prior[len(others) :]).sum() + len(inside) * np.log(share / (1.0 - share))
         evidence.append(log)
@@ -167,7 +167,7 @@ def test_intervals_hold(wrong: str) -> None:
         data = measured(effects, seed)
         alone = plain(data, *CONSTANTS)
         found, _ = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
-        kept = found.identifiability.kept
+        kept = found.identifiability.columns
         truth = _least_change(found, data, effects)
         names = [found.names[i] for i in kept]
         deviation = np.sqrt(np.diag(found.covariance))[kept]
@@ -185,4 +185,4 @@ def _least_change(found: Fit, data: Measurements, effects: tuple[dict[str, objec
     robot = dataclasses.replace(arm("puma560").robot, effects=effects, effect_units=(1.0, 1.0))
     exact = dataclasses.replace(data, position=predict(robot, data).translation)
     options = Options(robust=False, misfit=(NOISE, NOISE), start=np.zeros(found.theta.size), tolerance=1e-12)
-    return fit(found.model, exact, options).theta[found.identifiability.kept]
+    return fit(found.model, exact, options).theta[found.identifiability.columns]

@@ -1,4 +1,4 @@
-"""Constants that the poses hardly show are held near the robot file's values; all others are as free as they were."""
+"""Weakly identifiable constants get a prior about nominal; all other constants get none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arms import arm
 import robacc.fitting.solver
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.solver import Fit, fit
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.warnings import weak_parameters_warning
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
@@ -22,7 +22,7 @@ NOISE = 2e-4
 
 
 def made(name: str, seed: int) -> Robot:
-    """The arm as it was made: every constant off by half a millimetre or milliradian."""
+    """Return the arm as built: every constant differs by some half millimetre or milliradian."""
     rng = np.random.default_rng(seed)
     robot = arm(name).robot
     joints = tuple(
@@ -34,18 +34,18 @@ def made(name: str, seed: int) -> Robot:
     return dataclasses.replace(robot, joints=joints, effects=())
 
 
-def measured(robot: Robot, q: np.ndarray, seed: int, oriented: bool) -> Measurements:
+def measured(robot: Robot, q: np.ndarray, seed: int, oriented: bool, noise: float = NOISE) -> Measurements:
     rng = np.random.default_rng(seed)
     data = Measurements(position=np.zeros((3, q.shape[1])), q=q)
     poses = predict(robot, data)
-    position = poses.translation + rng.normal(scale=NOISE, size=poses.translation.shape)
+    position = poses.translation + rng.normal(scale=noise, size=poses.translation.shape)
     return dataclasses.replace(data, position=position, rotation=poses.rotation if oriented else None)
 
 
-def geometry(name: str, data: Measurements, robot: Robot | None = None) -> Fit:
-    robot = robot or arm(name).robot
-    one = dataclasses.replace(robot, effects=())
-    return fit(Model.of(one, build(parse_requests(GEOMETRY), Model.of(one).arm, data)), data)
+def geometry(name: str, data: Measurements, robot: Robot | None = None, options: Options | None = None) -> Fit:
+    nominal = dataclasses.replace(robot or arm(name).robot, effects=())
+    model = Model.of(nominal, build(parse_requests(GEOMETRY), Model.of(nominal).arm, data))
+    return fit(model, data, options or Options())
 
 
 def joints(name: str, n: int, seed: int) -> np.ndarray:
@@ -55,13 +55,13 @@ def joints(name: str, n: int, seed: int) -> np.ndarray:
 
 
 def one_orientation(n: int, seed: int) -> np.ndarray:
-    """A UR10 whose target keeps nearly one orientation to the last joints: they turn by a few degrees only."""
+    """Return poses of a UR10 with nearly one orientation of the target: the last joints turn by a few degrees."""
     q = joints("ur10", n, seed)
     q[3:] = np.array([[-1.0], [1.57], [0.3]]) + 0.05 * np.random.default_rng(seed).normal(size=(3, n))
     return q
 
 
-def test_few_orientations_do_not_make_links_of_centimetres(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_orientations_do_not_change_links_by_centimetres(monkeypatch: pytest.MonkeyPatch) -> None:
     true = made("ur10", 1)
     data = measured(true, one_orientation(25, 2), 3, oriented=False)
     others = Measurements(position=np.zeros((3, 300)), q=joints("ur10", 300, 4))
@@ -73,22 +73,37 @@ def test_few_orientations_do_not_make_links_of_centimetres(monkeypatch: pytest.M
         )
 
     found = geometry("ur10", data)
-    assert found.held
-    assert set(found.held.values()) == {3e-3}
-    assert all(name.startswith(("joint_offset.", "link_geometry.")) for name in found.held)
+    assert found.prior_stds
+    assert set(found.prior_stds.values()) == {3e-3}
+    assert all(name.startswith(("joint_offset.", "link_geometry.")) for name in found.prior_stds)
     (warning,) = weak_parameters_warning(found)
-    assert warning.startswith("these poses hardly show ")
+    assert warning.startswith("weakly identifiable on these poses: ")
     monkeypatch.setattr(robacc.fitting.solver, "WEAK", np.inf)
     free = geometry("ur10", data)
-    assert free.held == {}
+    assert free.prior_stds == {}
     assert weak_parameters_warning(free) == ()
-    # Held, the other orientations are no worse than the arm was made; free, noise throws them off by more.
+    # With priors, errors at other orientations are those of the arm as built; without, noise makes them larger.
     assert miss(found) < 4e-3
     assert miss(free) > 3 * miss(found)
 
 
+@pytest.mark.parametrize(("largest_std", "expected"), [(0.8e-3, False), (1.0e-3, True), (3e-3, True)])
+def test_a_standard_error_above_a_millimetre_brings_a_prior(largest_std: float, expected: bool) -> None:
+    # Standard errors are proportional to the stated noise, which is chosen for a largest one of so many m or rad.
+    robot = dataclasses.replace(arm("ur10").robot, effects=())
+    data = measured(robot, joints("ur10", 60, 2), 3, oriented=False, noise=0.0)
+    reference = geometry("ur10", data, options=Options(misfit=(1e-7, 1e-7), robust=False))
+    assert not reference.prior_stds
+    constants = [i for i in reference.identifiability.columns if "_frame." not in reference.names[i]]
+    std = np.sqrt(np.diag(reference.covariance))[constants]
+    noise = 1e-7 * largest_std / std.max()
+    fitted = geometry("ur10", data, options=Options(misfit=(noise, noise), robust=False))
+    assert (reference.names[constants[std.argmax()]] in fitted.prior_stds) is expected
+    assert bool(fitted.prior_stds) is expected
+
+
 def test_a_target_on_the_last_axis_lets_nothing_drift() -> None:
-    """Of a Panda that carries its target on the flange's axis, joints 6 and 7 could be almost anything."""
+    """A Panda whose target is on the flange's axis: constants of joints 6 and 7 are weakly identifiable."""
     robot = dataclasses.replace(
         made("panda", 5), tool=dataclasses.replace(arm("panda").robot.tool, xyz=(0.0, 0.0, 0.1))
     )
@@ -97,8 +112,8 @@ def test_a_target_on_the_last_axis_lets_nothing_drift() -> None:
     assert np.abs(found.theta[constants]).max() < 1e-2
 
 
-def test_a_wrong_file_is_no_reason_to_hold_anything() -> None:
-    """A link that is 100 mm longer than the table says is found though all else is as it was."""
+def test_a_wrong_file_does_not_bring_a_prior() -> None:
+    """A link that is 100 mm off its nominal length is found, if all others are nominal."""
     true = arm("ur10").robot
     long = tuple(
         dataclasses.replace(joint, parameters={**joint.parameters, "a": joint.parameters["a"] + 0.1})
@@ -113,4 +128,4 @@ def test_a_wrong_file_is_no_reason_to_hold_anything() -> None:
         name for name in value if name.startswith("link_geometry.") and name.endswith(f"{true.joints[1].name}.a")
     )
     assert value[name] == pytest.approx(-0.1, abs=1e-3)
-    assert name not in found.held
+    assert name not in found.prior_stds

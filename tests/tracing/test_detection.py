@@ -33,7 +33,7 @@ def looped(name: str, data: Measurements) -> SearchResult:
 
 
 def limits(loop: SearchResult, n_folds: int = 0, share: float = 1.0) -> list[DetectionLimit]:
-    return detection_limits(loop.selection, loop.final.weight[:, loop.final.kept], n_folds, share)
+    return detection_limits(loop.selection, loop.final.weight[:, loop.final.inliers], n_folds, share)
 
 
 @cache
@@ -51,7 +51,7 @@ def by_name(found: list[DetectionLimit]) -> dict[str, DetectionLimit]:
 def test_at_the_limit_the_f_test_finds_every_second_one(name: str, n_folds: int) -> None:
     data, loop = clean(name)
     assert loop.effects == ()
-    known = loop.final.identifiability.kept
+    known = loop.final.identifiability.columns
     priors = {candidate.key: candidate.log_prior for candidate in loop.selection.field.pool}
     learnt = 1 - 1 / n_folds if n_folds else 1.0
     checked = 0

@@ -28,7 +28,7 @@ def draw_calibration(
 def _parts(
     result: Calibration, data: Measurements, poses: str, robot: str, fitted: str, width: int
 ) -> Iterator[TextLine]:
-    count = result.identifiability.kept.size
+    count = result.identifiability.columns.size
     yield heading(f"Calibration from {data.n} measured poses: {count} coefficients fitted")
     yield TextLine(f"{poses}, commanded by {robot}")
     yield from wrapped(f"requested: {fitted}; fitted: {', '.join(str(effect) for effect in result.effects)}", width)

@@ -1,0 +1,123 @@
+"""Repeatability of a fitted arm: variance components of a fit's residual, and options to fit again with them."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.effects.joint_offset import JointOffset
+from robacc.fitting.repeatability import MOST_ROWS, Components, estimate
+from robacc.fitting.solver import Fit, Options
+from robacc.fitting.visits import visit_numbers
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+
+SIGNIFICANT = 12.0
+"""Twice the restricted log-likelihood that scatter of the joints must gain before it is used: one joint's scatter alone
+gains as much by chance once in some 4,000 data sets, any of six once in some 500 (chi-square mixture of 0 and 1)."""
+_RESOLVED = 0.5
+"""Relative standard error up to which a joint's scatter is reported."""
+_FEWEST = 20
+"""Visits below which no scatter is estimated."""
+_SAME = 0.1
+"""Relative change of the scatter at the target by which two estimates are the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class Repeatability:
+    """Intrinsic repeatability of an arm, apart from the measurement noise."""
+
+    joints: tuple[tuple[str, float | None], ...]
+    """Standard deviation of each joint's scatter, rad or m; None where these poses do not show it."""
+    position: float
+    """Root mean square of the scatter's length at the target, m."""
+    source: Literal["repeated visits", "several targets", "residual"]
+    """What separates it from the noise; of ``residual``, an effect outside the catalogue would look the same."""
+    pose_position: float
+    """Root mean square of the error that all visits of a pose share and no effect explains, m."""
+
+
+def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Repeatability:
+    """Return the repeatability that ``components``, estimated at ``fit``, mean for the poses of ``data``."""
+    arm = fit.model.arm
+    joints = Model(arm, fit.model.known, (JointOffset(arm.names),))
+    rows = _thinned(data, np.flatnonzero(fit.inliers))
+    _, columns = joints.bind(data.subset(rows)).linearise(np.zeros(len(arm.names)))
+    lever = np.mean(np.sum(np.square(columns[:3]), axis=0), axis=1)
+    stds = components.scatter.visit_std
+    shown = components.visit_std_error <= _RESOLVED * stds
+    visits, poses = visit_numbers(data), data.groups()
+    source: Literal["repeated visits", "several targets", "residual"] = "residual"
+    if np.unique(visits).size > np.unique(poses).size:
+        source = "repeated visits"
+    elif np.unique(visits).size < data.n:
+        source = "several targets"
+    return Repeatability(
+        tuple((name, float(std) if known else None) for name, std, known in zip(arm.names, stds, shown, strict=True)),
+        float(np.sqrt(lever @ np.square(stds))),
+        source,
+        float(np.sqrt(lever @ np.square(components.scatter.pose_std))),
+    )
+
+
+def components_of(fit: Fit, data: Measurements) -> Components | None:
+    """Estimate the joints' scatter and the noise from the residual of a fit; None where there are too few visits."""
+    rows = _thinned(data, np.flatnonzero(fit.inliers))
+    part = data.subset(rows)
+    visits, poses = visit_numbers(part), part.groups()
+    if part.q is None or np.unique(visits).size < _FEWEST:
+        return None
+    components = fit.residual.shape[0]
+    columns = fit.identifiability.columns
+    _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)
+    arm = fit.model.arm
+    joints = Model(arm, fit.model.known, (JointOffset(arm.names),))
+    _, joint_columns = joints.bind(part).linearise(np.zeros(len(arm.names)))
+    return estimate(
+        fit.residual[:, rows],
+        jacobian[:components],
+        joint_columns[:components],
+        _known_variance(part, components),
+        visits,
+        poses,
+        fit.precision,
+    )
+
+
+def with_scatter(options: Options, components: Components) -> Options:
+    """Return options that fit with the estimated scatter and noise."""
+    return dataclasses.replace(options, scatter=components.scatter, misfit=components.noise)
+
+
+def is_same(options: Options, components: Components) -> bool:
+    """Return whether the estimate agrees with the scatter that ``options`` have already."""
+    if options.scatter is None or options.misfit is None:
+        return False
+    old = np.concatenate((options.scatter.visit_std, options.scatter.pose_std, options.misfit[:1]))
+    new = np.concatenate((components.scatter.visit_std, components.scatter.pose_std, components.noise[:1]))
+    return bool(np.linalg.norm(new - old) <= _SAME * np.linalg.norm(old))
+
+
+def _thinned(data: Measurements, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows, or as many whole commanded poses as make :data:`MOST_ROWS` of them."""
+    if rows.size <= MOST_ROWS:
+        return rows
+    groups = data.groups()[rows]
+    draw = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
+    order = np.argsort(draw, kind="stable")
+    last = draw[order[MOST_ROWS - 1]]
+    chosen: NDArray[np.int64] = rows[draw < last]
+    return chosen if chosen.size else rows[draw <= last]
+
+
+def _known_variance(data: Measurements, components: int) -> NDArray[np.float64]:
+    variance = np.zeros((components, data.n))
+    if data.sigma_position is not None:
+        variance[:3] = np.square(data.sigma_position)
+    if components == 6 and data.sigma_rotation is not None:
+        variance[3:] = np.square(data.sigma_rotation)
+    return variance

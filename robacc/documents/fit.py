@@ -14,6 +14,7 @@ from robacc.documents.poses import curve_document, pose_document, robot_document
 from robacc.documents.stages import ErrorRows, stage_document
 from robacc.documents.statistics import parameters_document
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
+from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.solver import Fit
@@ -92,6 +93,8 @@ def trace_payload(
         "n_folds": trace.n_folds,
         "findings": [_finding(finding) for finding in trace.findings],
         "deflection": _deflection(trace.deflection),
+        "repeatability": _repeatability(trace.repeatability),
+        "explained_share": trace.explained_share,
         "unexplained": {
             "rms_m": trace.unexplained.rms,
             "noise_rms_m": trace.unexplained.noise_rms,
@@ -193,6 +196,17 @@ def _ranked(candidate: Ranked) -> dict[str, Any]:
         "log_prior": candidate.log_prior,
         "p_value": candidate.p_value,
         "explained": candidate.gain,
+    }
+
+
+def _repeatability(repeatability: Repeatability | None) -> dict[str, Any] | None:
+    if repeatability is None:
+        return None
+    return {
+        "joints": dict(repeatability.joints),
+        "position_m": repeatability.position,
+        "pose_position_m": repeatability.pose_position,
+        "source": repeatability.source,
     }
 
 

@@ -145,7 +145,7 @@ def test_a_searched_order_is_found_off_the_grid() -> None:
     assert abs(line.phase - math.atan2(-1, 2)) < 3 * line.phase_std < 0.3
     assert line.order == pytest.approx(12.5, abs=0.05)
     assert line.amplitude == pytest.approx(np.hypot(2e-4, 1e-4), rel=0.15)
-    ((joint, low, high),) = finding.seen
+    ((joint, low, high),) = finding.validity
     assert joint == "j3"
     assert low < high
 

@@ -25,6 +25,7 @@ _VERDICTS = {
     "partly_explained": "partly explained",
     "unexplained": "unexplained: the residual is structured and no candidate explains it",
 }
+_CONVINCING = 0.01
 _MAX_CANDIDATES = 5
 _MAX_HARMONICS = 6
 _MAX_PARAMETERS = 8
@@ -167,11 +168,37 @@ def _remaining_error(result: Trace) -> Iterable[str]:
         text += f", of which {three_digits(unexplained.noise_rms * _IN_MM)} mm is measurement noise"
     yield text
     yield (
-        f"structured: not noise alone ({p_value(unexplained.p_value)})"
+        f"structured: not noise alone{_significance(unexplained.p_value)}"
         if unexplained.structured
         else f"no structure that any candidate explains ({p_value(unexplained.p_value)})"
     )
+    if result.explained_share is not None and result.findings:
+        share = f"{100 * result.explained_share:.0f} %"
+        yield f"{share} of the explainable error is explained (held-out variance above noise)"
+    yield from _repeatability(result)
     yield from unexplained.hints
+
+
+def _significance(probability: float) -> str:
+    """Return the p-value in brackets where it is what shows the structure."""
+    return f" ({p_value(probability)})" if probability < _CONVINCING else ""
+
+
+def _repeatability(result: Trace) -> Iterator[str]:
+    repeatability = result.repeatability
+    if repeatability is None:
+        return
+    arm = result.final.model.arm
+    joints = ", ".join(
+        f"{name} {three_digits(std * (_IN_MICRORADIANS if arm.is_revolute(name) else _IN_MM))} "
+        f"{'µrad' if arm.is_revolute(name) else 'mm'}"
+        for name, std in repeatability.joints
+        if std is not None
+    )
+    size = three_digits(repeatability.position * _IN_MM)
+    yield f"intrinsic repeatability: {size} mm rms at the target ({joints or 'no joint singled out'})"
+    if repeatability.source == "residual":
+        yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
 
 
 def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:

@@ -18,41 +18,29 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from robacc.chain import BASE, BLOCK, TOOL, Scalar
-from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
+from robacc.prediction.measurement_noise import (
+    RANK_TOLERANCE,
+    MeasurementNoise,
+    file_weights,
+    noise_record,
+    noise_scales,
+)
 from robacc.prediction.parameters import ToleranceParameter
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 
-NoiseSource = Literal["file", "given", "estimated"]
-
 NEGLIGIBLE = 1e-4
 """Combinations of parameters with a predicted effect on all poses below this fraction of one standard deviation of the
 noise are ignored: 1 + S² differs from 1 by 1e-8."""
-_RANK_TOLERANCE = 1e-9
-"""Singular values below this fraction of the largest are rounding."""
-_MAX_REML_ROUNDS = 200
 _FRAME_MOTIONS = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuringNoise:
-    """Standard deviation of the measurement noise along each axis."""
-
-    position: float
-    """m, root mean square over poses and axes."""
-    orientation: float | None
-    """rad; None if no orientation was measured."""
-    source_position: NoiseSource
-    source_orientation: NoiseSource | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +63,7 @@ class SufficientStatistics:
     """Measured numbers: 3 or 6 a pose."""
     n_aligned: int
     """Combinations of base and tool coordinates that were fitted to the same poses."""
-    noise: MeasuringNoise
+    noise: MeasurementNoise
 
     @property
     def noise_is_estimated(self) -> bool:
@@ -106,7 +94,7 @@ def reduce_residuals(
     """
     triangles, counts = _triangles(robot, data, parameters, noise, aligned)
     n_fixed = triangles[0].shape[1] - len(parameters) - 1
-    sigma, sources = _noise_scales(data, noise, triangles, counts)
+    sigma, sources = noise_scales(data, noise, triangles, counts)
     stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
     projected, n_aligned = _project_out_registered(stacked, n_fixed)
     scaled, residual = projected[:, :-1], projected[:, -1]
@@ -125,7 +113,7 @@ def reduce_residuals(
         data.n,
         sum(counts),
         n_aligned,
-        _noise_record(data, sigma, sources),
+        noise_record(data, sigma, sources),
     )
 
 
@@ -136,9 +124,9 @@ def _triangles(
     noise: tuple[float | None, float | None],
     aligned: Sequence[str],
 ) -> tuple[list[Array], list[int]]:
-    """R factors of [aligned columns, A, residual], position rows and orientation rows apart; numbers of rows.
+    """Return the R factors of [fitted columns, A, residual] and the numbers of rows, of position and of orientation.
 
-    Rows are divided by the file's measuring uncertainty where that is what counts, else left in m and rad.
+    Rows are divided by the file's measuring uncertainty if it is used, else they are in m and rad.
     """
     predicted = Model.of(robot).bind(data).poses(np.zeros(0))
     arm = Arm.of(robot)
@@ -146,7 +134,7 @@ def _triangles(
     scalars = Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal
     fixed = _registered_motions(arm, data, aligned)
     motions = [*(motion for motion, _ in fixed), *(parameter.motion for parameter in parameters)]
-    weights = _file_weights(data, noise)
+    weights = file_weights(data, noise)
     parts = 1 if data.rotation is None else 2
     n_columns = len(motions) + 1
     triangles = [np.zeros((0, n_columns)) for _ in range(parts)]
@@ -178,28 +166,6 @@ def _poses_in_block(poses: Poses, block: slice) -> Poses:
     return Poses(poses.rotation[..., block], poses.translation[..., block])
 
 
-def _file_weights(data: Measurements, noise: tuple[float | None, float | None]) -> list[Array]:
-    """Return reciprocals ``(3, N)`` of the file's uncertainty of position and orientation; 1 if it is not used."""
-    position, orientation = np.ones((3, data.n)), np.ones((3, data.n))
-    zero_columns = []
-    if noise[0] is None and data.sigma_position is not None:
-        zero_columns += [] if np.all(data.sigma_position > 0) else ["sigma_x, sigma_y, sigma_z"]
-        position = 1.0 / np.where(data.sigma_position > 0, data.sigma_position, 1.0)
-    if noise[1] is None and data.sigma_rotation is not None:
-        zero_columns += [] if np.all(data.sigma_rotation > 0) else ["sigma_r"]
-        sigma = np.where(data.sigma_rotation > 0, data.sigma_rotation, 1.0)
-        orientation = np.broadcast_to(1.0 / sigma, (3, data.n))
-    if zero_columns:
-        fix = "remove the column, or give `noise`"
-        raise InputError(
-            [
-                Problem("the measuring uncertainty is 0, expected above 0", data.source, None, column, fix)
-                for column in zero_columns
-            ]
-        )
-    return [position, orientation]
-
-
 def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
     """Return the motions that were fitted, each with the rows that it moves (None: all)."""
     columns: list[tuple[int, Array | None]] = []
@@ -213,79 +179,6 @@ def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) ->
     return columns
 
 
-def _noise_scales(
-    data: Measurements,
-    given_noise: tuple[float | None, float | None],
-    triangles: Sequence[Array],
-    counts: Sequence[int],
-) -> tuple[list[float], list[NoiseSource]]:
-    """Return the standard deviation of each triangle besides the file's weights, and its source."""
-    in_file = (data.sigma_position is not None, data.sigma_rotation is not None)
-    sigma: list[float | None] = []
-    sources: list[NoiseSource] = []
-    for part in range(len(triangles)):
-        value = given_noise[part]
-        sources.append("given" if value is not None else "file" if in_file[part] else "estimated")
-        sigma.append(value if value is not None else 1.0 if in_file[part] else None)
-    if None not in sigma:
-        return [float(value) for value in sigma if value is not None], sources
-    return _restricted_likelihood(data, triangles, counts, sigma), sources
-
-
-def _restricted_likelihood(
-    data: Measurements, triangles: Sequence[Array], counts: Sequence[int], given_sigma: Sequence[float | None]
-) -> list[float]:
-    """Return standard deviations of position and orientation by REML, all columns treated as fixed effects.
-
-    Fixed point of |r_k|² = σ_k² (n_k - tr(G^-1 G_k)), G_k the rows' part of the normal matrix G: H. D. Patterson,
-    R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58 (1971).
-    """
-    sigma = [
-        given if given is not None else _rms_residual(triangle, n)
-        for given, triangle, n in zip(given_sigma, triangles, counts, strict=True)
-    ]
-    for _ in range(_MAX_REML_ROUNDS):
-        stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
-        column_norms = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
-        column_norms[column_norms == 0.0] = 1.0
-        u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
-        independent = (
-            singular_values > _RANK_TOLERANCE * singular_values[0] if singular_values.size else singular_values > 0
-        )
-        inverse = vt[independent].T / singular_values[independent]
-        solution = inverse @ (u[:, independent].T @ stacked[:, -1])
-        change = 0.0
-        for k, (triangle, given) in enumerate(zip(triangles, given_sigma, strict=True)):
-            if given is not None:
-                continue
-            rows = triangle[:, :-1] / column_norms
-            residual = triangle[:, -1] - rows @ solution
-            dof = counts[k] - float(np.sum(np.square((rows / sigma[k]) @ inverse)))
-            if dof < 1.0:
-                fix = "measure more poses, or give the noise with `noise` or sigma columns"
-                raise InputError(Problem("too few poses to estimate the measurement noise", data.source, fix=fix))
-            new_sigma = float(np.sqrt(residual @ residual / dof))
-            if new_sigma < 1e-12 * _rms_residual(triangle, counts[k]) or new_sigma == 0.0:
-                fix = "give the noise with `noise` or sigma columns"
-                raise InputError(
-                    Problem(
-                        "the parameters explain every pose exactly, so the noise cannot be estimated",
-                        data.source,
-                        fix=fix,
-                    )
-                )
-            change = max(change, abs(new_sigma / sigma[k] - 1.0))
-            sigma[k] = new_sigma
-        if change < 1e-10:
-            break
-    return sigma
-
-
-def _rms_residual(triangle: Array, n: int) -> float:
-    """Return the RMS residual as a start value; 1 if it is zero."""
-    return float(np.linalg.norm(triangle[:, -1])) / np.sqrt(n) or 1.0
-
-
 def _project_out_registered(stacked: Array, n_fixed: int) -> tuple[Array, int]:
     """Return the other columns outside the span of the first ``n_fixed``, and the dimension of that span."""
     if n_fixed == 0:
@@ -293,16 +186,5 @@ def _project_out_registered(stacked: Array, n_fixed: int) -> tuple[Array, int]:
     fixed = stacked[:, :n_fixed]
     column_norms = np.sqrt(np.sum(np.square(fixed), axis=0))
     u, singular_values, _ = np.linalg.svd(fixed / np.where(column_norms > 0, column_norms, 1.0), full_matrices=True)
-    absorbed = int(np.sum(singular_values > _RANK_TOLERANCE * singular_values[0]))
+    absorbed = int(np.sum(singular_values > RANK_TOLERANCE * singular_values[0]))
     return u[:, absorbed:].T @ stacked[:, n_fixed:], absorbed
-
-
-def _noise_record(data: Measurements, sigma: Sequence[float], sources: Sequence[NoiseSource]) -> MeasuringNoise:
-    values = list(sigma)
-    if sources[0] == "file" and data.sigma_position is not None:
-        values[0] = float(np.sqrt(np.mean(np.square(data.sigma_position))))
-    if len(sources) == 1:
-        return MeasuringNoise(values[0], None, sources[0], None)
-    if sources[1] == "file" and data.sigma_rotation is not None:
-        values[1] = float(np.sqrt(np.mean(np.square(data.sigma_rotation))))
-    return MeasuringNoise(values[0], values[1], sources[0], sources[1])

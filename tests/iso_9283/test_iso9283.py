@@ -149,7 +149,7 @@ def test_exchangeability_by_hand() -> None:
     assert result.characteristic("AP").position_at == "P1 of b.csv"
 
 
-def test_files_of_one_name_are_told_apart() -> None:
+def test_files_of_the_same_name_get_unique_names() -> None:
     measured = dataclasses.replace(data({"P1": [[0, 0, 0], [1, 0, 0]]}), source="poses.csv")
     assert iso9283([measured, measured]).sources == ("poses.csv (1)", "poses.csv (2)")
 
@@ -373,7 +373,7 @@ def test_one_visit_from_each_side_shows_no_scatter() -> None:
         assert figure.interval.why == "one visit has no scatter to estimate an interval from"
 
 
-def test_which_poses_count_is_said() -> None:
+def test_a_note_says_which_poses_count() -> None:
     note_start = "every criterion is the largest over all measured poses or pairs of poses"
     assert any(note.startswith(note_start) for note in iso9283([random_cycles(0)]).notes)
     assert not any(note.startswith(note_start) for note in iso9283([random_cycles(0, poses=1)]).notes)
@@ -404,7 +404,7 @@ def test_repeatability_is_never_called_accuracy() -> None:
     }
 
 
-def test_long_tails_are_said() -> None:
+def test_a_note_reports_long_tails() -> None:
     measured = random_cycles(0, cycles=40)
     assert not any("longer tails" in note for note in iso9283([measured]).notes)
     outlying = measured.position.copy()

@@ -121,7 +121,7 @@ def test_points_up_to_two_percent_off_are_still_of_a_preferred_cube() -> None:
     assert (other_fit.edge, other_fit.from_corner) == pytest.approx((0.5, 0.1))
 
 
-def test_what_is_no_cube_is_said() -> None:
+def test_points_that_are_no_cube_have_a_reason() -> None:
     good = five_points(np.zeros(3), 0.4, "x+")
     turned = np.array([[math.cos(0.4), -math.sin(0.4), 0], [math.sin(0.4), math.cos(0.4), 0], [0, 0, 1]]) @ good
     assert "not parallel to the axes of the base" in str(fit_cube(turned))
@@ -224,7 +224,7 @@ def test_targets() -> None:
         propose(configured("ur10"), target="c")
 
 
-def test_effects_are_left_out_and_said() -> None:
+def test_a_note_says_that_effects_are_not_applied() -> None:
     robot = dataclasses.replace(configured("ur10"), effects=({"effect": "joint_offset"},))
     assert propose(robot, edge=0.25).notes == (
         "joint angles are those of the nominal kinematics; the robot file's effects are not applied",

@@ -169,7 +169,7 @@ def test_commands_that_are_not_known() -> None:
         assert condition(name, data).why == "the commanded positions are not known"
 
 
-def test_drift_is_told_beside_warm_up() -> None:
+def test_warm_up_condition_reports_drift() -> None:
     data = cycles()
     drifting = data.position + np.linspace(0, 3e-4, N)
     result = condition("warm-up", dataclasses.replace(data, position=drifting))

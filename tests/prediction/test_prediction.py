@@ -235,7 +235,7 @@ def predicted(robot: Robot, n: int = 64, tolerances: Tolerances | None = None) -
     return predict_accuracy(robot, parameters, sampled_configurations(robot, n), default_scale())
 
 
-def test_budget_sums_to_one_and_is_what_leaving_a_parameter_out_saves() -> None:
+def test_budget_sums_to_one_and_equals_the_reduction_without_a_parameter() -> None:
     robot = robot_of("puma560")
     full = predicted(robot)
     for shares in (full.budget, full.by_joint, full.by_kind):
@@ -317,7 +317,7 @@ def test_allocation_reaches_the_grade_and_is_the_cheapest(grade: str) -> None:
     assert np.sum(1 / factors) < factors.size / allocation.uniform_factor
 
 
-def test_allocation_leaves_what_suffices_and_meets_two_limits() -> None:
+def test_allocation_keeps_sufficient_tolerances_and_meets_two_limits() -> None:
     robot = robot_of("puma560")
     prediction = predicted(robot)
     assert all(item.factor == 1.0 for item in allocate(robot, prediction, "E").needed)
@@ -376,7 +376,7 @@ def test_targets_are_predicted_each_by_itself() -> None:
     np.testing.assert_allclose(mixed.position[..., 1::2], far.position.covariance[..., 1::2], rtol=1e-9, atol=1e-20)
 
 
-def test_poses_must_say_where_the_joints_were() -> None:
+def test_poses_need_joint_columns() -> None:
     with pytest.raises(InputError, match="has no joint columns: the prediction needs the joint values"):
         configurations_of(planar(), Measurements(np.zeros((3, 2))))
     with pytest.raises(InputError, match="has no poses to predict the accuracy at"):

@@ -20,8 +20,9 @@ from robacc.prediction.comparison import compare_with_measured
 from robacc.prediction.components import bartlett_mean, variance_components
 from robacc.prediction.configurations import sampled_configurations
 from robacc.prediction.consistency import consistency, scale_test
+from robacc.prediction.measurement_noise import MeasurementNoise
 from robacc.prediction.parameters import ToleranceParameter, Tolerances, uncertain_parameters
-from robacc.prediction.sufficient_statistics import MeasuringNoise, SufficientStatistics, reduce_residuals
+from robacc.prediction.sufficient_statistics import SufficientStatistics, reduce_residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 
@@ -79,7 +80,7 @@ def test_normalised_squared_error_is_that_of_the_joint_covariance(full: bool) ->
     assert tests.total.p_value == pytest.approx(expected_p, rel=1e-5)
 
 
-def test_alignment_takes_out_what_base_and_tool_absorb() -> None:
+def test_registration_projects_out_base_and_tool() -> None:
     data = simulated(1)
     error, columns, noise = dense(data)
     arm = Arm.of(ROBOT)
@@ -198,7 +199,7 @@ def test_rejection_rate_and_power_over_robots_simulated_exactly(full: bool, caps
     assert power > 0.9
 
 
-def test_a_robot_of_twice_the_tolerances_is_noticed_and_said() -> None:
+def test_verdict_names_errors_larger_than_the_tolerances() -> None:
     result = compare_with_measured(ROBOT, simulated(5, factor=2.0), PARAMETERS).consistency
     assert result.verdict.startswith("the measured errors are larger than the tolerances predict: about ")
     assert result.scale is not None
@@ -209,7 +210,7 @@ def test_a_robot_of_twice_the_tolerances_is_noticed_and_said() -> None:
     assert right.verdict == "the measured errors are consistent with the tolerances"
 
 
-def test_noise_beyond_the_stated_one_is_said() -> None:
+def test_verdict_names_more_noise_than_stated() -> None:
     data = simulated(6)
     result = compare_with_measured(ROBOT, data, PARAMETERS, noise=(NOISE / 2, NOISE / 2)).consistency
     assert "the part that no parameter explains is 2 times the stated noise: other effects than" in result.verdict
@@ -219,7 +220,7 @@ def test_noise_beyond_the_stated_one_is_said() -> None:
     assert "the part that no parameter explains is 0.49 times the stated noise" in quiet.verdict
 
 
-def test_one_parameter_out_of_pattern_is_said() -> None:
+def test_verdict_names_an_unexpected_pattern() -> None:
     """What the parameters move much is of the right size, what they hardly move is not."""
     variances = np.repeat([1e4, 0.05], 10)
     y = np.repeat([100.0, 2.5], 10)
@@ -230,7 +231,7 @@ def test_one_parameter_out_of_pattern_is_said() -> None:
     assert verdict.startswith("the measured errors have the predicted size but not the predicted pat")
 
 
-def noise_of_file() -> MeasuringNoise:
+def noise_of_file() -> MeasurementNoise:
     return reduce_residuals(ROBOT, simulated(0), PARAMETERS).noise
 
 
@@ -272,7 +273,7 @@ def direct(y: Array, unit: float = 1e-4) -> tuple[SufficientStatistics, list[Tol
     return SufficientStatistics(names, 1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, noise), parameters
 
 
-def test_one_kind_seen_directly_has_the_textbooks_interval() -> None:
+def test_directly_measured_kind_has_the_textbook_interval() -> None:
     y = np.array([0.3, -1.2, 0.8, 2.0, -0.4, 1.1])
     result = variance_components(*direct(y))
     assert result is not None
@@ -296,7 +297,7 @@ def test_bartletts_mean_is_that_of_the_likelihood_ratio() -> None:
     assert np.mean(6 * (x - 1 - np.log(x))) == pytest.approx(bartlett_mean(6.0), rel=0.01)
 
 
-def test_kinds_that_do_the_same_are_said_to_be_so() -> None:
+def test_kinds_that_are_not_distinguishable_are_noted() -> None:
     rng = np.random.default_rng(0)
     effect = np.concatenate((100 * np.eye(5), 100 * np.eye(5)), axis=1)
     parameters = [
@@ -318,7 +319,7 @@ def test_kinds_that_do_the_same_are_said_to_be_so() -> None:
     assert weak.notes[0].startswith("d is weakly identifiable on these poses: ")
 
 
-def test_base_and_tool_are_taken_as_given() -> None:
+def test_base_and_tool_are_used_as_given() -> None:
     parameters = uncertain_parameters(ROBOT, Tolerances("normal", 1.0, base={"x": 1e-4}, tool={"z": 1e-4}))
     result = variance_components(reduce_residuals(ROBOT, simulated(8), parameters), parameters)
     assert result is not None
@@ -355,7 +356,7 @@ def test_components_cover_the_truth_in_95_percent_of_500_sets(full: bool, capsys
     assert np.all(np.abs(result - 0.95) < 0.035)
 
 
-def test_what_is_said_of_the_one_draw() -> None:
+def test_one_draw_text() -> None:
     comparison = compare_with_measured(ROBOT, simulated(9), PARAMETERS)
     assert comparison.one_draw.startswith("all 30 poses are of one robot and share the same parameter errors")
     assert (
@@ -382,14 +383,14 @@ def test_treating_poses_as_independent_would_reject_far_too_often() -> None:
     assert wrong > 30
 
 
-def test_negligible_parameters_are_said_to_show_nothing() -> None:
+def test_verdict_for_negligible_parameters() -> None:
     tiny = tuple(dataclasses.replace(parameter, sd=1e-12) for parameter in PARAMETERS)
     result = compare_with_measured(ROBOT, simulated(0, factor=0.0), tiny)
     assert result.consistency.verdict.endswith("far below the noise on these poses, so the tolerances cannot be tested")
     assert result.components is None
 
 
-def test_what_cannot_be_compared() -> None:
+def test_poses_that_cannot_be_compared() -> None:
     data = simulated(0, sigma=False)
     few = data.subset(np.arange(2))
     with pytest.raises(InputError, match="too few poses to estimate the measurement noise; measure more poses"):
@@ -414,7 +415,7 @@ def test_what_cannot_be_compared() -> None:
         compare_with_measured(ROBOT, data, PARAMETERS, confidence=1.0)
 
 
-def test_frames_that_do_not_agree_are_noticed() -> None:
+def test_hint_for_frames_that_do_not_agree() -> None:
     data = simulated(0)
     moved = dataclasses.replace(data, position=data.position + 0.2)
     result = compare_with_measured(ROBOT, moved, PARAMETERS)

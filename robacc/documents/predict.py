@@ -1,4 +1,4 @@
-"""A prediction as the keys of ``robacc.predict/1`` (m and rad), and its poses one by one as CSV."""
+"""Keys of ``robacc.predict/1`` in m and rad, and the prediction of every pose as CSV."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robacc.documents.poses import robot_document, rounded
 from robacc.documents.statistics import parameters_document
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.comparison import MeasuredComparison
-from robacc.prediction.components import Components
+from robacc.prediction.components import VarianceComponents
 from robacc.prediction.consistency import ChiSquare
 from robacc.prediction.predicting import PredictedErrors, Prediction, Share
 from robacc.quantities import number_text
@@ -23,7 +23,7 @@ from robacc.robots.description import Robot
 def payload(
     prediction: Prediction, allocation: Allocation | None = None, comparison: MeasuredComparison | None = None
 ) -> dict[str, Any]:
-    """The document's own keys; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
+    """Return the keys of the prediction; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
     return {
         "n_poses": prediction.configurations.n,
         "frame": "tool",
@@ -48,25 +48,25 @@ def payload(
 
 
 def pose_payload(prediction: Prediction, robot: Robot) -> dict[str, Any]:
-    """Keys for pictures: the robot in outline, and where the accuracy is predicted."""
-    where = prediction.configurations
-    reached = build_chain(robot).poses(where.scalars, where.n)
+    """Return the keys for charts: the robot's outline, and the poses of the prediction."""
+    configurations = prediction.configurations
+    reached = build_chain(robot).poses(configurations.scalars, configurations.n)
     return {
-        "robot": robot_document(robot, where.q),
+        "robot": robot_document(robot, configurations.q),
         "poses": {
-            "label": [where.label(i) for i in range(where.n)],
-            "q": rounded(where.q),
+            "label": [configurations.label(i) for i in range(configurations.n)],
+            "q": rounded(configurations.q),
             "commanded_m": rounded(reached.translation),
         },
     }
 
 
 def per_pose_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
-    """A row a pose: where, its joint variables, and what is predicted there (m, rad, tool frame)."""
-    where = prediction.configurations
+    """Return a CSV row for each pose: its label, joint variables and predicted errors (m, rad, tool frame)."""
+    configurations = prediction.configurations
     header = ["pose", *joint_names]
-    columns: list[list[str]] = [[where.label(i) for i in range(where.n)]]
-    columns += [[number_text(value) for value in row] for row in where.q.tolist()]
+    columns: list[list[str]] = [[configurations.label(i) for i in range(configurations.n)]]
+    columns += [[number_text(value) for value in row] for row in configurations.q.tolist()]
     for errors in (prediction.position, prediction.orientation):
         unit = errors.unit
         header += [f"rms_{unit}", f"radius95_{unit}"]
@@ -91,8 +91,8 @@ def _errors(errors: PredictedErrors) -> dict[str, Any]:
         f"max_radius95_{unit}": errors.max,
         f"mean_covariance_{unit}2": errors.mean_covariance,
         "percentiles_over_poses": {
-            f"rms_{unit}": {f"p{p}": both[0] for p, both in percentiles.items()},
-            f"radius95_{unit}": {f"p{p}": both[1] for p, both in percentiles.items()},
+            f"rms_{unit}": {f"p{percent}": rms for percent, (rms, _) in percentiles.items()},
+            f"radius95_{unit}": {f"p{percent}": radius for percent, (_, radius) in percentiles.items()},
         },
         "worst": {
             "pose": worst.index,
@@ -156,7 +156,7 @@ def _allocation(allocation: Allocation) -> dict[str, Any]:
 
 
 def _comparison(comparison: MeasuredComparison) -> dict[str, Any]:
-    evidence, found = comparison.statistics, comparison.consistency
+    evidence, consistency = comparison.statistics, comparison.consistency
     noise = evidence.noise
     alignment = comparison.alignment
     return {
@@ -175,14 +175,14 @@ def _comparison(comparison: MeasuredComparison) -> dict[str, Any]:
             "source_position": noise.source_position,
             "source_orientation": noise.source_orientation,
         },
-        "verdict": found.verdict,
+        "verdict": consistency.verdict,
         "hint": comparison.hint,
         "normalised_squared_error": {
-            "total": _chi_square(found.total),
-            "parameters": _chi_square(found.parameters),
-            "noise": _chi_square(found.noise),
+            "total": _chi_square(consistency.total),
+            "parameters": _chi_square(consistency.parameters),
+            "noise": _chi_square(consistency.noise),
         },
-        "likelihood_ratio": None if found.scale is None else dataclasses.asdict(found.scale),
+        "likelihood_ratio": None if consistency.scale is None else dataclasses.asdict(consistency.scale),
         "variance_components": None if comparison.components is None else _components(comparison.components),
         "one_draw": comparison.one_draw,
     }
@@ -192,9 +192,9 @@ def _chi_square(test: ChiSquare | None) -> dict[str, Any] | None:
     return None if test is None else {**dataclasses.asdict(test), "ratio": test.ratio}
 
 
-def _components(found: Components) -> dict[str, Any]:
+def _components(components: VarianceComponents) -> dict[str, Any]:
     return {
-        "confidence": found.confidence,
-        "components": [dataclasses.asdict(component) for component in found.components],
-        "notes": found.notes,
+        "confidence": components.confidence,
+        "components": [dataclasses.asdict(component) for component in components.components],
+        "notes": components.notes,
     }

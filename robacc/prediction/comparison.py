@@ -14,7 +14,7 @@ from robacc.fitting.registration import Alignment
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.observation import residuals
-from robacc.prediction.components import Components, variance_components
+from robacc.prediction.components import VarianceComponents, variance_components
 from robacc.prediction.consistency import Consistency, consistency
 from robacc.prediction.parameters import ToleranceParameter
 from robacc.prediction.sufficient_statistics import SufficientStatistics, reduce_residuals
@@ -41,7 +41,7 @@ class MeasuredComparison:
     alignment: Alignment | None
     statistics: SufficientStatistics
     consistency: Consistency
-    components: Components | None
+    components: VarianceComponents | None
     hint: str | None
     """Likely cause of errors that are too large for tolerances."""
     one_draw: str

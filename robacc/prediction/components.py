@@ -8,7 +8,7 @@ predicted variances times one factor φ_c, so the sufficient statistic y
 
 with E_c the whitened effects of one predicted standard deviation of each parameter of the kind, and K_0 those of base
 and tool, whose tolerances are not estimated. The log-likelihood is -(log|C| + y^T C^-1 y)/2; score and expected
-information in log φ by S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 6.2 and 6.3.
+information in log φ by S. R. Searle, G. Casella, C. E. McCulloch, Variance VarianceComponents (1992), 6.2 and 6.3.
 
 A kind has as many degrees of freedom as it has identifiable parameters, six for six joints: a variance from six numbers
 is known to a factor of about three, regardless of the number of poses. Intervals are by profile likelihood with
@@ -31,7 +31,7 @@ from robacc.prediction.sufficient_statistics import SufficientStatistics
 from robacc.statistics.distributions import chi2_quantile
 
 GIVEN = frozenset({"base", "tool"})
-"""Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
+"""VarianceComponents that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
 _LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
 """Range of log φ; a factor at its lower end counts as zero."""
 _MAX_STEPS = 200
@@ -42,7 +42,7 @@ _MIN_DOF = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Component:
+class VarianceComponent:
     """One variance component."""
 
     name: str
@@ -66,17 +66,17 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True)
-class Components:
+class VarianceComponents:
     """All variance components, with notes on those that are not identifiable."""
 
-    components: tuple[Component, ...]
+    components: tuple[VarianceComponent, ...]
     confidence: float
     notes: tuple[str, ...]
 
 
 def variance_components(
     statistics: SufficientStatistics, parameters: Sequence[ToleranceParameter], confidence: float = 0.95
-) -> Components | None:
+) -> VarianceComponents | None:
     """Estimate one factor for each kind of parameter; return None if no parameter affects the poses.
 
     Args:
@@ -100,7 +100,7 @@ def variance_components(
         lower, upper = problem.profile_interval(index, log_factors, maximum, threshold)
         ratio = max(0.0, 2.0 * (maximum - problem.maximise_with(index, 0.0, log_factors)[1]))
         components.append(
-            Component(
+            VarianceComponent(
                 name,
                 len(members),
                 members[0].unit,
@@ -119,7 +119,7 @@ def variance_components(
     given = sorted({parameter.component for parameter in parameters} & GIVEN)
     if given:
         notes.append(f"the tolerances of {' and '.join(given)} are used as given, not estimated")
-    return Components(tuple(components), confidence, tuple(notes))
+    return VarianceComponents(tuple(components), confidence, tuple(notes))
 
 
 def bartlett_mean(dof: float) -> float:

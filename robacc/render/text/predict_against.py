@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robacc.prediction.comparison import MeasuredComparison
-from robacc.prediction.components import Components
+from robacc.prediction.components import VarianceComponents
 from robacc.prediction.consistency import ChiSquare, ScaleTest
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import p_value, three_digits
@@ -68,7 +68,7 @@ def _scale(test: ScaleTest) -> str:
     )
 
 
-def _components(components: Components, width: int) -> Iterator[TextLine]:
+def _components(components: VarianceComponents, width: int) -> Iterator[TextLine]:
     yield from (BLANK, heading("Variance components (one standard deviation)"))
     rows = []
     for component in components.components:

@@ -12,7 +12,7 @@ from robacc.statistics.confidence_curves import PercentileCurve, Tail
 from robacc.statistics.covariance_intervals import ONE_POSE
 from robacc.statistics.distributions import student_quantile
 from robacc.statistics.intervals import Interval, PoseSampling, interpolated, percentile_levels, tails
-from robacc.statistics.radius95 import GAUSSIAN_P95, PROBABILITY, satterthwaite_rms
+from robacc.statistics.radius95 import PROBABILITY, satterthwaite_rms
 from robacc.statistics.records import Radius
 
 FEWEST_FOR_MODEL = 10
@@ -66,7 +66,7 @@ def p95_interval(
         return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")
     curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, _tail(radius, lengths), by_model)
     if by_model:
-        method = f"{GAUSSIAN_P95}, valid only if the errors are Gaussian; {radius.interval.method}"
+        method = f"95 % radius of the fitted Gaussian, valid only if the errors are Gaussian; {radius.interval.method}"
         return dataclasses.replace(_widened_to(radius.interval, percentile95(lengths)), method=method, curve=curve)
     # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
     limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))

@@ -11,8 +11,6 @@ from robacc.statistics.quadratic_form import length_quantile, squared_quantile_g
 from robacc.statistics.records import Radius
 
 PROBABILITY = 0.95
-GAUSSIAN_P95 = "95 % radius of the fitted Gaussian"
-"""Start of the method of a 95th percentile's interval that relies on the fitted Gaussian."""
 _METHOD = "chi-square, effective degrees of freedom (Satterthwaite)"
 
 

@@ -22,11 +22,11 @@ from robacc.version import __version__
 
 COMMANDS = {
     "estimate": "Compute the Cartesian error of measured poses, its covariances and the accuracy grade.",
-    "trace": "Find the effects that explain the residual; report the error before and after on held-out poses.",
-    "calibrate": "Fit named effects to measured poses; report the error before and after, fitted and held out.",
+    "trace": "Find the effects that explain the residual, and report the error before and after on held-out poses.",
+    "calibrate": "Fit named effects to measured poses, and report the error before and after on fitted and held-out poses.",
     "predict": "Predict covariances, error budget and grade from parameter tolerances.",
     "iso9283": "Compute the pose criteria of ISO 9283 from cycles of commanded poses.",
-    "iso9283-poses": "Plan the cube of ISO 9283 and its five poses for an arm, with joint values, as a CSV.",
+    "iso9283-poses": "Plan the cube of ISO 9283 and its five poses for an arm, and write them as a CSV.",
     "check": "Check a stored result against a gate; exit 0: pass, 4: fail, 5: inconclusive.",
     "compare": "Compare stored results: significant differences, ranking and confirmed grades.",
     "report": "Write stored results as an HTML page with charts and tables, to read, print and sign.",
@@ -34,7 +34,7 @@ COMMANDS = {
     "show": "Show the chain, joints, limits, reach and masses of a robot file or URDF.",
     "effects": "List the effects: equation, unit, usual size, required data and similar effects.",
     "init": "Write a commented robot file and a CSV of poses to start from, for a URDF or a number of joints.",
-    "simulate": "Simulate measured poses of a robot with the effects of its file, as a CSV.",
+    "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
     "export": "Write a robot model as URDF, with a warning for every part that a URDF cannot represent.",
     "schema": "Print the JSON Schema of a command's result: keys, units and required keys.",
 }

@@ -121,7 +121,7 @@ def test_a_regression_gate_reads_its_baseline_from_beside_itself(stored: Path, t
     path = gate(tmp_path, "{key: position.rms, baseline: baseline.json, reason: r}")
     same = run(*ESTIMATE, "--gate", path)
     assert same.exit_code == 0
-    assert "1.80 mm, as the 1.80 mm in baseline.json" in " ".join(same.stdout.split())
+    assert "1.80 mm, same as the 1.80 mm in baseline.json" in " ".join(same.stdout.split())
     aligned = run(*ESTIMATE, "--align", "base_frame", "--gate", path)
     assert aligned.exit_code == 0
     assert (
@@ -245,7 +245,7 @@ def test_nothing_that_is_read_is_overwritten(options: tuple[str, ...], tmp_path:
     )
     assert done.exit_code == 2
     option, path = options[-2], files[options[-1]]
-    assert done.stderr == f"error: {option} {path} is an input too, and would be overwritten; name another file\n"
+    assert done.stderr == f"error: {option} {path} is also an input and would be overwritten; name another file\n"
     assert {path: Path(path).read_bytes() for path in files.values()} == before
 
 
@@ -254,11 +254,11 @@ def test_a_model_a_baseline_and_a_report_are_guarded_too(stored: Path, tmp_path:
     fit = ("calibrate", files["poses.csv"], "--robot", files["robot.yaml"], "--fit", "base_frame")
     model = run(*fit, "--write-model", files["robot.yaml"])
     assert model.exit_code == 2
-    assert f"--write-model {files['robot.yaml']} is an input too" in model.stderr
+    assert f"--write-model {files['robot.yaml']} is also an input" in model.stderr
     shutil.copy(stored / "estimate.json", files["base.json"])
     baseline = run(*ESTIMATE, "--gate", files["regression.yaml"], "--output", files["base.json"])
     assert baseline.exit_code == 2
-    assert f"--output {files['base.json']} is an input too" in baseline.stderr
+    assert f"--output {files['base.json']} is also an input" in baseline.stderr
     check = run("check", files["base.json"], "--gate", files["gate.yaml"], "-o", files["base.json"])
     assert check.exit_code == 2
 

@@ -347,11 +347,11 @@ def test_output_is_written_whole(good: str, poor: str, tmp_path: Path) -> None:
     ("arguments", "status", "message"),
     [
         (("{good}",), 2, "a comparison takes at least two results"),
-        (("-", "-"), 2, "standard input can be read once"),
-        (("{good}", "{good}", "--scale", "x.yaml"), 2, "--scale is of the grade that --grade names"),
-        (("{good}", "{good}", "--grade", "Z"), 2, "no grade 'Z' on the scale"),
+        (("-", "-"), 2, "standard input can be read only once"),
+        (("{good}", "{good}", "--scale", "x.yaml"), 2, "--scale needs --grade"),
+        (("{good}", "{good}", "--grade", "Z"), 2, "has no grade 'Z'"),
         (("{good}", "{good}", "--baseline", "x"), 2, "no result is named 'x'"),
-        (("{good}", "{good}", "--by", "x"), 2, "no shared figure 'x' to rank by"),
+        (("{good}", "{good}", "--by", "x"), 2, "--by: the results have no common figure 'x'"),
         (("{good}", "none.json"), 3, "none.json: there is no such file"),
     ],
 )
@@ -368,5 +368,5 @@ def test_the_problems_of_every_file_are_said_at_once(good: str, tmp_path: Path) 
     other.write_text("{}", encoding="utf-8")
     result = run(str(cut), str(other), good)
     assert result.exit_code == 3
-    assert "ends in the middle: it was cut short" in result.stderr
-    assert "is no result of robacc" in result.stderr
+    assert "is incomplete; the file was truncated" in result.stderr
+    assert "is not a result of robacc" in result.stderr

@@ -109,10 +109,10 @@ def test_alignment_stands_beside_the_unaligned_figures() -> None:
             assert aligned["unaligned"][key][name] == pytest.approx(plain[key][name], rel=1e-12)
     assert aligned["position"]["rms_m"] < 0.5 * plain["position"]["rms_m"]
     table = run(*SAMPLE, "--align", "base_frame,tool_frame").stdout
-    assert "base_frame and tool_frame aligned with 12 parameters" in table
-    assert "unaligned" in table
-    assert "unaligned" not in run(*SAMPLE).stdout
-    assert "nothing aligned" in run(*SAMPLE).stdout
+    assert "registered: base_frame and tool_frame fitted, 12 parameters" in table
+    assert "unregistered" in table
+    assert "unregistered" not in run(*SAMPLE).stdout
+    assert "not registered" in run(*SAMPLE).stdout
 
 
 def test_table_is_as_it_was() -> None:
@@ -214,10 +214,10 @@ def test_grade_scale_of_the_users_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((str(POSES),), "do not say where the target was to be"),
+        ((str(POSES),), "the poses have no commanded positions"),
         ((*SAMPLE, "--align", "backlash"), "cannot align backlash"),
-        ((*SAMPLE, "--confidence", "2"), "at least 0.5 and below 1"),
-        ((str(POSES), "--tip-link", "flange"), "choose a chain of the URDF that --robot names"),
+        ((*SAMPLE, "--confidence", "2"), "at least 0.5 and less than 1"),
+        ((str(POSES), "--tip-link", "flange"), "choose a chain of a URDF, so they need --robot"),
     ],
 )
 def test_calls_that_do_not_fit_together_are_status_2(arguments: tuple[str, ...], message: str) -> None:

@@ -40,7 +40,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_both_files_are_valid_at_once(count: int) -> None:
     done = run("init", "--joints", str(count))
     assert (done.exit_code, done.stderr) == (0, "")
-    assert f"wrote robot.yaml ({count} joint{'s' * (count > 1)}) and poses.csv (8 rows, made up)" in done.stdout
+    assert f"wrote robot.yaml ({count} joint{'s' * (count > 1)}) and poses.csv (8 simulated rows)" in done.stdout
     robot, data = read_robot("robot.yaml"), read_poses("poses.csv")
     assert len(robot.variables) == count
     assert data.warnings == ()
@@ -115,7 +115,7 @@ def test_nothing_is_written_over_unasked() -> None:
     Path("poses.csv").write_text("mine", encoding="utf-8")
     refused = run("init", "--joints", "6")
     assert (refused.exit_code, refused.stdout) == (2, "")
-    assert "poses.csv exists already; --force writes over" in refused.stderr
+    assert "poses.csv exists already; overwrite with --force" in refused.stderr
     assert not Path("robot.yaml").exists()
     assert Path("poses.csv").read_text(encoding="utf-8") == "mine"
     assert run("init", "--joints", "6", "--force").exit_code == 0
@@ -132,7 +132,7 @@ def test_nothing_is_written_over_unasked() -> None:
         (("--joints", "31"), 2, "expected 1 to 30 joints, found 31"),
         (("--joints", "2", "--robot", "x", "--poses", "./x"), 2, "both name x; name two files"),
         (("--joints", "2", "--tip-link", "hand"), 2, "choose a chain of a URDF"),
-        (("two.urdf", "--robot", "two.urdf", "--force"), 2, "two.urdf is the URDF, and would be overwritten"),
+        (("two.urdf", "--robot", "two.urdf", "--force"), 2, "two.urdf is the URDF and would be overwritten"),
         (("none.urdf",), 3, "none.urdf: there is no such file"),
         (("arm.yaml",), 2, "arm.yaml is a robot file already"),
         (("--joints", "2", "--folder", "two.urdf"), 3, "two.urdf: cannot be created: "),

@@ -119,8 +119,8 @@ def test_robot_and_alignment() -> None:
     assert aligned["alignment"][0]["what"] == ["base_frame"]
     assert any("fitted to the same poses" in note for note in aligned["notes"])
     shown = run("iso9283", str(POSES), "--robot", str(ROBOT), "--align", "base_frame").stdout
-    assert "base_frame aligned with 6 parameters" in shown
-    assert "AP before the alignment, largest: 0.137 mm" in shown
+    assert "registered: base_frame fitted, 6 parameters" in shown
+    assert "largest AP before registration: 0.137 mm" in shown
 
 
 def test_several_files_are_robots(tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_positions_of_one_pose_without_a_command() -> None:
     text = "pose,x_mm,y_mm,z_mm\nP1,0,0,0\nP1,0,0,0.1\nP1,0.1,0,0\n"
     result = run("iso9283", "-", text=text)
     assert result.exit_code == 0
-    assert "1 commanded pose, 3 visits\nnothing says where the robot was sent" in result.stdout
+    assert "1 commanded pose, 3 visits\nno commanded poses" in result.stdout
     assert "no AP (pose accuracy): the commanded poses are not known" in " ".join(result.stdout.split())
     assert "RP  pose repeatability" in result.stdout
 
@@ -185,14 +185,14 @@ def test_positions_of_one_pose_without_a_command() -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (("iso9283", "-", "-"), 2, "standard input can be read once"),
-        (("iso9283", str(POSES), "--base-link", "x"), 2, "choose a chain of the URDF that --robot names"),
+        (("iso9283", "-", "-"), 2, "standard input can be read only once"),
+        (("iso9283", str(POSES), "--base-link", "x"), 2, "choose a chain of a URDF, so they need --robot"),
         (("iso9283", str(POSES), "--align", "base_frame"), 2, "so it needs --robot"),
         (("iso9283", str(POSES), "--drift-windows", "1"), 2, "--drift-windows is at least 2, not 1"),
         (("iso9283", "nowhere.csv"), 3, "nowhere.csv"),
         (("iso9283-poses", str(SCARA)), 3, "found no cube of 250 mm or more"),
         (("iso9283-poses", str(SCARA), "--edge", "15deg"), 2, "--edge: expected a number with a unit"),
-        (("iso9283-poses", str(SCARA), "--format", "json"), 2, "name one"),
+        (("iso9283-poses", str(SCARA), "--format", "json"), 2, "--format json needs --output"),
         (("simulate", str(ROBOT)), 2, "give either --poses"),
         (("simulate", str(ROBOT), "--at", str(SAMPLE / "plan.csv"), "--cycles", "2"), 2, "have cycles already"),
     ],
@@ -207,7 +207,7 @@ def test_errors(arguments: tuple[str, ...], status: int, message: str) -> None:
 def test_sample_data_are_what_their_commands_make(tmp_path: Path) -> None:
     plan, poses = tmp_path / "plan.csv", tmp_path / "poses.csv"
     assert run("iso9283-poses", str(ROBOT), "--payload", "6", "-o", str(plan)).exit_code == 0
-    assert "cube of 630 mm" in plan.read_text(encoding="utf-8")
+    assert "cube with an edge of 630 mm" in plan.read_text(encoding="utf-8")
     command = next(line for line in (ROOT / "sample_data" / "README.md").read_text().splitlines() if "--at" in line)
     arguments = [str(ROOT / one) if one.startswith("sample_data") else one for one in command.split()[1:]]
     arguments[arguments.index("-o") + 1] = str(poses)
@@ -227,7 +227,7 @@ def test_planned_poses_are_met_by_the_robot(tmp_path: Path) -> None:
     plan, visited = tmp_path / "plan.csv", tmp_path / "visited.csv"
     made = run("iso9283-poses", str(SCARA), "--edge", "150mm", "--cycles", "2", "-o", str(plan))
     assert made.exit_code == 0
-    assert "cube of 150 mm" in made.stdout
+    assert "cube with an edge of 150 mm" in made.stdout
     assert "j3, mm" in made.stdout
     assert max(map(len, made.stdout.splitlines())) <= 80
     assert run("simulate", str(SCARA), "--at", str(plan), "-o", str(visited)).exit_code == 0

@@ -186,15 +186,15 @@ def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (["a", "-"], 2, "standard input is one file"),
+        (["a", "-"], 2, "- (standard input) has no name"),
         (["a", "c", "a"], 2, "a.csv is given twice"),
         (["a", "c", "--confidence", "2"], 2, "less than 1, not 2"),
         (["a", "c", "--align", "base_frame"], 2, "it needs --robot"),
-        (["a", "c", "--tip-link", "t"], 2, "the URDF that --robot names"),
+        (["a", "c", "--tip-link", "t"], 2, "choose a chain of a URDF, so they need --robot"),
         (["a", "c", "--robot", "none.yaml"], 3, "none.yaml: there is no such file"),
         (["a", "c", "--scale", "none.yaml"], 3, "none.yaml: there is no such file"),
-        (["a", "c", "--per-pose", "x.csv"], 2, "of several files it is a folder"),
-        (["a", "c", "--per-pose", "./"], 2, "a.csv is an input too, and would be overwritten"),
+        (["a", "c", "--per-pose", "x.csv"], 2, "several files need a folder"),
+        (["a", "c", "--per-pose", "./"], 2, "a.csv is also an input and would be overwritten"),
         (["a", "c", "--output", "a.csv/"], 3, "a.csv/: cannot be created: "),
         (["sub/c", "c", "sub-c", "--output", "out/"], 2, "would both be written to out/sub-c.txt"),
     ],
@@ -225,7 +225,7 @@ def test_names_are_as_short_as_they_can_be_told_apart(paths: list[str], names: l
     assert distinct_names(paths) == names
 
 
-@pytest.mark.parametrize(("code", "message", "status"), [(-9, "want of memory", 3), (1, "which is a defect", 1)])
+@pytest.mark.parametrize(("code", "message", "status"), [(-9, "lack of memory", 3), (1, "which is a defect", 1)])
 def test_what_is_said_of_a_file_whose_process_died(
     folder: Path, monkeypatch: pytest.MonkeyPatch, code: int, message: str, status: int
 ) -> None:

@@ -139,10 +139,10 @@ def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
         (("--temperature", "warm"), "--temperature: expected numbers separated by ':', found 'warm'"),
         (("--temperature", "1:2:3"), "--temperature: expected one number or two as 22:28, found '1:2:3'"),
         (("--payload", "1,x"), "--payload: expected numbers separated by ',', found '1,x'"),
-        (("--payload", "1,-2"), "--payload: a payload is a number that is not negative, found -2"),
-        (("--sigma",), "--sigma needs a noise above zero"),
+        (("--payload", "1,-2"), "--payload: expected masses of at least 0 kg, found -2"),
+        (("--sigma",), "--sigma needs --noise above zero, and --noise-orientation unless --position-only"),
         (("--outliers", "9"), "9 outliers are more than the 5 rows"),
-        (("--format", "json"), "--format json tells of the file that --output names; name one"),
+        (("--format", "json"), "--format json needs --output, the CSV that it describes"),
     ],
 )
 def test_each_wrong_option_has_its_message(arguments: tuple[str, ...], message: str) -> None:
@@ -162,7 +162,7 @@ def test_an_effect_that_lacks_its_circumstance_names_the_options(tmp_path: Path)
     path.write_text(PUMA.read_text(encoding="utf-8") + entry, encoding="utf-8")
     message = refused("simulate", path, "--poses", 3)
     assert "frame_drift needs the column time_s" in message
-    assert "--time-step, --temperature and --payload give circumstances" in message
+    assert "--time-step, --temperature and --payload add such columns" in message
 
 
 def commands() -> list[str]:
@@ -208,7 +208,7 @@ def test_the_catalogue_lists_every_effect() -> None:
 def test_one_effect_in_detail_and_one_that_is_none() -> None:
     text = run("effects", "backlash", "--robot", PUMA).stdout
     assert "{effect: backlash, joints: [j2], values: {j2: -1e-4}}" in text
-    assert "offered on j1, j2, j3, j4, j5, j6" in text
+    assert "applicable to j1, j2, j3, j4, j5, j6" in text
     assert "backlash.j2 (rad)" in text
     assert "Ruderman" in text
     assert "36 more" in run("effects", "joint_correction", "--robot", PUMA).stdout
@@ -231,11 +231,11 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     assert offers(*no_motion)["approach_lag"] == "no speed_q columns (and rows not --ordered)"
     assert offers(*no_motion, "--ordered")["approach_lag"] is None
     text = run("effects", "--robot", SCARA).stdout
-    assert "not offered: no masses in the robot file" in text
+    assert "not applicable: no masses in the robot file" in text
 
 
 def test_poses_without_a_robot_cannot_be_judged() -> None:
-    message = "--poses, --ordered, --base-link and --tip-link go with --robot"
+    message = "--poses, --ordered, --base-link and --tip-link need --robot"
     assert message in refused("effects", "--poses", SAMPLES / "poses.csv")
 
 
@@ -264,6 +264,6 @@ def test_export_to_standard_output_is_the_urdf_and_nothing_else(tmp_path: Path) 
     assert result.stdout.startswith("<?xml")
     assert result.stdout.rstrip().endswith("</robot>")
     assert "warning: a URDF cannot carry gear ratio" in result.stderr
-    message = "--format json tells of the file that --urdf names; name one other than -"
+    message = "--format json and --urdf - both write to standard output; name a file for --urdf"
     assert message in refused("export", PUMA, "--urdf", "-", "--format", "json")
     assert "its folder does not exist" in refused("export", PUMA, "--urdf", tmp_path / "no" / "x.urdf", status=3)

@@ -235,7 +235,7 @@ def test_a_digest_is_of_the_bytes_that_were_read(tmp_path: Path) -> None:
         ("echo '{gate}' | {estimate} --gate - --junit - -o /dev/null", 0, '<testsuite id="0"'),
         ("{estimate} --gate <(echo '{gate}') --format json", 0, '"outcome": "pass"'),
         ("{estimate} --format json | {robacc} check - --gate <(echo '{gate}')", 0, "pass"),
-        ("{robacc} estimate - --robot - < {samples}/robot.yaml", 2, "standard input can be read once"),
+        ("{robacc} estimate - --robot - < {samples}/robot.yaml", 2, "standard input can be read only once"),
         ("{estimate} --gate g --junit -", 2, "both name standard output; name a file for one of them"),
     ],
 )

@@ -19,9 +19,7 @@ def check(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Check a stored result against a gate.
-
-    The exit status is 0 for pass, 4 for fail and 5 for inconclusive.
+    """Check a stored result against a gate; exit 0: pass, 4: fail, 5: inconclusive.
 
     Example: robacc check result.json --gate gate.yaml
     """

@@ -49,7 +49,7 @@ def compare(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Compare stored results: every shared figure, significant differences, ranking and confirmed grades.
+    """Compare stored results: significant differences, ranking and confirmed grades.
 
     Differences are paired if the results have the same poses.
 

@@ -62,7 +62,9 @@ def iso9283(
     junit: JunitOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Compute the pose criteria of ISO 9283 from cycles of commanded poses, and check the conditions of the standard.
+    """Compute the pose criteria of ISO 9283 from cycles of commanded poses.
+
+    The result also lists which conditions of the standard the measurement meets.
 
     With --robot, the commanded pose is the robot's pose at the commanded joints; without, it is read from the cmd_
     columns. If neither is known, the result has repeatability but no accuracy.

@@ -63,7 +63,7 @@ def iso9283_poses(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """Plan the cube of ISO 9283 in the workspace of an arm and its five poses, and write them as a CSV.
+    """Plan the cube of ISO 9283 and its five poses for an arm, and write them as a CSV.
 
     The CSV has pose, cycle, joints and commanded pose. Add the measured x, y, z and orientation, and robacc iso9283
     reads it. With --output, a summary of the plan is written to standard output.

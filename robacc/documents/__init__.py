@@ -1,1 +1,1 @@
-"""Results as JSON documents: one module a command, the envelope they share, and reading them back."""
+"""JSON documents of results: one module for each command, their common envelope, and reading them back."""

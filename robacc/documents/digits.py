@@ -1,4 +1,4 @@
-"""Numbers of a document rounded to the digits that mean something, so that they agree on all processors."""
+"""Rounding of a document's numbers to significant digits, so that documents agree on all processors."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def significant_document(value: Any) -> Any:
 def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
     """Round each finite number of an array to :data:`SIGNIFICANT_DIGITS` significant digits, -0.0 to 0.0.
 
-    Both an integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
-    number and is written with no more digits than that. Numbers that need a larger power go one by one.
+    An integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
+    number and is written with no more digits than that. Numbers that need a larger power are rounded in a loop.
     """
     values = np.asarray(array, dtype=np.float64)
     size = np.abs(np.where(np.isfinite(values), values, 0.0))
@@ -38,6 +38,6 @@ def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
     exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
     power = 10.0 ** np.where(exact, places, 0.0)
     result = np.where(exact, np.rint(values * power) / power, values) + 0.0
-    others = ~exact & (size > 0.0)
-    result[others] = [significant(value) for value in values[others].tolist()]
+    inexact = ~exact & (size > 0.0)
+    result[inexact] = [significant(value) for value in values[inexact].tolist()]
     return result

@@ -1,4 +1,4 @@
-"""What every result carries: which tool made it, from what, and how, and nothing that changes from run to run."""
+"""Envelope of every result: the version, command, options and inputs that made it, and nothing that varies by run."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ from robacc.documents.digits import significant_document
 from robacc.version import __version__
 
 _SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
-"""Versions of the schemas that are not at their first; one goes up when a key of the result changes its name or
-meaning, and stays when keys are added."""
+"""Schema versions other than 1. A version goes up when a key changes its name or meaning, not when keys are added."""
 
 
 @dataclass(frozen=True, slots=True)
 class InputFile:
-    """One file that a result was computed from."""
+    """One input file of a result."""
 
     name: str
-    """File name without its folder, so that the same data give the same result wherever they lie; ``-`` for a pipe."""
+    """File name without its folder, so that a result does not depend on the folder; ``-`` for a pipe."""
     sha256: str
-    """Of the file's bytes, hexadecimal."""
+    """Digest of the file's bytes, hexadecimal."""
     kind: str
     """``poses``, ``robot``, ``scale`` …"""
 
     @classmethod
     def at(cls, path: str, sha256: str, kind: str) -> InputFile:
-        """The record of the file at ``path``."""
+        """Return the record of the file at ``path``."""
         return cls(path if path == "-" else PurePath(path).name, sha256, kind)
 
 
@@ -45,11 +44,16 @@ def envelope(
     inputs: Sequence[InputFile],
     seed: int | None,
 ) -> dict[str, Any]:
-    """The whole document of a result: how it was made, then the keys of ``payload`` beside it.
+    """Return the complete document of a result: its envelope, then the keys of ``payload``.
 
-    There is no clock in it and no path of a machine: on one machine the same call on the same files
-    gives the same bytes. ``options``
-    are those that the figures depend on, by their names on the command line.
+    The document has no time and no path. On one machine, the same call on the same files gives the same bytes.
+
+    Args:
+        command: Name of the command.
+        payload: Keys of the command's result.
+        options: Options that the figures depend on, by their names on the command line.
+        inputs: Input files.
+        seed: Seed of random numbers, if the command uses any.
     """
     return {
         "schema": f"robacc.{command}/{schema_version(command)}",

@@ -1,4 +1,4 @@
-"""An estimate as the keys of ``robacc.estimate/1`` (m and rad), and its errors pose by pose as CSV."""
+"""Keys of ``robacc.estimate/1`` in m and rad, and the errors of every pose as CSV."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from robacc.robots.description import Robot
 
 
 def payload(result: EstimateResult) -> dict[str, Any]:
-    """The document's own keys; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
+    """Return the keys of the estimate; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
     orientation = None
     if result.orientation is not None and result.errors.rotation is not None:
         orientation = {**statistics_document(result.orientation), "errors_rad": result.errors.rotation.T}
@@ -46,27 +46,27 @@ def payload(result: EstimateResult) -> dict[str, Any]:
 
 
 def pose_payload(
-    data: Measurements, robot: Robot | None, moments: Mapping[ErrorFrame, FrameStatistics]
+    data: Measurements, robot: Robot | None, by_frame: Mapping[ErrorFrame, FrameStatistics]
 ) -> dict[str, Any]:
-    """Keys from the data: their measuring uncertainty; the robot, every pose, and position errors in both frames."""
+    """Return the keys of the data: measurement noise, robot, every pose, and position errors in both frames."""
     return {
         "noise": _noise(data),
         "robot": robot_document(robot, data.q),
-        "poses": pose_document(data, data.position - moments["base"].errors),
+        "poses": pose_document(data, data.position - by_frame["base"].errors),
         "position_by_frame": {
             frame: {
-                "mean_m": one.mean,
-                "covariance_m2": one.covariance,
-                "centred_covariance_m2": one.centred,
-                "errors_m": rounded(one.errors),
+                "mean_m": statistics.mean,
+                "covariance_m2": statistics.covariance,
+                "centred_covariance_m2": statistics.centred,
+                "errors_m": rounded(statistics.errors),
             }
-            for frame, one in moments.items()
+            for frame, statistics in by_frame.items()
         },
     }
 
 
 def _noise(data: Measurements) -> dict[str, Any] | None:
-    """The file's measuring uncertainty along or about an axis, rms over poses; None where it states none."""
+    """Return the measurement noise that the file states, RMS over poses for each axis; None if it states none."""
     if data.sigma_position is None and data.sigma_rotation is None:
         return None
     position, rotation = (
@@ -77,7 +77,7 @@ def _noise(data: Measurements) -> dict[str, Any] | None:
 
 
 def per_pose_csv(result: EstimateResult, data: Measurements) -> str:
-    """A row a pose: its line, its ids, the error vector and its length, in m and rad."""
+    """Return a CSV row for each pose: its line, its ids, the error vector and its length, in m and rad."""
     columns: dict[str, Iterable[str]] = {"line": (str(data.line(i)) for i in range(data.n))}
     for name, ids in (("pose", data.pose), ("cycle", data.cycle), ("target", data.target)):
         if ids is not None:

@@ -1,4 +1,4 @@
-"""A gate file and the stored results that it compares with."""
+"""Read a gate file and the baselines that it names."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from robacc.io.files import read_text, sha256_of
 
 @dataclass(frozen=True, slots=True)
 class LoadedGate:
-    """A gate with all that it needs."""
+    """A gate with its baselines."""
 
     gate: Gate
     baselines: Mapping[str, Mapping[str, Any]]
-    """Documents of the stored results, by their paths in the gate."""
+    """Documents of the baselines, by their paths in the gate."""
     records: tuple[InputFile, ...]
-    """Of the gate file and the stored results."""
+    """Records of the gate file and the baselines."""
 
 
 def read_gate(path: str) -> LoadedGate:
-    """The gate in a file, and its baselines, whose paths are from the gate file's folder.
+    """Return the gate of a file with its baselines, whose paths start from the folder of the gate file.
 
     Raises:
-        InputError: One of the files cannot be read or is not what it should be.
+        InputError: One of the files cannot be read, is not a gate, or is not a result.
     """
     gate = load_gate(read_text(path), path)
     records = [InputFile.at(path, sha256_of(path), "gate")]
@@ -52,5 +52,5 @@ def read_gate(path: str) -> LoadedGate:
 
 
 def baseline_path(gate: str, name: str) -> str:
-    """Where a baseline lies that the file ``gate`` names."""
+    """Return the path of a baseline that the file ``gate`` names."""
     return os.fspath(Path(gate).parent / name)

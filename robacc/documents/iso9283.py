@@ -1,8 +1,8 @@
-"""An evaluation after ISO 9283 as the keys of ``robacc.iso9283/1`` (m and rad).
+"""Keys of ``robacc.iso9283/1`` in m and rad.
 
-Every characteristic has ``max_m``, the largest over commanded poses (of a signed one the largest size), with its
-interval under ``intervals``, so that a gate's ``iso9283.RP.max`` finds both; where there is no number it is null and
-``why`` says so.
+Every characteristic has ``max_m``, the largest value over commanded poses (the largest magnitude, if it has a sign),
+with its interval under ``intervals``, so that a gate's ``iso9283.RP.max`` finds both. A missing value is null, and
+``why`` gives the reason.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ Document = dict[str, Any]
 
 
 def payload(result: Iso9283Result) -> Document:
-    """The document's own keys; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
-    found = {one.symbol: one for one in result.characteristics}
+    """Return the keys of the evaluation; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
+    by_symbol = {characteristic.symbol: characteristic for characteristic in result.characteristics}
     return {
         "n_poses": result.n_poses,
         "n_commanded_poses": len(result.poses),
@@ -38,17 +38,17 @@ def payload(result: Iso9283Result) -> Document:
         "unaligned": None if result.unaligned is None else {"AP_max_m": result.unaligned},
         "confidence": result.confidence,
         "iso9283": {
-            "AP": _characteristic(found["AP"]),
-            "RP": _characteristic(found["RP"]),
-            "vAP": _characteristic(found["vAP"]),
-            "AD": _characteristic(found["AD"]),
-            "RD": _characteristic(found["RD"]),
+            "AP": _characteristic(by_symbol["AP"]),
+            "RP": _characteristic(by_symbol["RP"]),
+            "vAP": _characteristic(by_symbol["vAP"]),
+            "AD": _characteristic(by_symbol["AD"]),
+            "RD": _characteristic(by_symbol["RD"]),
             "drift": {
-                "AP": _characteristic(found["dAP"]),
-                "RP": _characteristic(found["dRP"]),
-                "barycentre": _characteristic(found["shift"]),
+                "AP": _characteristic(by_symbol["dAP"]),
+                "RP": _characteristic(by_symbol["dRP"]),
+                "barycentre": _characteristic(by_symbol["shift"]),
             },
-            "exchangeability": _characteristic(found["E"]),
+            "exchangeability": _characteristic(by_symbol["E"]),
         },
         "protocol": [
             {
@@ -65,42 +65,42 @@ def payload(result: Iso9283Result) -> Document:
     }
 
 
-def proposal_payload(found: Proposal) -> Document:
-    """The keys of ``robacc.iso9283-poses/1``."""
+def proposal_payload(proposal: Proposal) -> Document:
+    """Return the keys of ``robacc.iso9283-poses/1``."""
     return {
-        "cube": {"edge_m": found.edge, "centre_in_base_m": found.centre, "plane_rises_towards": found.plane},
-        "orientation": found.orientation,
-        "target": found.target,
-        "joint_margin": found.margin,
+        "cube": {"edge_m": proposal.edge, "centre_in_base_m": proposal.centre, "plane_rises_towards": proposal.plane},
+        "orientation": proposal.orientation,
+        "target": proposal.target,
+        "joint_margin": proposal.margin,
         "poses": [
             {
                 "pose": f"P{i + 1}",
-                "position_m": found.poses.translation[:, i],
-                "quaternion": quaternion_from_rotation(found.poses.rotation[..., i]),
-                "q": found.q[:, i],
+                "position_m": proposal.poses.translation[:, i],
+                "quaternion": quaternion_from_rotation(proposal.poses.rotation[..., i]),
+                "q": proposal.q[:, i],
             }
-            for i in range(found.q.shape[1])
+            for i in range(proposal.q.shape[1])
         ],
-        "notes": list(found.notes),
+        "notes": list(proposal.notes),
     }
 
 
-def _characteristic(one: Characteristic) -> Document:
+def _characteristic(characteristic: Characteristic) -> Document:
     return {
-        "symbol": one.symbol,
-        "clause": f"ISO 9283:1998, {one.clause}",
-        "max_m": one.position.value,
-        "max_at": one.position_at,
-        "intervals": {"max_m": interval_document(one.position.interval)},
-        "why": one.position.interval.why if one.position.value is None else None,
+        "symbol": characteristic.symbol,
+        "clause": f"ISO 9283:1998, {characteristic.clause}",
+        "max_m": characteristic.position.value,
+        "max_at": characteristic.position_at,
+        "intervals": {"max_m": interval_document(characteristic.position.interval)},
+        "why": characteristic.position.interval.why if characteristic.position.value is None else None,
         "orientation": {
-            "max_rad": one.angle.value,
-            "max_at": one.angle_at,
-            "intervals": {"max_rad": interval_document(one.angle.interval)},
-            "why": one.angle.interval.why if one.angle.value is None else None,
+            "max_rad": characteristic.angle.value,
+            "max_at": characteristic.angle_at,
+            "intervals": {"max_rad": interval_document(characteristic.angle.interval)},
+            "why": characteristic.angle.interval.why if characteristic.angle.value is None else None,
         },
-        "poses": [_criterion(place) for place in one.places],
-        "notes": one.notes,
+        "poses": [_criterion(place) for place in characteristic.places],
+        "notes": characteristic.notes,
     }
 
 
@@ -128,7 +128,7 @@ def _interval(figure: CriterionFigure) -> Document:
 
 
 def _visits(pose: CommandedPose) -> Document:
-    """Every visit of a commanded pose: what a picture of it needs."""
+    """Return every visit of a commanded pose, for charts."""
     return {
         "pose": pose.label,
         "file": pose.source,

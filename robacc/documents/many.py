@@ -1,4 +1,4 @@
-"""Results of many files as the keys of ``robacc.estimate-many/1``: an entry a file, with its whole result in it."""
+"""Keys of ``robacc.estimate-many/1``: an entry for each file, with its complete result."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from robacc.outcomes import EstimateHeadline, FileOutcome
 
 
 def many_pieces(head: Mapping[str, Any], entries: Iterable[tuple[Mapping[str, Any], str | None]]) -> Iterator[str]:
-    """The document's text in pieces, so that no more than a line of a file's result is held at a time.
+    """Yield the document's text in pieces, so that memory holds no more than a line of a file's result.
 
     Args:
-        head: What the document says of all files; their ``results`` come after it.
-        entries: What is said of each file, and the path of its JSON result, which becomes its key ``result``.
+        head: Keys about all files; their ``results`` follow.
+        entries: Keys about each file, and the path of its JSON result, which becomes its key ``result``.
     """
     yield json_text(head).removesuffix("\n}\n") + ',\n  "results": ['
     separator = "\n"
@@ -34,42 +34,42 @@ def many_pieces(head: Mapping[str, Any], entries: Iterable[tuple[Mapping[str, An
     yield "\n  ]\n}\n"
 
 
-def entry(one: FileOutcome) -> dict[str, Any]:
-    """What is said of one file beside its result."""
+def entry(outcome: FileOutcome) -> dict[str, Any]:
+    """Return the keys about one file other than its result."""
     document: dict[str, Any] = significant_document(
         {
-            "file": one.name,
-            "done": not one.failed,
-            "exit_status": one.exit_status,
-            "problems": [_problem(problem) for problem in one.problems],
-            "n_problems": one.n_problems,
-            "summary": None if one.headline is None else _summary(one.headline),
-            "gate": None if one.gate is None else gate_document(one.gate),
-            "written": one.written,
+            "file": outcome.name,
+            "done": not outcome.failed,
+            "exit_status": outcome.exit_status,
+            "problems": [_problem(problem) for problem in outcome.problems],
+            "n_problems": outcome.n_problems,
+            "summary": None if outcome.headline is None else _summary(outcome.headline),
+            "gate": None if outcome.gate is None else gate_document(outcome.gate),
+            "written": outcome.written,
         }
     )
     return document
 
 
 def totals(outcomes: Sequence[FileOutcome]) -> dict[str, Any]:
-    """How many files there were, and how many came to nothing."""
-    return {"n_files": len(outcomes), "n_failed": sum(one.failed for one in outcomes)}
+    """Return the number of files, and the number of files that failed."""
+    return {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)}
 
 
-def _summary(found: EstimateHeadline) -> dict[str, Any]:
+def _summary(headline: EstimateHeadline) -> dict[str, Any]:
     return {
-        "n_poses": found.n_poses,
-        "rms_m": found.rms,
-        "p95_m": found.p95,
-        "max_m": found.max,
-        "rms_rad": found.orientation_rms,
-        "grade": found.grade,
-        "demonstrated": found.demonstrated,
+        "n_poses": headline.n_poses,
+        "rms_m": headline.rms,
+        "p95_m": headline.p95,
+        "max_m": headline.max,
+        "rms_rad": headline.orientation_rms,
+        "grade": headline.grade,
+        "demonstrated": headline.demonstrated,
     }
 
 
 def _problem(problem: Problem) -> dict[str, Any]:
-    """Without the file, whose place on this machine is nobody's business."""
+    """Return a problem without its file, whose path is private to this machine."""
     return {
         "message": problem.message,
         "line": problem.line,
@@ -84,7 +84,7 @@ def _indented(text: str, indent: str) -> str:
 
 
 def _nested(lines: Iterable[str], indent: str) -> Iterator[str]:
-    """A document's lines but for the last one's end, all behind the first set in."""
+    """Yield a document's lines without the last line end; all lines but the first are indented."""
     ending = ""
     for line in lines:
         yield ending + (indent if ending else "") + line.rstrip("\n")

@@ -1,6 +1,6 @@
-"""What pictures of a result need beside its figures: the robot in outline, every pose, and the curves of effects.
+"""Parts of a JSON result for charts: the robot's outline, every pose, and the curves of effects.
 
-Numbers a pose are rounded to 1e-12 m or rad, far below any instrument, which halves the document.
+Values of poses are rounded to 1e-12 m or rad, far below any instrument, which halves the size of the document.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _DECIMALS = 12
 
 
 def robot_document(robot: Robot | None, q: Array | None) -> dict[str, Any] | None:
-    """Name, joints, and the arm's outline at the most usual of the poses ``q`` ``(J, N)``; None without a robot."""
+    """Return the robot's name, joints, and outline at a typical pose of ``q`` ``(J, N)``; None without a robot."""
     if robot is None:
         return None
     arm = Arm.of(robot)
@@ -39,12 +39,17 @@ def robot_document(robot: Robot | None, q: Array | None) -> dict[str, Any] | Non
 
 
 def pose_document(
-    data: Measurements, commanded: Array, found: Residuals | None = None, used: NDArray[np.bool_] | None = None
+    data: Measurements, commanded: Array, residuals: Residuals | None = None, used: NDArray[np.bool_] | None = None
 ) -> dict[str, Any]:
-    """A column a key, a row a pose: where it stands in the file, what was commanded and measured, what was missed.
+    """Return columns with an entry for each row: its line, ids, commanded and measured values, and residuals.
 
-    ``commanded`` ``(3, N)`` is where the target was to be in the measuring frame. Rows with one ``group`` are
-    repetitions of one commanded pose.
+    Rows with the same ``group`` are repetitions of one commanded pose.
+
+    Args:
+        data: The measured rows.
+        commanded: ``(3, N)`` commanded position of the target in the measuring frame, m.
+        residuals: Residuals of a fit, if there is a fit.
+        used: ``(N,)`` rows without outliers.
     """
     return {
         "line": [data.line(i) for i in range(data.n)],
@@ -59,28 +64,28 @@ def pose_document(
         "temperature_c": data.temperature,
         "payload_kg": data.payload,
         "used": used,
-        **({} if found is None else _stages(found)),
+        **({} if residuals is None else _stages(residuals)),
     }
 
 
-def _stages(found: Residuals) -> dict[str, Any]:
-    named = {
-        "nominal": found.nominal,
-        "before": found.before,
-        "after": found.after,
-        "held_out_before": found.held_out_before,
-        "held_out_after": found.held_out_after,
+def _stages(residuals: Residuals) -> dict[str, Any]:
+    by_stage = {
+        "nominal": residuals.nominal,
+        "before": residuals.before,
+        "after": residuals.after,
+        "held_out_before": residuals.held_out_before,
+        "held_out_after": residuals.held_out_after,
     }
     return {
-        "errors_m": {name: None if one is None else rounded(one[:3]) for name, one in named.items()},
+        "errors_m": {name: None if errors is None else rounded(errors[:3]) for name, errors in by_stage.items()},
         "errors_rad": None
-        if found.nominal.shape[0] == 3
-        else {name: None if one is None else rounded(one[3:]) for name, one in named.items()},
+        if residuals.nominal.shape[0] == 3
+        else {name: None if errors is None else rounded(errors[3:]) for name, errors in by_stage.items()},
     }
 
 
 def curve_document(curve: PartialResidual) -> dict[str, Any]:
-    """One curve of an effect; ``unit`` is of every value, ``driver_unit`` of ``x`` and ``grid``."""
+    """Return one curve of an effect; ``x`` and ``grid`` are in ``driver_unit``, all other values in ``unit``."""
     spectrum = curve.spectrum
     return {
         "joint": curve.joint,
@@ -106,7 +111,7 @@ def curve_document(curve: PartialResidual) -> dict[str, Any]:
 
 
 def rounded(values: Array) -> Array:
-    """Poses first, as a document lists them, without digits that mean nothing."""
+    """Return rounded values with poses first, the order of a document."""
     result: Array = np.round(values, _DECIMALS).T
     return result
 

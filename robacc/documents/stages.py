@@ -1,4 +1,4 @@
-"""The stages of a fit, before and after, as parts of a JSON result: the figures of each, with their intervals."""
+"""Stages of a fit as parts of a JSON result: the metrics of each stage with their intervals."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ CONFIDENCE = 0.95
 
 
 class ErrorRows(NamedTuple):
-    """The residuals that figures are of."""
+    """Residuals behind the metrics of a stage."""
 
     residual: Array
     """``(3 or 6, N)`` m, rad"""
     used: NDArray[np.bool_]
-    """``(N,)`` rows that the figures are of."""
+    """``(N,)`` rows behind the metrics."""
     groups: NDArray[np.int64]
     """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
 
 
 def stage_document(stage: Stage, fitted: ErrorRows, held: ErrorRows | None, seed: int) -> dict[str, Any]:
-    """One stage: of the poses fitted, and of those held out where there are such.
+    """Return the metrics of one stage on calibration poses, and on held-out poses if there are any.
 
-    Intervals of fitted figures do not know that the poses were fitted; those held out are the ones to judge by.
+    Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
     return {
         "fitted": _poses(stage.fitted, fitted, seed),

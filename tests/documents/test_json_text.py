@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robacc.documents.envelope import InputFile, envelope
@@ -20,6 +20,7 @@ values = st.recursive(
 )
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(st.dictionaries(st.text(), values))
 def test_reads_back_as_it_was(document: dict[str, object]) -> None:
     assert json.loads(json_text(document)) == document

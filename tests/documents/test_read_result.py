@@ -1,4 +1,4 @@
-"""Stored results read back: what a hostile or truncated file makes of it is one clear error."""
+"""Stored results are read back; a hostile or truncated file gives one clear error."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ def problems(tmp_path: Path, text: str | bytes) -> str:
 def test_a_result_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     text = json_text(good(note="Prüfung ✓"))
     path = stored(tmp_path, text)
-    found = read_result(path)
-    assert found.document == good(note="Prüfung ✓")
-    assert (found.command, found.name, found.sha256) == ("estimate", path, sha256(text.encode()).hexdigest())
-    assert found.record == InputFile("result.json", found.sha256, "result")
+    result = read_result(path)
+    assert result.document == good(note="Prüfung ✓")
+    assert (result.command, result.name, result.sha256) == ("estimate", path, sha256(text.encode()).hexdigest())
+    assert result.record == InputFile("result.json", result.sha256, "result")
 
 
 def test_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
     text = json_text(good())
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
-    found = read_result("-")
-    assert (found.name, found.record.name, found.document["n_poses"]) == ("-", "-", 3)
+    result = read_result("-")
+    assert (result.name, result.record.name, result.document["n_poses"]) == ("-", "-", 3)
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"{")))
-    with pytest.raises(InputError, match=r"^<stdin>:1: ends in the middle: it was cut short$"):
+    with pytest.raises(InputError, match=r"^<stdin>:1: is incomplete; the file was truncated$"):
         read_result("-")
 
 
@@ -70,29 +70,29 @@ def test_a_pipe_is_read_once(tmp_path: Path) -> None:
 def test_every_truncation_is_one_clear_error(tmp_path: Path) -> None:
     text = json_text(good(position={"rms_m": 1.25e-4, "errors_m": [[1.5, -2.0], [None, True]]})).rstrip()
     for length in [*range(1, len(text), 3), len(text) - 1]:
-        assert "ends in the middle: it was cut short" in problems(tmp_path, text[:length]), text[:length]
+        assert "is incomplete; the file was truncated" in problems(tmp_path, text[:length]), text[:length]
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "result.json: is empty; make it with --format json --output FILE"),
-        (" \n", "result.json: is empty; make it with --format json --output FILE"),
-        ("Error of 5 poses", "result.json:1: is not JSON: Expecting value at character 1; results are stored with"),
+        ("", "result.json: is empty; save the result as JSON"),
+        (" \n", "result.json: is empty; save the result as JSON"),
+        ("Error of 5 poses", "result.json:1: is not JSON: Expecting value at character 1; save the result as JSON"),
         ('{"a": 1,\n "b" 2}', "result.json:2: is not JSON: Expecting ':' delimiter at character 6"),
         ('{"a": [1}', "result.json:1: is not JSON: Expecting ',' delimiter at character 9"),
         ("{} {}", "result.json:1: is not JSON: Extra data at character 4"),
-        ('{"a": 1, "b": 2, "a": 3}', "result.json: is no result: the key 'a' stands twice in one object"),
-        ('{"a": NaN}', "result.json: is no result: NaN is no number, and JSON does not have it"),
-        ('{"a": -Infinity}', "result.json: is no result: -Infinity is no number"),
-        ('{"a": 1e999}', "result.json: is no result: the number 1e999 is too large"),
-        ('{"a": %s}' % ("9" * 5000), "result.json: is no result: Exceeds the limit"),
+        ('{"a": 1, "b": 2, "a": 3}', "result.json: is not a result: an object has the key 'a' twice"),
+        ('{"a": NaN}', "result.json: is not a result: NaN is not a number of JSON"),
+        ('{"a": -Infinity}', "result.json: is not a result: -Infinity is not a number of JSON"),
+        ('{"a": 1e999}', "result.json: is not a result: the number 1e999 is too large"),
+        ('{"a": %s}' % ("9" * 5000), "result.json: is not a result: Exceeds the limit"),
         ("[" * 100_000, "result.json: is nested more deeply than any result"),
-        ('{"a": "\\ud800"}', "result.json: holds half of a surrogate pair, which is no character"),
+        ('{"a": "\\ud800"}', "result.json: contains half of a surrogate pair, which is not a character"),
         (b'{"a": \x00}', "result.json:1: is not a text file: it contains a NUL byte"),
         (b'{"a": "\xe4"}', "result.json:1: is not UTF-8 text (byte 0xe4)"),
-        ("[]", "result.json: is no result of robacc: it is no JSON object; make it with --format json"),
-        ("{}", "result.json: is no result of robacc: it has no key 'schema'; make it with --format json"),
+        ("[]", "result.json: is not a result of robacc: it is not a JSON object; save the result as JSON"),
+        ("{}", "result.json: is not a result of robacc: it has no key 'schema'; save the result as JSON"),
     ],
 )
 def test_what_is_no_result_is_said(tmp_path: Path, text: str | bytes, message: str) -> None:
@@ -111,16 +111,16 @@ def test_what_is_no_result_is_said(tmp_path: Path, text: str | bytes, message: s
         ({"schema": "x" * 500}, f'result.json, schema: found "{"x" * 56}…, expected robacc.COMMAND/VERSION'),
         (
             {"schema": "robacc.estimate/2"},
-            f'result.json, schema: is version 2 of the schema, made by robacc "{__version__}"; this robacc reads 1; '
-            "make the result again with this robacc, or read it with the one that made it",
+            f'result.json, schema: has version 2 of the schema, from robacc "{__version__}"; this robacc reads '
+            "version 1; compute the result again with this robacc, or read it with the robacc that made it",
         ),
-        ({"command": "trace"}, "result.json, command: found \"trace\", but the schema is of 'estimate'"),
-        ({"robacc": None}, "result.json, robacc: the version that made it is expected here, found nothing"),
-        ({"options": []}, "result.json, options: its options is expected here, found []"),
-        ({"inputs": {}}, "result.json, inputs: the list of its input files is expected here, found {}"),
+        ({"command": "trace"}, "result.json, command: found \"trace\", but the schema belongs to 'estimate'"),
+        ({"robacc": None}, "result.json, robacc: expected the robacc version, found nothing"),
+        ({"options": []}, "result.json, options: expected the options, found []"),
+        ({"inputs": {}}, "result.json, inputs: expected the list of input files, found {}"),
         (
             {"inputs": [{"name": "a", "sha256": 3, "kind": "poses"}]},
-            "result.json, inputs[0]: name, sha256 and kind of a file are expected here",
+            "result.json, inputs[0]: expected name, sha256 and kind of a file",
         ),
     ],
 )

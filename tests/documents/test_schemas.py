@@ -298,4 +298,4 @@ def test_the_command_prints_the_schema(tmp_path: Path) -> None:
     assert json.loads(target.read_text(encoding="utf-8")) == robacc.schema("check")
     missing = CliRunner().invoke(app, ["schema", "estimat"], catch_exceptions=False)
     assert missing.exit_code == 2
-    assert f"no schema 'estimat'; there are {', '.join(NAMES)}" in " ".join(missing.stderr.split())
+    assert f"no schema 'estimat'; choose one of {', '.join(NAMES)}" in " ".join(missing.stderr.split())

@@ -17,7 +17,7 @@ Reader = Callable[..., Measurements]
 """Reads text or bytes as a file called poses.csv: the fixture ``read``."""
 
 
-def complaints(reader: Reader, text: str | bytes, **options: Any) -> list[str]:
+def problem_texts(reader: Reader, text: str | bytes, **options: Any) -> list[str]:
     """The problems of a file that must have some, without the folder's name."""
     with pytest.raises(InputError) as caught:
         reader(text, **options)

@@ -62,7 +62,7 @@ class Joint:
 
     @property
     def is_variable(self) -> bool:
-        """Whether the joint has a variable (a column ``q_i``)."""
+        """True for a joint with a variable (a column ``q_i``)."""
         return self.type != "fixed" and self.mimic is None
 
     @property
@@ -112,7 +112,7 @@ class Robot:
 
     @property
     def has_masses(self) -> bool:
-        """Whether the weight that loads the joints is known (every moved link from the first mass on has a mass)."""
+        """True where the weight that loads the joints is known: every moved link from the first mass on has a mass."""
         return any(joint.mass for joint in self.joints)
 
 

@@ -1,4 +1,4 @@
-"""Files made hostile: the words of a good one exchanged for such as broke programs before, and trees cut about."""
+"""Mutate valid files: replace tokens by ones that often break programs, and change JSON trees."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NUMBERS = (
     *("nan", "NaN", ".nan", "inf", "-inf", ".inf", "Infinity", "1_000", "1:30", "0x10", "010", "1,5", "١٢", "½", "1e"),
     *("3.141592653589793", "6.283185307179586", "90", "1000", "1e5", "99999999999999999999999", "1" * 400, ""),
 )
-WORDS = (
+TOKENS = (
     *("no", "off", "yes", "null", "~", "true", "{}", "[]", "- ", "&a", "*a", "<<: *a", "!x"),
     "!!python/object:os.system",
     *("\x00", "\x1b[31m", "\x07", "\r", "\u202e", "\u2028", "\ufeff", "\x85", "é", "𝒳", "\x7f", "#", '"', "'"),
@@ -26,34 +26,34 @@ VALUES: tuple[Any, ...] = (
     *("\x1b[2J", "\u202e"),
     *([], {}, [[]], [None], [1], [1, 2, 3], {"a": 1}, "a" * 300, "[bold]", "m", "A", "E", 0.5, 1.0, 1e-9),
 )
-_WORD = re.compile(r"[^\s,:\[\]{}<>=\"']+|\n|.", re.DOTALL)
+_TOKEN = re.compile(r"[^\s,:\[\]{}<>=\"']+|\n|.", re.DOTALL)
 
 
-def of_text(data: bytes, rng: random.Random) -> bytes:
-    """One to four of a text's words exchanged, dropped, doubled or moved, or some of its bytes."""
+def mutate_text(data: bytes, rng: random.Random) -> bytes:
+    """Replace, drop, repeat or move one to four tokens of a text, or change its bytes."""
     if rng.random() < 0.1:
-        return of_bytes(data, rng)
-    words = _WORD.findall(data.decode(errors="surrogateescape"))
+        return mutate_bytes(data, rng)
+    tokens = _TOKEN.findall(data.decode(errors="surrogateescape"))
     for _ in range(rng.choice((1, 1, 2, 4))):
-        if not words:
+        if not tokens:
             break
-        i, kind = rng.randrange(len(words)), rng.randrange(7)
+        i, kind = rng.randrange(len(tokens)), rng.randrange(7)
         if kind <= 2:
-            words[i] = rng.choice(NUMBERS if any(sign.isdigit() for sign in words[i]) or kind == 2 else WORDS)
+            tokens[i] = rng.choice(NUMBERS if any(sign.isdigit() for sign in tokens[i]) or kind == 2 else TOKENS)
         elif kind == 3:
-            del words[i : i + rng.choice((1, 1, 3, 30))]
+            del tokens[i : i + rng.choice((1, 1, 3, 30))]
         elif kind == 4:
-            words[i:i] = words[i : i + rng.choice((1, 3, 30))]
+            tokens[i:i] = tokens[i : i + rng.choice((1, 3, 30))]
         elif kind == 5:
-            words.insert(i, rng.choice(WORDS))
+            tokens.insert(i, rng.choice(TOKENS))
         else:
-            j = rng.randrange(len(words))
-            words[i], words[j] = words[j], words[i]
-    return "".join(words).encode(errors="surrogateescape")
+            j = rng.randrange(len(tokens))
+            tokens[i], tokens[j] = tokens[j], tokens[i]
+    return "".join(tokens).encode(errors="surrogateescape")
 
 
-def of_bytes(data: bytes, rng: random.Random) -> bytes:
-    """A byte changed, the end cut off, or another encoding."""
+def mutate_bytes(data: bytes, rng: random.Random) -> bytes:
+    """Change a byte, cut off the end, or change the encoding or line ends."""
     kind, i = rng.randrange(4), rng.randrange(len(data) + 1)
     if kind == 0:
         return data[:i]
@@ -64,14 +64,14 @@ def of_bytes(data: bytes, rng: random.Random) -> bytes:
     return data[:i] + bytes([rng.randrange(256)]) + data[i + 1 :]
 
 
-def of_tree(data: bytes, rng: random.Random) -> bytes:
-    """One to three values of a JSON document exchanged, dropped, doubled or moved."""
+def mutate_json(data: bytes, rng: random.Random) -> bytes:
+    """Replace, drop, repeat or move one to three values of a JSON document."""
     if rng.random() < 0.05:
-        return of_text(data, rng)
+        return mutate_text(data, rng)
     try:
         document = json.loads(data)
     except ValueError:
-        return of_text(data, rng)
+        return mutate_text(data, rng)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         holder, key = _place(document, rng)
         if holder is None:
@@ -91,9 +91,9 @@ def of_tree(data: bytes, rng: random.Random) -> bytes:
 
 
 def _place(document: Any, rng: random.Random) -> tuple[Any, Any]:
-    """A holder and a key or index of it, at any depth: each level stops with the same chance."""
-    holder, key, here = None, None, document
-    while isinstance(here, dict | list) and here and (holder is None or rng.random() < 0.75):
-        holder, key = here, rng.choice(list(here)) if isinstance(here, dict) else rng.randrange(len(here))
-        here = holder[key]
+    """Return a container and a key or index of it, at a random depth: each level stops with the same chance."""
+    holder, key, node = None, None, document
+    while isinstance(node, dict | list) and node and (holder is None or rng.random() < 0.75):
+        holder, key = node, rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
+        node = holder[key]
     return holder, key

@@ -1,8 +1,7 @@
-"""One call for each reader of robacc: bytes in, and an AssertionError where robacc does what it must never do.
+"""One call for each reader of robacc: bytes in, and an AssertionError where robacc breaks a rule.
 
-Whatever the bytes are, a command ends with the status 0 (it was no bad input), 2, 3, 4 or 5; an error is told in lines
-of printable text; what it prints as JSON has finite numbers only; a robot file that is taken is the same robot when it
-is written and read again.
+For any bytes, a command ends with the status 0 (valid input), 2, 3, 4 or 5; an error is printable text; printed JSON
+has finite numbers only; a valid robot file gives the same robot when it is written and read again.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ ALLOWED = frozenset({0, 2, 3, 4, 5})
 
 
 def folder() -> Path:
-    """A folder of this process, for the file that is attacked with."""
+    """Return a temporary folder of this process."""
     if not _FOLDER:
         _FOLDER.append(tempfile.TemporaryDirectory(prefix="robacc-fuzz-"))
     return Path(_FOLDER[0].name)
@@ -35,7 +34,7 @@ _FOLDER: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def call(*arguments: str) -> tuple[int, str, str]:
-    """A command in this process: exit status, standard output, standard error. A defect's exception passes through."""
+    """Run a command in this process; return exit status, standard output and standard error, raise its defects."""
     from robacc.cli.main import app
 
     out, err = io.StringIO(), io.StringIO()
@@ -50,10 +49,10 @@ def call(*arguments: str) -> tuple[int, str, str]:
 
 
 def clean(*arguments: str) -> tuple[int, str]:
-    """The same, held to what every command keeps; the status and standard output."""
+    """Run a command, assert the rules that hold for every command, and return status and standard output."""
     status, out, err = call(*arguments)
     assert status in ALLOWED, (status, err)
-    assert status in (0, 4, 5) or err, "an error without a word"
+    assert status in (0, 4, 5) or err, "an error without a message"
     assert status in (0, 4, 5) or not out, "an error with a result"
     for text in (out, err):
         assert all(sign.isprintable() or sign in "\n\t" for sign in text), f"control characters: {text!r:.500}"
@@ -73,18 +72,18 @@ def _written(data: bytes, name: str) -> str:
 
 
 def poses(data: bytes) -> None:
-    """A CSV of measured poses, without a robot."""
+    """Read a CSV of measured poses without a robot."""
     clean("estimate", _written(data, "poses.csv"), "--format", "json")
 
 
 def robot_poses(data: bytes) -> None:
-    """A CSV of measured poses of a robot."""
+    """Read a CSV of measured poses of a robot."""
     path = _written(data, "poses.csv")
     clean("estimate", path, "--robot", str(SAMPLES / "robot.yaml"), "--ordered")
 
 
 def cycles(data: bytes) -> None:
-    """A CSV of cycles, for ISO 9283."""
+    """Read a CSV of cycles for ISO 9283."""
     clean("iso9283", _written(data, "cycles.csv"), "--format", "json")
 
 
@@ -102,66 +101,66 @@ def _robot(path: str) -> None:
 
     robot = read_robot(path)
     chain = build_chain(robot)
-    found = chain.forward(np.zeros((len(robot.variables), 2)))
-    assert np.all(np.isfinite(found.translation))
-    assert np.all(np.isfinite(found.rotation))
+    poses_at_zero = chain.forward(np.zeros((len(robot.variables), 2)))
+    assert np.all(np.isfinite(poses_at_zero.translation))
+    assert np.all(np.isfinite(poses_at_zero.rotation))
     try:
         written = robot_to_yaml(absorb_constants(robot))
-    except RobaccError:  # its effects, which show does not read
+    except RobaccError:  # errors in effects, which show does not read
         return
     assert robot_to_yaml(parse_robot(written, "again.yaml")) == written
 
 
 def robot(data: bytes) -> None:
-    """A robot file."""
+    """Read a robot file."""
     _robot(_written(data, "robot.yaml"))
 
 
 def robot_used(data: bytes) -> None:
-    """A robot file with its effects, in use."""
+    """Use a robot file with its effects."""
     path = _written(data, "robot.yaml")
     clean("estimate", str(SAMPLES / "poses.csv"), "--robot", path, "--format", "json")
     clean("predict", path, "--samples", "8", "--format", "json")
 
 
 def urdf(data: bytes) -> None:
-    """A URDF."""
+    """Read a URDF."""
     _robot(_written(data, "robot.urdf"))
 
 
 def gate(data: bytes) -> None:
-    """A gate file."""
+    """Read a gate file."""
     clean("check", str(result_file("estimate")), "--gate", _written(data, "gate.yaml"), "--format", "json")
 
 
 def scale(data: bytes) -> None:
-    """A scale of grades."""
+    """Read a grade scale."""
     path = _written(data, "scale.yaml")
     clean("estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml"), "--scale", path)
 
 
 def tolerances(data: bytes) -> None:
-    """A tolerance file."""
+    """Read a tolerance file."""
     path = _written(data, "tolerances.yaml")
     clean("predict", str(SAMPLES / "robot.yaml"), "--tolerances", path, "--samples", "8", "--format", "json")
 
 
 def result(data: bytes) -> None:
-    """A stored result, held against a gate and beside another one."""
+    """Check a stored result against a gate and compare it with another result."""
     path = _written(data, "result.json")
     clean("check", path, "--gate", str(gate_file()), "--format", "json")
     clean("compare", path, str(result_file("estimate")), "--format", "json")
 
 
 def page(data: bytes) -> None:
-    """A stored result as a page and in pictures."""
+    """Render a stored result as a page with charts."""
     path = _written(data, "result.json")
     clean("report", path, "--output", str(folder() / "page.html"))
 
 
 READERS: Mapping[str, Callable[[bytes], None]] = {
-    one.__name__: one
-    for one in (poses, robot_poses, cycles, robot, robot_used, urdf, gate, scale, tolerances, result, page)
+    reader.__name__: reader
+    for reader in (poses, robot_poses, cycles, robot, robot_used, urdf, gate, scale, tolerances, result, page)
 }
 
 CALLS = {
@@ -174,10 +173,10 @@ CALLS = {
 
 
 def result_file(command: str) -> Path:
-    """A result on the sample data, made once."""
+    """Return the path of a result on the sample data, computed once."""
     path = folder() / f"{command}.json"
     if not path.exists():
-        arguments = [str(SAMPLES / one) if (SAMPLES / one).is_file() else one for one in CALLS[command]]
+        arguments = [str(SAMPLES / name) if (SAMPLES / name).is_file() else name for name in CALLS[command]]
         status, out, err = call(command, *arguments, "--format", "json")
         assert status == 0, err
         path.write_text(out)
@@ -185,7 +184,7 @@ def result_file(command: str) -> Path:
 
 
 def gate_file() -> Path:
-    """A gate with a criterion of each kind."""
+    """Return the path of a gate with a criterion of each kind."""
     path = folder() / "given_gate.yaml"
     if not path.exists():
         path.write_text(GATE)
@@ -207,7 +206,7 @@ criteria:
 
 
 def seeds(reader: str) -> Iterator[bytes]:
-    """Files that the reader takes, to begin with."""
+    """Yield valid files of the reader to start from."""
     if reader in ("poses", "cycles"):
         lines = (SAMPLES / "iso9283" / "poses.csv").read_text().splitlines()
         yield "\n".join(lines[:14]).encode()

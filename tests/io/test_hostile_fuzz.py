@@ -1,4 +1,4 @@
-"""Mutated files through every reader: a defect, a hang or a silent end is a failure. More of it: tests/fuzz/run.py."""
+"""Mutated files through every reader: a defect, a hang or a silent end is a failure. See tests/fuzz/run.py."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "fuzz"))
 
-from mutations import of_text, of_tree
+from mutations import mutate_json, mutate_text
 from targets import READERS, seeds
 
-# These were found so, and are mended.
-FOUND: dict[str, tuple[bytes, ...]] = {
+# Files on which a reader once failed.
+REGRESSIONS: dict[str, tuple[bytes, ...]] = {
     "poses": (
         # Three rows of two poses: the bias correction of a principal axis was of the wrong sign.
         b"x_mm,y_mm,z_mm,cmd_x_mm,cmd_y_mm,cmd_z_mm,pose\n1,2,3,11,2,3.1,a\n1,2,4,1,2,3.1,a\n5,2,3,5,2.1,3,b\n",
@@ -31,16 +31,16 @@ FOUND: dict[str, tuple[bytes, ...]] = {
 }
 
 
-@pytest.mark.parametrize("reader", FOUND)
-def test_what_was_found_is_mended(reader: str) -> None:
-    for data in FOUND[reader]:
+@pytest.mark.parametrize("reader", REGRESSIONS)
+def test_files_that_once_failed(reader: str) -> None:
+    for data in REGRESSIONS[reader]:
         READERS[reader](data)
 
 
 def attacked(reader: str, count: int, seed: int) -> None:
     rng = random.Random(f"{reader} {seed}")
     pool = list(seeds(reader))
-    mutate = of_tree if pool[0].startswith(b"{") else of_text
+    mutate = mutate_json if pool[0].startswith(b"{") else mutate_text
     for number in range(count):
         data = mutate(rng.choice(pool), rng)
         try:

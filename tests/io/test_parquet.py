@@ -61,10 +61,10 @@ def test_the_same_measurements_as_from_csv(tmp_path: Path) -> None:
     path = sample(tmp_path / "poses.parquet")
     ours, theirs = read_poses(path), read_poses(POSES)
     for name in ("position", "rotation", "q", "pose", "cycle", "target", "time", "direction"):
-        one, other = getattr(ours, name), getattr(theirs, name)
-        assert (one is None) == (other is None), name
-        if one is not None:
-            np.testing.assert_array_equal(one, other, err_msg=name)
+        actual, expected = getattr(ours, name), getattr(theirs, name)
+        assert (actual is None) == (expected is None), name
+        if actual is not None:
+            np.testing.assert_array_equal(actual, expected, err_msg=name)
     assert ours.sha256 == hashlib.sha256(Path(path).read_bytes()).hexdigest()
     assert (ours.place(0), theirs.place(0)) == ("row 1", "line 3")
 
@@ -185,7 +185,9 @@ def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
     path = written(tmp_path / "p.parquet", {name: pa.array([], pa.float64()) for name in PLAIN})
     text = tmp_path / "p.csv"
     text.write_text(",".join(PLAIN) + "\n", encoding="utf-8")
-    ends = [CliRunner().invoke(app, ["estimate", str(one), "--robot", str(ROBOT)]).exit_code for one in (path, text)]
+    ends = [
+        CliRunner().invoke(app, ["estimate", str(table), "--robot", str(ROBOT)]).exit_code for table in (path, text)
+    ]
     assert ends == [3, 3]
 
 
@@ -195,22 +197,22 @@ def test_what_is_no_parquet_is_said(tmp_path: Path) -> None:
     assert problems(str(path)) == [
         ": is not a Parquet file: it does not begin with PAR1; export it again, or rename it to .csv if it is text"
     ]
-    whole = Path(sample(tmp_path / "whole.parquet")).read_bytes()
-    for length in (4, 12, len(whole) // 2, len(whole) - 1):
-        path.write_bytes(whole[:length])
+    content = Path(sample(tmp_path / "whole.parquet")).read_bytes()
+    for length in (4, 12, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:length])
         (message,) = problems(str(path))
         assert message.startswith(": cannot be read as Parquet (")
         assert message.endswith("; it is damaged or cut short")
 
 
 def test_damage_in_the_middle_is_an_error_or_harmless(tmp_path: Path) -> None:
-    whole = bytearray(Path(sample(tmp_path / "whole.parquet")).read_bytes())
+    content = bytearray(Path(sample(tmp_path / "whole.parquet")).read_bytes())
     path = tmp_path / "p.parquet"
     rng = np.random.default_rng(0)
     refused = 0
     for _ in range(60):
-        damaged = whole.copy()
-        for at in rng.integers(4, len(whole), 3):
+        damaged = content.copy()
+        for at in rng.integers(4, len(content), 3):
             damaged[at] ^= int(rng.integers(1, 256))
         path.write_bytes(damaged)
         try:
@@ -245,8 +247,8 @@ def test_a_pipe_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
     with through_pipe() as stream:
         monkeypatch.setattr(sys, "stdin", stream)
-        found = read_poses("-")
-    assert (found.n, found.sha256) == (3, hashlib.sha256(data).hexdigest())
+        piped = read_poses("-")
+    assert (piped.n, piped.sha256) == (3, hashlib.sha256(data).hexdigest())
     monkeypatch.setattr(parquet, "_PIPE_LIMIT", 100)
     with through_pipe() as stream:
         monkeypatch.setattr(sys, "stdin", stream)

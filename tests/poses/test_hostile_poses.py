@@ -64,11 +64,11 @@ def test_a_file_that_cannot_be_used(tmp_path: Path, content: bytes, message: str
 
 
 @pytest.mark.parametrize(
-    "word", ["nan", "NaN", "-nan", "inf", "-Infinity", "1e400", "#N/A", "", "1_0", "0x1", "true", "١", "1 2", "--1"]
+    "cell", ["nan", "NaN", "-nan", "inf", "-Infinity", "1e400", "#N/A", "", "1_0", "0x1", "true", "١", "1 2", "--1"]
 )
-def test_what_is_no_finite_number(tmp_path: Path, word: str) -> None:
+def test_what_is_no_finite_number(tmp_path: Path, cell: str) -> None:
     path = tmp_path / "poses.csv"
-    path.write_text(HEAD + ROW + f"1,2,{word},1,2,3\n", encoding="utf-8")
+    path.write_text(HEAD + ROW + f"1,2,{cell},1,2,3\n", encoding="utf-8")
     with pytest.raises(InputError) as caught:
         read_poses(path)
     (problem,) = caught.value.problems
@@ -112,10 +112,10 @@ def test_names_cannot_act_on_the_terminal() -> None:
     text = f"pose,\x1b[2Jcolumn\u202e,{HEAD}\x1b[31mred\x07\u202e,1,{ROW}b,1,{ROW}"
     done = estimate("-", text=text.encode())
     assert done.returncode == 0
-    shown = done.stdout + done.stderr
+    output = done.stdout + done.stderr
     assert "\\x1b[31mred\\x07\\u202e" in done.stdout
     assert "\\x1b[2Jcolumn\\u202e" in done.stderr
-    assert all(sign.isprintable() or sign == "\n" for sign in shown)
+    assert all(sign.isprintable() or sign == "\n" for sign in output)
     done = estimate("-", "--format", "json", text=text.encode())
     assert all(sign.isprintable() or sign == "\n" for sign in done.stdout)
     done = estimate("no\x1b[2J.csv")

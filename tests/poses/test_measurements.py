@@ -1,4 +1,4 @@
-"""Which rows are of one commanded pose."""
+"""Rows of the same commanded pose."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def measured(**columns: np.ndarray) -> Measurements:
 
 
 def repeated(data: Measurements) -> np.ndarray | None:
-    found = data.repetitions()
-    return None if found is None else found.repeated
+    groups = data.repetitions()
+    return None if groups is None else groups.repeated
 
 
 @pytest.mark.parametrize("column", ["q", "commanded_position"])
@@ -49,11 +49,11 @@ def test_repetitions_are_those_of_sorting_whole_columns() -> None:
 
 
 def test_the_pose_column_goes_first() -> None:
-    same = np.zeros((6, 4))
-    assert repeated(measured(q=same, pose=np.array(["a", "b", "c", "d"]))) is None
-    found = repeated(measured(q=same, pose=np.array(["a", "b", "a", "d"])))
-    assert found is not None
-    assert found.tolist() == [0, 1, 0, 2]
+    joints = np.zeros((6, 4))
+    assert repeated(measured(q=joints, pose=np.array(["a", "b", "c", "d"]))) is None
+    groups = repeated(measured(q=joints, pose=np.array(["a", "b", "a", "d"])))
+    assert groups is not None
+    assert groups.tolist() == [0, 1, 0, 2]
 
 
 def test_nothing_to_tell_poses_by() -> None:

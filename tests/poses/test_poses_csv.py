@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pose_files import PLAIN, Reader, complaints, one_row
+from pose_files import PLAIN, Reader, one_row, problem_texts
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError
@@ -49,9 +49,9 @@ def test_lengths_in_every_unit(read: Reader, name: str, unit: str) -> None:
     columns = {f"{key}{unit}" if key in names else key: value for key, value in columns.items()}
     columns |= {f"{key}{unit}": 0.004 * scale for key in names}
     data = read(",".join(columns) + "\n" + ",".join(map(str, columns.values())) + "\n")
-    found = {"x": data.position, "cmd_y": data.commanded_position, "sigma_z": data.sigma_position}[name]
-    assert found is not None
-    np.testing.assert_allclose(found[:, 0], 0.004, rtol=1e-15)
+    values = {"x": data.position, "cmd_y": data.commanded_position, "sigma_z": data.sigma_position}[name]
+    assert values is not None
+    np.testing.assert_allclose(values[:, 0], 0.004, rtol=1e-15)
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("", 1), ("_rad", 1), ("_mrad", 1e3), ("_deg", 180 / math.pi)])
@@ -82,10 +82,10 @@ def test_every_representation_of_orientation(read: Reader, prefix: str, names: s
     keys = [f"{prefix}{name}" for name in names.split(",")]
     values = dict(zip(keys, numbers, strict=True))
     data = read(one_row(cmd_x=1, cmd_y=2, cmd_z=3, **values))
-    found = data.commanded_rotation if prefix else data.rotation
-    assert found is not None
+    values = data.commanded_rotation if prefix else data.rotation
+    assert values is not None
     assert (data.rotation is None) == bool(prefix)
-    np.testing.assert_allclose(found[..., 0], rotation.as_matrix(), atol=1e-15)
+    np.testing.assert_allclose(values[..., 0], rotation.as_matrix(), atol=1e-15)
 
 
 def test_columns_in_any_order(read: Reader) -> None:
@@ -219,7 +219,7 @@ def test_line_numbers_behind_comments_and_blank_lines_in_a_long_file(
     assert data.q[0].tolist() == [i / 1000 for i in range(400)]
     assert data.pose.tolist() == [f"P{i}" for i in range(400)]
     text[expected[250] - 1] = "0.25,1,oops,3,P250"
-    assert complaints(read, "\n".join(text)) == [f"{expected[250]}, y: found 'oops', expected a number"]
+    assert problem_texts(read, "\n".join(text)) == [f"{expected[250]}, y: found 'oops', expected a number"]
 
 
 def test_a_number_sign_inside_a_text_is_no_comment(read: Reader) -> None:
@@ -254,7 +254,7 @@ TOKENS += ["", " ", "1 2", "1.5abc", "\u0663", "--1", "1e400", "1e-400", "1e", "
 def test_the_same_words_are_numbers_as_for_numpy(
     token: str, careful: bool, monkeypatch: pytest.MonkeyPatch, read: Reader
 ) -> None:
-    """Whether NumPy or the one that finds faults reads a block must make no difference."""
+    """NumPy and the field-by-field parser give the same values."""
     try:
         expected = float(np.loadtxt([f"1,{token},3"], delimiter=",", comments=None)[1])
     except ValueError:
@@ -265,8 +265,8 @@ def test_the_same_words_are_numbers_as_for_numpy(
     if math.isfinite(expected):
         assert read(text, units_check=False).position[1, 0] == expected
     else:
-        (found,) = complaints(read, text, units_check=False)
-        assert found.startswith("2, y: ")
+        (values,) = problem_texts(read, text, units_check=False)
+        assert values.startswith("2, y: ")
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)

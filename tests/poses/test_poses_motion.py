@@ -60,5 +60,5 @@ def test_motion_is_that_of_each_step() -> None:
 def test_a_direction_and_a_speed_that_contradict_each_other_are_warned_of(read: Reader) -> None:
     head = "q1,x,y,z,dir_q1,speed_q1\n0,1,2,3,1,0.5\n0,1,2,4,0,0.5\n0,1,2,5,1,0\n"
     assert read(head).warnings == ()
-    (told,) = read(head + "0,1,2,6,-1,0.5\n").warnings
-    assert "dir_q1 and speed_q1 have opposite signs at line 5: one of them is wrong" in told
+    (warning,) = read(head + "0,1,2,6,-1,0.5\n").warnings
+    assert "dir_q1 and speed_q1 have opposite signs at line 5: one of them is wrong" in warning

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pose_files import Reader, complaints, one_row
+from pose_files import Reader, one_row, problem_texts
 
 from robacc.errors import MAX_PROBLEMS, InputError
 from robacc.poses.csv_file import read_poses
@@ -32,8 +32,8 @@ BAD_FILES = {
 
 @pytest.mark.parametrize("content", BAD_FILES, ids=list(BAD_FILES.values()))
 def test_what_is_no_table(read: Reader, content: bytes) -> None:
-    (found,) = complaints(read, content)
-    assert BAD_FILES[content] in found
+    (problem,) = problem_texts(read, content)
+    assert BAD_FILES[content] in problem
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"], ids=["LF", "CRLF"])
@@ -44,17 +44,17 @@ def test_a_file_of_several_pieces(read: Reader, end: bytes) -> None:
     rows[70_000] = b"# a comment"
     content = b"q1,x_m,y_m,z_m" + end + end.join(rows)
     data = read(content)
-    kept = np.delete(np.arange(150_000), 70_000)
-    np.testing.assert_allclose(data.position, values[kept].T, rtol=0, atol=1e-15)
+    row_numbers = np.delete(np.arange(150_000), 70_000)
+    np.testing.assert_allclose(data.position, values[row_numbers].T, rtol=0, atol=1e-15)
     assert data.rows is not None
-    np.testing.assert_array_equal(data.rows, kept + 2)
+    np.testing.assert_array_equal(data.rows, row_numbers + 2)
     assert data.sha256 == hashlib.sha256(content).hexdigest()
 
 
 def test_a_long_line_deep_in_a_file(read: Reader) -> None:
     rows = [b"%d,1,2,3" % (i % 7) for i in range(100_000)]
     rows[50_000] = b"1" * ((1 << 20) + 1) + b",1,2,3"
-    assert complaints(read, b"\n".join([b"q1,x_m,y_m,z_m", *rows])) == [
+    assert problem_texts(read, b"\n".join([b"q1,x_m,y_m,z_m", *rows])) == [
         "50002: the line is longer than 1 MB; expected one line a pose"
     ]
     rows[50_000] = b"1.0" + b"0" * ((1 << 20) - 20) + b",1,2,3"
@@ -68,8 +68,8 @@ def test_a_file_that_cannot_be_opened(tmp_path: Path) -> None:
 
 
 def test_bytes_that_are_not_utf8(read: Reader) -> None:
-    found = complaints(read, b"x,y,z,pose\n1,2,3,A\n1,2,3,M\xfcller\n")
-    assert found == ["3: byte 8 of the line, 0xfc, is not UTF-8; save the file as UTF-8"]
+    problem = problem_texts(read, b"x,y,z,pose\n1,2,3,A\n1,2,3,M\xfcller\n")
+    assert problem == ["3: byte 8 of the line, 0xfc, is not UTF-8; save the file as UTF-8"]
 
 
 BAD_HEADERS = {
@@ -97,26 +97,26 @@ BAD_HEADERS = {
 
 @pytest.mark.parametrize("header", BAD_HEADERS)
 def test_columns_that_do_not_fit_together(read: Reader, header: str) -> None:
-    (found,) = complaints(read, header + "\n")
-    assert BAD_HEADERS[header] in found
+    (problem,) = problem_texts(read, header + "\n")
+    assert BAD_HEADERS[header] in problem
 
 
 def test_joint_columns_that_do_not_fit_the_robot(read: Reader) -> None:
     names, types = ["base", "lift"], ["revolute", "prismatic"]
     robot = {"joint_names": names, "joint_types": types}
-    (found,) = complaints(read, "q1,x,y,z\n", **robot)
-    assert found == (
+    (problem,) = problem_texts(read, "q1,x,y,z\n", **robot)
+    assert problem == (
         "1: the robot has 2 joints, the file has columns for 1: column q2 is missing; "
         "expected q1 … q2 without a gap, or the joints' names base, lift"
     )
-    (found,) = complaints(read, "q1,q2,q3,x,y,z\n", **robot)
-    assert found == "1, q3: the column belongs to joint 3, but the robot has 2 joints"
-    (found,) = complaints(read, "pose,x,y,z\n", **robot)
+    (problem,) = problem_texts(read, "q1,q2,q3,x,y,z\n", **robot)
+    assert problem == "1, q3: the column belongs to joint 3, but the robot has 2 joints"
+    (problem,) = problem_texts(read, "pose,x,y,z\n", **robot)
     assert (
         "the file has neither joint variables nor commanded poses: column q1 is missing; "
-        "expected q1 … q2 (joint variables)" in found
+        "expected q1 … q2 (joint variables)" in problem
     )
-    found_units = complaints(read, "base_mm,lift_deg,x,y,z\n", **robot)
+    found_units = problem_texts(read, "base_mm,lift_deg,x,y,z\n", **robot)
     assert found_units == [
         "1, base_mm: found unit mm in the name, expected an angle (rad, mrad, deg)",
         "1, lift_deg: found unit deg in the name, expected a length (m, mm, um)",
@@ -152,7 +152,7 @@ BAD_VALUES: dict[str, tuple[dict[str, object], str]] = {
 @pytest.mark.parametrize("name", BAD_VALUES)
 def test_values_that_cannot_be(read: Reader, name: str) -> None:
     columns, expected = BAD_VALUES[name]
-    assert complaints(read, one_row(**columns)) == [expected]
+    assert problem_texts(read, one_row(**columns)) == [expected]
 
 
 def test_values_at_the_edge_are_taken(read: Reader) -> None:
@@ -162,14 +162,14 @@ def test_values_at_the_edge_are_taken(read: Reader) -> None:
 
 def test_a_commanded_quaternion_is_checked_too(read: Reader) -> None:
     columns = {f"cmd_{name}": 1 for name in ("x", "y", "z", "qw", "qx", "qy", "qz")}
-    (found,) = complaints(read, one_row(**columns))
-    assert found.startswith("2, cmd_qw, cmd_qx, cmd_qy, cmd_qz: found a quaternion of length 2, expected 1")
+    (problem,) = problem_texts(read, one_row(**columns))
+    assert problem.startswith("2, cmd_qw, cmd_qx, cmd_qy, cmd_qz: found a quaternion of length 2, expected 1")
 
 
 def test_joint_limits(read: Reader) -> None:
     text = "q1_deg,q2,x,y,z\n10,0.1,1,2,3\n95.5,0.6,1,2,3\n"
-    found = complaints(read, text, limits=[(-math.pi / 2, math.pi / 2), (0, 0.5)])
-    assert found == [
+    problem = problem_texts(read, text, limits=[(-math.pi / 2, math.pi / 2), (0, 0.5)])
+    assert problem == [
         "3, q1_deg: found 95.5 deg, expected a value within the joint's limits -90 to 90 deg",
         "3, q2: found 0.6, expected a value within the joint's limits 0 to 0.5",
     ]
@@ -179,17 +179,17 @@ def test_joint_limits(read: Reader) -> None:
 def test_unknown_targets(read: Reader) -> None:
     text = "q1,x,y,z,target\n0,1,2,3,smr1\n0,1,2,3,smr3x\n"
     assert read(text).n == 2
-    assert complaints(read, text, target_names=("smr1", "smr3")) == [
+    assert problem_texts(read, text, target_names=("smr1", "smr3")) == [
         "3, target: found 'smr3x', expected a target of the robot file (smr1, smr3); the nearest is smr3"
     ]
     assert read(one_row(), target_names=("smr1",)).n == 1
     # A robot with one tool: which of several targets it describes, nobody says.
-    assert complaints(read, text + "0,1,2,3,smr1\n", target_names=()) == [
+    assert problem_texts(read, text + "0,1,2,3,smr1\n", target_names=()) == [
         "3, target: found several targets ('smr1', 'smr3x'), but the robot has one tool and no targets; list "
         "each target under targets: in the robot file instead of tool, or keep the rows of one target"
     ]
     assert read(text.replace("smr3x", "smr1"), target_names=()).n == 2
-    assert complaints(read, one_row(), target_names=("smr1", "smr3")) == [
+    assert problem_texts(read, one_row(), target_names=("smr1", "smr3")) == [
         "1: column target is missing: the robot file has 2 targets (smr1, smr3); "
         "add it with the measured target of each row"
     ]
@@ -207,15 +207,15 @@ BAD_ROWS = {
 @pytest.mark.parametrize("row", BAD_ROWS)
 @pytest.mark.parametrize("header", ["q1,x,y,z", "note,x,y,z", "pose,x,y,z"])
 def test_rows_that_do_not_fit_the_header(read: Reader, row: str, header: str) -> None:
-    found = [text for text in complaints(read, f"{header}\n{row}\n") if text.startswith("2")]
-    assert found == [BAD_ROWS[row]]
+    problem = [text for text in problem_texts(read, f"{header}\n{row}\n") if text.startswith("2")]
+    assert problem == [BAD_ROWS[row]]
 
 
 def test_every_problem_at_once_in_the_order_of_lines(read: Reader) -> None:
     header = "q1,x,y,z,qw,qx,qy,qz,x,dir_q1,pose"
     rows = ["0,1,2,3,1,0,0,0,1,0,A", "0,1,2,3,2,0,0,0,1,5,B", "0,one,2,,1,0,0,0,1,0,C", "9,1", "0,1,2,3,1,0,0,0,1,7,D"]
-    found = complaints(read, "\n".join([header, *rows]))
-    assert [text.partition(" ")[0] for text in found] == ["1,", "3,", "3,", "4,", "4,", "5:", "6,"]
+    problem = problem_texts(read, "\n".join([header, *rows]))
+    assert [text.partition(" ")[0] for text in problem] == ["1,", "3,", "3,", "4,", "4,", "5:", "6,"]
 
 
 @pytest.mark.parametrize("cell", ["word", "9e9"])
@@ -240,6 +240,6 @@ def test_unknown_columns_are_named_with_their_nearest(read: Reader) -> None:
         "1: unknown column 'sigm_r' is ignored; the nearest known name is 'sigma_r'",
         "1: columns without a name are ignored: 1",
     ]
-    many = read("q1,x,y,z," + ",".join(f"u{i}" for i in range(25)) + "\n")
-    assert len(many.warnings) == 21
-    assert many.warnings[-1].endswith("… and 5 more unknown columns")
+    many_columns = read("q1,x,y,z," + ",".join(f"u{i}" for i in range(25)) + "\n")
+    assert len(many_columns.warnings) == 21
+    assert many_columns.warnings[-1].endswith("… and 5 more unknown columns")

@@ -37,7 +37,7 @@ def read(folder: Path, data: dict[str, Any], **options: Any) -> Measurements:
     return read_poses(path, **options)
 
 
-def complaints(folder: Path, data: dict[str, Any], **options: Any) -> list[str]:
+def problem_texts(folder: Path, data: dict[str, Any], **options: Any) -> list[str]:
     with pytest.raises(InputError) as caught:
         read(folder, data, **options)
     return [str(problem).partition("poses.csv:")[2] for problem in caught.value.problems]
@@ -82,9 +82,9 @@ def test_unusual_but_good_data_raise_no_alarm(tmp_path: Path, change: dict[str, 
 
 def test_joints_in_degrees(tmp_path: Path) -> None:
     data = scaled(DEGREES, *ALL_JOINTS)
-    (found,) = complaints(tmp_path, data, limits=[(-3.1, 3.1)] * 6)
+    (problem,) = problem_texts(tmp_path, data, limits=[(-3.1, 3.1)] * 6)
     largest = max(np.abs(data[name]).max() for name in ALL_JOINTS)
-    assert found == (
+    assert problem == (
         f"1, q1, q2, q3, q4, q5, q6: found joint angles up to {largest:.4g}, which cannot be rad; if they are in deg, "
         "name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if in rad, q1_rad and so on"
     )
@@ -97,16 +97,16 @@ def test_joints_in_degrees(tmp_path: Path) -> None:
 
 def test_one_pose_in_degrees(tmp_path: Path) -> None:
     data = {"q1": [90.0], "q2": [-2.0], "x": [1.0], "y": [1.0], "z": [1.0]}
-    (found,) = complaints(tmp_path, data, limits=[(-3.1, 3.1), (-1, 1)])
-    assert found.startswith("1, q1: found joint angles up to 90, which cannot be rad")
+    (problem,) = problem_texts(tmp_path, data, limits=[(-3.1, 3.1), (-1, 1)])
+    assert problem.startswith("1, q1: found joint angles up to 90, which cannot be rad")
 
 
 def test_small_angles_in_degrees_are_noticed_by_the_limits(tmp_path: Path) -> None:
     data = good() | {"q2": np.linspace(-11, 11, N)}
     limits = [(-3.1, 3.1)] * 6
-    (found,) = complaints(tmp_path, data, limits=limits)
-    assert found.startswith("1, q2: found joint angles up to 11, which cannot be rad")
-    assert complaints(tmp_path, good() | {"q2": np.linspace(-3.3, 3.3, N)}, limits=limits)[0].startswith(
+    (problem,) = problem_texts(tmp_path, data, limits=limits)
+    assert problem.startswith("1, q2: found joint angles up to 11, which cannot be rad")
+    assert problem_texts(tmp_path, good() | {"q2": np.linspace(-3.3, 3.3, N)}, limits=limits)[0].startswith(
         "2, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1"
     )
 
@@ -114,17 +114,17 @@ def test_small_angles_in_degrees_are_noticed_by_the_limits(tmp_path: Path) -> No
 def test_turns_that_the_limits_allow_are_no_degrees(tmp_path: Path) -> None:
     data = good() | {"q6": np.linspace(-60, 60, N)}
     assert read(tmp_path, data, limits=[None] * 5 + [(-63, 63)]).n == N
-    assert complaints(tmp_path, data)[0].startswith("1, q6: found joint angles up to 60")
+    assert problem_texts(tmp_path, data)[0].startswith("1, q6: found joint angles up to 60")
 
 
 def test_a_prismatic_joint_in_millimetres(tmp_path: Path) -> None:
     data = good() | {"q3": np.linspace(0, 900, N)}
     types = ["revolute"] * 2 + ["prismatic"] + ["revolute"] * 3
     names = [f"j{i}" for i in range(6)]
-    (found,) = complaints(
+    (problem,) = problem_texts(
         tmp_path, data, joint_names=names, joint_types=types, limits=[None, None, (0, 1), *[None] * 3]
     )
-    assert found == (
+    assert problem == (
         "1, q3: found joint travels of more than 50, which cannot be m; if they are in mm, name the columns q3_mm; "
         "if in m, q3_m and so on"
     )
@@ -134,15 +134,15 @@ def test_a_prismatic_joint_in_millimetres(tmp_path: Path) -> None:
 @pytest.mark.parametrize("prefix", ["", "cmd_"])
 def test_positions_in_millimetres(tmp_path: Path, prefix: str) -> None:
     names = [f"{prefix}{axis}" for axis in "xyz"]
-    (found,) = complaints(tmp_path, scaled(1e3, *names))
-    assert found.startswith(f"1, {', '.join(names)}: found positions up to ")
-    assert f"which cannot be m; if they are in mm, name the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm" in found
+    (problem,) = problem_texts(tmp_path, scaled(1e3, *names))
+    assert problem.startswith(f"1, {', '.join(names)}: found positions up to ")
+    assert f"which cannot be m; if they are in mm, name the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm" in problem
     assert read(tmp_path, renamed(scaled(1e3, *names), "mm", *names)).n == N
 
 
 def test_one_position_in_millimetres(tmp_path: Path) -> None:
     data = {"q1": [0.5], "x": [812.5], "y": [-20.0], "z": [400.0]}
-    assert "found positions up to 812.5, which cannot be m" in complaints(tmp_path, data)[0]
+    assert "found positions up to 812.5, which cannot be m" in problem_texts(tmp_path, data)[0]
 
 
 def test_small_moves_in_millimetres_are_noticed_beside_commanded_ones(tmp_path: Path) -> None:
@@ -150,9 +150,9 @@ def test_small_moves_in_millimetres_are_noticed_beside_commanded_ones(tmp_path: 
     for axis in "xyz":
         data[f"cmd_{axis}"] = data[f"cmd_{axis}"] * 0.02
         data[axis] = data[f"cmd_{axis}"] * 1e3
-    (found,) = complaints(tmp_path, data)
-    assert "attained positions spread 1e+03 times as far as commanded ones, so one of the two is in mm" in found
-    assert found.endswith("put the unit in the columns' names, for example x_mm and cmd_x_m")
+    (problem,) = problem_texts(tmp_path, data)
+    assert "attained positions spread 1e+03 times as far as commanded ones, so one of the two is in mm" in problem
+    assert problem.endswith("put the unit in the columns' names, for example x_mm and cmd_x_m")
     assert read(tmp_path, renamed(data, "mm", *"xyz")).n == N
 
 
@@ -162,20 +162,20 @@ def test_orientations_in_degrees(tmp_path: Path, prefix: str, names: tuple[str, 
     data = {key: value for key, value in good().items() if key not in ("roll", "pitch", "yaw")}
     keys = [f"{prefix}{name}" for name in names]
     angles = dict(zip(keys, RNG.uniform(-90, 90, (3, N)), strict=True))
-    (found,) = complaints(tmp_path, data | angles)
-    assert found.startswith(f"1, {', '.join(keys)}: found angles up to ")
-    assert f"which cannot be rad; if they are in deg, name the columns {keys[0]}_deg, " in found
+    (problem,) = problem_texts(tmp_path, data | angles)
+    assert problem.startswith(f"1, {', '.join(keys)}: found angles up to ")
+    assert f"which cannot be rad; if they are in deg, name the columns {keys[0]}_deg, " in problem
     assert read(tmp_path, data | renamed(angles, "deg", *keys)).n == N
 
 
 def test_measuring_uncertainty_in_another_unit(tmp_path: Path) -> None:
-    (found,) = complaints(tmp_path, scaled(2e4, *SIGMAS))
-    assert found.startswith(
+    (problem,) = problem_texts(tmp_path, scaled(2e4, *SIGMAS))
+    assert problem.startswith(
         "1, sigma_x, sigma_y, sigma_z: found a typical measuring uncertainty of 0.4 m, which no instrument has; "
         "if they are in mm, name the columns sigma_x_mm"
     )
-    (found,) = complaints(tmp_path, scaled(1e4, "sigma_r"))
-    assert "found a typical measuring uncertainty of 1 rad, which no instrument has" in found
+    (problem,) = problem_texts(tmp_path, scaled(1e4, "sigma_r"))
+    assert "found a typical measuring uncertainty of 1 rad, which no instrument has" in problem
     data = read(tmp_path, scaled(1e3, *SIGMAS, "sigma_r"))
     assert [text.partition("poses.csv:")[2] for text in data.warnings] == [
         "1: found a typical measuring uncertainty of 0.02 m; "
@@ -188,17 +188,17 @@ def test_measuring_uncertainty_in_another_unit(tmp_path: Path) -> None:
 def test_units_are_judged_beside_other_problems(tmp_path: Path) -> None:
     data = scaled(DEGREES, *ALL_JOINTS)
     data["y"][3] = np.nan
-    found = complaints(tmp_path, data)
-    assert [text.partition(":")[0] for text in found] == ["1, q1, q2, q3, q4, q5, q6", "5, y"]
+    problem = problem_texts(tmp_path, data)
+    assert [text.partition(":")[0] for text in problem] == ["1, q1, q2, q3, q4, q5, q6", "5, y"]
     data = scaled(1e3, "x", "y", "z")
     data["x"][3] = np.nan
-    found = complaints(tmp_path, data)
-    assert [text.partition(":")[0] for text in found] == ["1, x, y, z", "5, x"]
+    problem = problem_texts(tmp_path, data)
+    assert [text.partition(":")[0] for text in problem] == ["1, x, y, z", "5, x"]
 
 
 def test_a_few_values_that_no_joint_reaches_are_enough(tmp_path: Path) -> None:
-    (found,) = complaints(tmp_path, good() | {"q2": np.r_[np.full(N - 1, 0.5), 30.0]})
-    assert found.startswith("1, q2: found joint angles up to 30, which cannot be rad")
+    (problem,) = problem_texts(tmp_path, good() | {"q2": np.r_[np.full(N - 1, 0.5), 30.0]})
+    assert problem.startswith("1, q2: found joint angles up to 30, which cannot be rad")
 
 
 # Against the robot's size

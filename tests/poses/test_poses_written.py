@@ -68,14 +68,14 @@ def test_what_is_written_is_read_back(read: Reader, data: Measurements) -> None:
     text = format_poses(data)
     back = read(text, units_check=False)
     for name in EXACT:
-        expected, found = getattr(data, name), getattr(back, name)
-        assert (expected is None) == (found is None), name
+        expected, values = getattr(data, name), getattr(back, name)
+        assert (expected is None) == (values is None), name
         if expected is not None:
-            np.testing.assert_array_equal(found, expected, err_msg=name)
-    for expected, found in ((data.rotation, back.rotation), (data.commanded_rotation, back.commanded_rotation)):
-        assert (expected is None) == (found is None)
-        if expected is not None and found is not None:
-            np.testing.assert_allclose(found, expected, atol=2e-15)  # through a quaternion and back
+            np.testing.assert_array_equal(values, expected, err_msg=name)
+    for expected, values in ((data.rotation, back.rotation), (data.commanded_rotation, back.commanded_rotation)):
+        assert (expected is None) == (values is None)
+        if expected is not None and values is not None:
+            np.testing.assert_allclose(values, expected, atol=2e-15)  # through a quaternion and back
     assert format_poses(data) == text
 
 
@@ -91,7 +91,7 @@ def test_written_columns() -> None:
     row = "0.5,1e+22,0.1,0.3333333333333333,-2e-07,1.0,0.0,0.0,0.0,1,-1,1.0,-0.25,#1\n"
     numbered = "q1,q2,x,y,z,qw,qx,qy,qz,dir_q1,dir_q2,speed_q1,speed_q2,pose\n"
     assert format_poses(data) == numbered + row
-    named = format_poses(data, ["base", "arm"])
-    assert named == numbered.replace("q1", "base").replace("q2", "arm") + row
-    for taken in ("x", "q3", " arm", "#arm", ""):
-        assert format_poses(data, ["base", taken]) == numbered + row
+    text_with_names = format_poses(data, ["base", "arm"])
+    assert text_with_names == numbered.replace("q1", "base").replace("q2", "arm") + row
+    for name_in_use in ("x", "q3", " arm", "#arm", ""):
+        assert format_poses(data, ["base", name_in_use]) == numbered + row

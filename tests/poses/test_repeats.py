@@ -1,4 +1,4 @@
-"""What counts as a repetition of a commanded pose, from files to results."""
+"""Repetitions of a commanded pose, from files to results."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def test_a_pose_id_that_the_joints_contradict_is_no_repetition(tmp_path: Path) -
     (tmp_path / "poses.csv").write_text(format_poses(data), encoding="utf-8")
     arguments = (str(tmp_path / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"), "--format", "json")
     warning = "10 of 10 pose ids have rows with different commands, for example P0 on line 2 and line "
-    for more in (("calibrate", "--fit", "base_frame,tool_frame"), ("trace", "--declared", "base_frame,tool_frame")):
-        done = CliRunner().invoke(app, [more[0], *arguments, *more[1:]], catch_exceptions=False)
-        found = json.loads(done.stdout)
-        assert found["noise"]["source"] == "residual"
-        assert len(set(found["poses"]["group"])) == data.n
-        assert any(warning in text for text in found["warnings"])
+    for command in (("calibrate", "--fit", "base_frame,tool_frame"), ("trace", "--declared", "base_frame,tool_frame")):
+        done = CliRunner().invoke(app, [command[0], *arguments, *command[1:]], catch_exceptions=False)
+        document = json.loads(done.stdout)
+        assert document["noise"]["source"] == "residual"
+        assert len(set(document["poses"]["group"])) == data.n
+        assert any(warning in text for text in document["warnings"])
         assert warning in done.stderr
     estimated = json.loads(CliRunner().invoke(app, ["estimate", *arguments]).stdout)
     assert sum(warning in text for text in estimated["warnings"]) == 1

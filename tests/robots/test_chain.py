@@ -203,11 +203,11 @@ def test_flexures_and_turns_are_zero_and_change_nothing(robot: Robot) -> None:
     chain = build_chain(robot)
     extra = {"flex_x", "flex_y", "turn_x", "turn_y", "turn_z"}
     assert all(motion.value == 0 for motion in chain.motions if motion.label in extra)
-    kept = [k for k, motion in enumerate(chain.motions) if motion.label not in extra]
-    bare = Chain(tuple(chain.motions[k] for k in kept), (), 0)
+    motion_numbers = [k for k, motion in enumerate(chain.motions) if motion.label not in extra]
+    bare = Chain(tuple(chain.motions[k] for k in motion_numbers), (), 0)
     q = np.random.default_rng(6).uniform(-2, 2, (chain.n_joints, 2))
     scalars = chain.scalars(q)
-    expected = bare.poses([scalars[k] for k in kept], 2)
+    expected = bare.poses([scalars[k] for k in motion_numbers], 2)
     np.testing.assert_array_equal(chain.forward(q).matrices(), expected.matrices())
 
 

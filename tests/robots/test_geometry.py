@@ -131,16 +131,18 @@ def test_every_function_takes_any_batch_shape(shape: tuple[int, ...]) -> None:
     assert rotations.shape == (3, 3, *shape)
     for index in np.ndindex(shape):
         at = (..., *index)
-        one = exp_so3(vectors[at])
-        np.testing.assert_allclose(rotations[at], one, atol=1e-15)
-        np.testing.assert_allclose(log_so3(rotations)[at], log_so3(one), atol=1e-15)
-        np.testing.assert_allclose(rpy_from_rotation(rotations)[at], rpy_from_rotation(one), atol=1e-14)
+        rotation = exp_so3(vectors[at])
+        np.testing.assert_allclose(rotations[at], rotation, atol=1e-15)
+        np.testing.assert_allclose(log_so3(rotations)[at], log_so3(rotation), atol=1e-15)
+        np.testing.assert_allclose(rpy_from_rotation(rotations)[at], rpy_from_rotation(rotation), atol=1e-14)
         np.testing.assert_allclose(left_jacobian_inverse(vectors)[at], left_jacobian_inverse(vectors[at]), atol=1e-14)
-        np.testing.assert_allclose(quaternion_from_rotation(rotations)[at], quaternion_from_rotation(one), atol=1e-15)
+        np.testing.assert_allclose(
+            quaternion_from_rotation(rotations)[at], quaternion_from_rotation(rotation), atol=1e-15
+        )
         np.testing.assert_allclose(cross(vectors, others)[at], np.cross(vectors[at], others[at]), atol=1e-15)
-        np.testing.assert_allclose(rotate(rotations, others)[at], one @ others[at], atol=1e-14)
-        np.testing.assert_allclose(rotate_back(rotations, others)[at], one.T @ others[at], atol=1e-14)
-        np.testing.assert_allclose(compose(rotations, rotations)[at], one @ one, atol=1e-14)
+        np.testing.assert_allclose(rotate(rotations, others)[at], rotation @ others[at], atol=1e-14)
+        np.testing.assert_allclose(rotate_back(rotations, others)[at], rotation.T @ others[at], atol=1e-14)
+        np.testing.assert_allclose(compose(rotations, rotations)[at], rotation @ rotation, atol=1e-14)
 
 
 def test_poses_are_homogeneous_matrices() -> None:

@@ -86,9 +86,9 @@ def test_a_robot_file(text: str, message: str) -> None:
     assert message in refused(text)
 
 
-@pytest.mark.parametrize("word", ["1:30", "1_000", "0x10", "true", "no", '"0.5"', "1e400", ".inf", ".nan", "½"])
-def test_what_yaml_would_read_otherwise_than_it_looks(word: str) -> None:
-    assert "joints[0].d: " in refused(ARM.replace("d: 0.5", f"d: {word}"))
+@pytest.mark.parametrize("scalar", ["1:30", "1_000", "0x10", "true", "no", '"0.5"', "1e400", ".inf", ".nan", "½"])
+def test_what_yaml_would_read_otherwise_than_it_looks(scalar: str) -> None:
+    assert "joints[0].d: " in refused(ARM.replace("d: 0.5", f"d: {scalar}"))
 
 
 def test_a_joint_of_zero_range_and_names_of_any_script() -> None:

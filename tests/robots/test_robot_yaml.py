@@ -25,12 +25,12 @@ SHARED = PROJECT.parent / "shared"
 
 def test_a_file_says_what_it_says() -> None:
     robot = parse_robot(MINIMAL, "arm.yaml")
-    one, two = robot.joints
+    first, second = robot.joints
     assert (robot.name, robot.convention, robot.gravity) == ("arm", "standard", (0, 0, -9.81))
     assert (robot.base, robot.tool, robot.payload_com, robot.targets) == (Frame(), Frame(), None, {})
-    assert one.parameters == {"theta": 0.1, "d": 0.5, "a": 0.2, "alpha": -1.5, "beta": 0.0}
-    assert (one.limits, one.mass, one.com, one.sign, one.gear_ratio) == ((-1, 2), 2.0, (0, 0, 0.1), 1, None)
-    assert (two.name, two.type, two.limits, two.mass) == ("j2", "prismatic", None, None)
+    assert first.parameters == {"theta": 0.1, "d": 0.5, "a": 0.2, "alpha": -1.5, "beta": 0.0}
+    assert (first.limits, first.mass, first.com, first.sign, first.gear_ratio) == ((-1, 2), 2.0, (0, 0, 0.1), 1, None)
+    assert (second.name, second.type, second.limits, second.mass) == ("j2", "prismatic", None, None)
 
 
 def test_everything_optional_is_read() -> None:
@@ -48,8 +48,8 @@ def test_everything_optional_is_read() -> None:
     assert (robot.base, robot.tool) == (Frame((1, 2, 3), (0.1, 0.2, 0.3)), Frame((0, 0, 0.1)))
     assert (robot.base_tolerance, robot.tool_tolerance) == ({"x": 1e-3, "yaw": 1e-4}, {"z": 0.002})
     assert robot.payload_com == (0, 0, 0.2)
-    one = robot.joints[0]
-    assert (one.sign, one.gear_ratio, one.tolerance) == (-1, 100, {"theta": 1e-4, "beta": 2e-4})
+    first = robot.joints[0]
+    assert (first.sign, first.gear_ratio, first.tolerance) == (-1, 100, {"theta": 1e-4, "beta": 2e-4})
     assert robot.effects == (
         {"effect": "backlash", "joints": ["one"], "value": 1e-4, "seen": True, "note": "7", "none": None, "n": 10},
     )
@@ -78,13 +78,13 @@ joints:
 """
     robot = parse_robot(text, "folder/my arm.yaml")
     deg = math.pi / 180
-    one, two = robot.joints
+    first, second = robot.joints
     assert robot.name == "my arm"
-    assert one.parameters == {"theta": 45 * deg, "d": 0.5, "a": 0.2, "alpha": -90 * deg, "beta": deg}
-    assert one.limits == pytest.approx((-math.pi, math.pi), abs=1e-15)
-    assert two.limits == (0, 0.5)
-    assert (one.mass, one.com) == (3, (0.001, 0.002, 0.003))
-    assert one.tolerance == {"theta": deg, "d": 0.001}
+    assert first.parameters == {"theta": 45 * deg, "d": 0.5, "a": 0.2, "alpha": -90 * deg, "beta": deg}
+    assert first.limits == pytest.approx((-math.pi, math.pi), abs=1e-15)
+    assert second.limits == (0, 0.5)
+    assert (first.mass, first.com) == (3, (0.001, 0.002, 0.003))
+    assert first.tolerance == {"theta": deg, "d": 0.001}
     assert (robot.base.xyz, robot.base.rpy) == ((1, 0, 0), (0, 0, 90 * deg))
     assert robot.base_tolerance == {"x": 0.001, "yaw": deg}
     assert robot.targets["a"] == Frame((0, 0, 0.05), (180 * deg, 0, 0))
@@ -95,8 +95,8 @@ joints:
 def test_the_same_arm_in_both_units_is_the_same_arm() -> None:
     text = (PROJECT / "configs" / "robots" / "irb1600.yaml").read_text()
     robot = parse_robot(text, "irb1600.yaml")
-    again = parse_robot(robot_to_yaml(robot), "irb1600.yaml")
-    assert replace(again, effect_units=robot.effect_units) == robot
+    reread = parse_robot(robot_to_yaml(robot), "irb1600.yaml")
+    assert replace(reread, effect_units=robot.effect_units) == robot
 
 
 def test_urdf_joints() -> None:
@@ -178,10 +178,10 @@ def test_written_and_read_again_is_the_same_bit_for_bit(robot: Robot) -> None:
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_the_projects_arms_are_read_and_written(path: Path) -> None:
     robot = read_robot(path)
-    again = parse_robot(robot_to_yaml(robot), path.name)
-    assert replace(again, effect_units=robot.effect_units) == robot
+    reread = parse_robot(robot_to_yaml(robot), path.name)
+    assert replace(reread, effect_units=robot.effect_units) == robot
     q = np.random.default_rng(0).uniform(-2, 2, (len(robot.variables), 10))
-    np.testing.assert_array_equal(build_chain(again).forward(q).matrices(), build_chain(robot).forward(q).matrices())
+    np.testing.assert_array_equal(build_chain(reread).forward(q).matrices(), build_chain(robot).forward(q).matrices())
     assert all(joint.limits and joint.tolerance for joint in robot.joints)
 
 
@@ -210,8 +210,8 @@ def test_numpy_numbers_and_shared_lists_are_written_plainly() -> None:
     shared = [np.float64(0.5), 1]
     effect = {"effect": "x", "a": shared, "b": shared, "c": np.array([1.0, 2.0]), "d": (np.int64(3),)}
     robot = replace(parse_robot(MINIMAL, "x"), effects=(effect,), gravity=tuple(np.array([0, 0, -9.8])))
-    again = parse_robot(robot_to_yaml(robot), "x")
-    assert again.effects == ({"effect": "x", "a": [0.5, 1], "b": [0.5, 1], "c": [1.0, 2.0], "d": [3]},)
+    reread = parse_robot(robot_to_yaml(robot), "x")
+    assert reread.effects == ({"effect": "x", "a": [0.5, 1], "b": [0.5, 1], "c": [1.0, 2.0], "d": [3]},)
 
 
 def test_effects_in_other_units_are_not_written_as_if_they_were_si() -> None:

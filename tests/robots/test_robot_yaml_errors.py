@@ -252,9 +252,9 @@ def test_every_problem_comes_at_once_in_the_order_of_the_file() -> None:
     with pytest.raises(InputError) as caught:
         parse_robot(text, "arm.yaml")
     assert [item.line for item in caught.value.problems] == [2, 9, 13]
-    many = MINIMAL + "  - {type: revolute, d: x, a: x, alpha: x}\n" * 10
+    many_problems = MINIMAL + "  - {type: revolute, d: x, a: x, alpha: x}\n" * 10
     with pytest.raises(InputError) as caught:
-        parse_robot(many, "arm.yaml")
+        parse_robot(many_problems, "arm.yaml")
     assert len(caught.value.problems) == MAX_PROBLEMS
     assert caught.value.total == 30
     assert "… and 10 more problems" in str(caught.value)

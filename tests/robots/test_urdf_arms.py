@@ -81,9 +81,9 @@ def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str, robots_folder:
     assert robots, "no chain of this robot could be read"
     longest = max(robots.values(), key=lambda robot: len(robot.joints))
     assert parse_robot(robot_to_yaml(longest), "again.yaml") == longest
-    again = parse_urdf(robot_to_urdf(longest)[0], "again.urdf")
+    reread = parse_urdf(robot_to_urdf(longest)[0], "again.urdf")
     q = rng.uniform(-2, 2, (len(longest.variables), 5))
-    ours, theirs = (build_chain(robot).forward(q).matrices() for robot in (longest, again))
+    ours, theirs = (build_chain(robot).forward(q).matrices() for robot in (longest, reread))
     np.testing.assert_allclose(theirs, ours, atol=1e-9)
     for configuration in configurations:
         reference.update_cfg(np.array([configuration[name] for name in reference.actuated_joint_names]))

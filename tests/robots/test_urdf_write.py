@@ -39,18 +39,18 @@ def random_joint(rng: np.random.Generator, i: int, convention: str) -> Joint:
     )
 
 
-def assert_same_arm(robot: Robot, again: Robot, target: Frame | None = None) -> None:
-    chains = build_chain(robot if target is None else replace(robot, tool=target)), build_chain(again)
-    assert robot.variable_names == again.variable_names
+def assert_same_arm(robot: Robot, reread: Robot, target: Frame | None = None) -> None:
+    chains = build_chain(robot if target is None else replace(robot, tool=target)), build_chain(reread)
+    assert robot.variable_names == reread.variable_names
     q = np.random.default_rng(4).uniform(-2, 2, (len(robot.variables), 20))
     ours, theirs = (chain.forward(q).matrices() for chain in chains)
     np.testing.assert_allclose(theirs, ours, atol=1e-9)
-    for one, other in zip(*(centres(chain, q) for chain in chains), strict=True):
-        np.testing.assert_allclose(other, one, atol=1e-9)
+    for expected, actual in zip(*(centres(chain, q) for chain in chains), strict=True):
+        np.testing.assert_allclose(actual, expected, atol=1e-9)
 
 
 def centres(chain, q: Array) -> list[Array]:
-    """Where each body's centre of mass is over the poses."""
+    """Return the centre of mass of each body over the poses."""
     frames = chain.sweep(chain.scalars(q), q.shape[1], (), tuple(body.after for body in chain.bodies)).frames
     return [
         np.einsum("ijn,j->in", frame.rotation, body.com) + frame.translation
@@ -66,14 +66,14 @@ def test_written_and_read_again_gives_the_same_poses(convention: str, seed: int)
     joints = tuple(random_joint(rng, i, convention) for i in range(6))
     robot = Robot("arm", convention, joints, base=frames[0], tool=frames[1])  # type: ignore[arg-type]
     text, losses = robot_to_urdf(robot)
-    again = parse_urdf(text, "again.urdf")
-    assert (again.base_link, again.tip_link) == ("measuring_frame", "tool0")
-    assert_same_arm(robot, again)
-    assert [joint.limits for joint in again.variables] == [joint.limits for joint in robot.variables]
+    reread = parse_urdf(text, "again.urdf")
+    assert (reread.base_link, reread.tip_link) == ("measuring_frame", "tool0")
+    assert_same_arm(robot, reread)
+    assert [joint.limits for joint in reread.variables] == [joint.limits for joint in robot.variables]
     assert [line for line in losses if "unlimited range" not in line] == []
     # And once more: nothing is added to what is already a URDF.
-    assert robot_to_urdf(again)[0].count("<link") == text.count("<link")
-    assert_same_arm(robot, parse_urdf(robot_to_urdf(again)[0], "third.urdf"))
+    assert robot_to_urdf(reread)[0].count("<link") == text.count("<link")
+    assert_same_arm(robot, parse_urdf(robot_to_urdf(reread)[0], "third.urdf"))
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
@@ -127,6 +127,6 @@ def test_what_a_urdf_cannot_carry_is_listed() -> None:
 def test_names_that_the_robot_uses_are_left_to_it() -> None:
     joint = Joint("measuring_frame_to_base", "revolute", dict.fromkeys(ORIGIN_PARAMETERS, 0.1), link="tool0")
     robot = Robot("r", "urdf", (joint,), base=Frame((1, 0, 0)), tool=Frame((0, 1, 0)), base_link="measuring_frame")
-    again = parse_urdf(robot_to_urdf(robot)[0], "again.urdf")
-    assert [item.name for item in again.joints] == ["measuring_frame_to_base_2", "measuring_frame_to_base", "to_tool0"]
-    assert_same_arm(robot, again)
+    reread = parse_urdf(robot_to_urdf(robot)[0], "again.urdf")
+    assert [item.name for item in reread.joints] == ["measuring_frame_to_base_2", "measuring_frame_to_base", "to_tool0"]
+    assert_same_arm(robot, reread)

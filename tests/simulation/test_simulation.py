@@ -67,10 +67,10 @@ def test_noise_has_the_size_asked_for_along_and_about_each_axis() -> None:
     turned = np.einsum("ijn,kjn->nik", data.rotation, true.rotation)
     turn = Rotation.from_matrix(turned).as_rotvec().T
     # A standard deviation of n numbers has a standard error of 1 / sqrt(2 n) = 1.1 %; six of them at 4 each.
-    for found, size in ((shift, 3e-5), (turn, 7e-5)):
-        np.testing.assert_allclose(found.std(axis=1), size, rtol=0.045)
-        assert np.abs(found.mean(axis=1)).max() < 4 * size / np.sqrt(n)
-        assert np.abs(np.corrcoef(found) - np.eye(3)).max() < 4.5 / np.sqrt(n)
+    for noise, size in ((shift, 3e-5), (turn, 7e-5)):
+        np.testing.assert_allclose(noise.std(axis=1), size, rtol=0.045)
+        assert np.abs(noise.mean(axis=1)).max() < 4 * size / np.sqrt(n)
+        assert np.abs(np.corrcoef(noise) - np.eye(3)).max() < 4.5 / np.sqrt(n)
 
 
 def test_outliers_are_as_many_and_as_far_off_as_asked_for() -> None:

@@ -1,7 +1,7 @@
-"""What can be wrong with an arm beyond its nominal table, one effect a file.
+"""Effects: deviations of an arm from its nominal table, one effect a file.
 
 Importing the package fills the registry in the order of the catalogue, which is also the order in which parameters keep
-their place where the poses cannot tell them apart: frames before joints, geometry before what varies.
+their place if they are not distinguishable on the poses: frames before joints, constants before what varies.
 """
 
 from robacc.effects import (  # noqa: I001  the order is the catalogue's

@@ -1,4 +1,4 @@
-"""Read before it settled: the joint still lags by a share of its last motion's speed."""
+"""Approach lag: the pose is read before the joint has settled, so it lags by a share of its last speed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ApproachLag(Effect):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Needs the speeds."""
+        """Return the reason if there are no speeds."""
         return None if varies(data.speed) else cls.missing_reasons[0]
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
@@ -40,7 +40,7 @@ class ApproachLag(Effect):
         return Driver("speed", "1", needed(data.speed, "speed_q1 …", self.name)[arm.number(joint)], True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a joint."""
+        """Return one term a joint."""
         speed = needed(data.speed, "speed_q1 … (or rows in the order measured)", self.name)
         return tuple(
             Term(

@@ -16,7 +16,7 @@ from robacc.robots.assembly import FLEXURES
 
 
 def tilt_motions(arm: Arm, joint: str) -> dict[str, int]:
-    """The two motions that tilt a joint's axis: alpha and beta of its row, the flexures of a URDF's joint."""
+    """Return the two motions that tilt a joint's axis: alpha and beta of its row, the flexures of a URDF's joint."""
     labels = FLEXURES if arm.robot.convention == "urdf" else ("alpha", "beta")
     return {label: arm.motion(joint, label) for label in labels}
 
@@ -28,7 +28,7 @@ class AxisWobble(Effect):
 
     orders: tuple[float, ...] = (1.0, 2.0)
     tilts: tuple[str, ...] = ()
-    """Which of the two directions tilt; empty: both."""
+    """Directions that tilt; empty for both."""
 
     name = "axis_wobble"
     shares_terms = True
@@ -47,12 +47,12 @@ class AxisWobble(Effect):
 
     @classmethod
     def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """Joints that turn."""
+        """Return joints that turn."""
         return tuple(name for name in arm.names if arm.is_revolute(name))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Once per turn, twice, and both; in one direction and in both."""
+        """Yield orders 1, 2 and both; in each direction and in both."""
         for joint in cls.possible_joints(arm):
             for orders in ((1.0,), (2.0,), (1.0, 2.0)):
                 yield from (cls((joint,), orders, tilts) for tilts in (*((t,) for t in tilt_motions(arm, joint)), ()))
@@ -62,7 +62,7 @@ class AxisWobble(Effect):
         return joint_driver(arm, data, self.joints[0], is_only=False)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Four terms a joint and order."""
+        """Return four terms a joint and order."""
         q = commanded(data, self.name)
         terms = []
         for joint in self.joints:
@@ -77,12 +77,12 @@ class AxisWobble(Effect):
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
-        """The orders, and the directions where not both."""
+        """Return the orders, and the directions if not both."""
         return {"orders": list(self.orders), **({"tilts": list(self.tilts)} if self.tilts else {})}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``orders: [1, 2]``, ``tilts: [alpha]``."""
+        """Read ``orders: [1, 2]``, ``tilts: [alpha]``."""
         rest = dict(settings)
         tilts = rest.pop("tilts", [])
         if not isinstance(tilts, list) or not set(tilts) <= {"alpha", "beta", *FLEXURES}:

@@ -18,7 +18,7 @@ from robacc.robots.arm import Arm
 @register
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """Joint variable shifted by half the gap, by the way the joint arrived or by the way gravity pushes it."""
+    """Joint variable shifted by half the gap, by the direction of approach or of gravity's torque."""
 
     by: Literal["approach", "gravity"] = "approach"
 
@@ -38,24 +38,24 @@ class Backlash(Effect):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Needs a direction of approach, or masses to tell which way gravity pushes."""
+        """Return the reason if there is neither a direction of approach nor a mass."""
         if varies(data.direction) or arm.chain.bodies:
             return None
         return cls.missing_reasons[0]
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """By the approach where it is known."""
+        """Return the effect by the approach if it is known, else by gravity."""
         chosen = tuple(joints) if joints is not None else arm.names
         return cls(joints=chosen, by="approach" if data.direction is not None else "gravity")
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """One joint at a time; by gravity only where the approach is unknown."""
+        """Yield one joint at a time; by gravity only if the approach is unknown."""
         yield from (cls.default(arm, data, (joint,)) for joint in arm.names)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the direction of approach, or gravity's torque where that decides the flank."""
+        """Return the direction of approach, or gravity's torque if that decides the flank."""
         if joint is None:
             return None
         if self.by == "gravity":
@@ -64,7 +64,7 @@ class Backlash(Effect):
         return Driver("direction", "1", direction, True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a joint."""
+        """Return one term a joint."""
         if self.by == "approach":
             sign = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
         else:
@@ -81,12 +81,12 @@ class Backlash(Effect):
         )
 
     def settings(self) -> dict[str, Any]:
-        """What decides the flank, where it is not the approach."""
+        """Return the cause that decides the flank, if it is not the approach."""
         return {} if self.by == "approach" else {"by": self.by}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``by: approach`` or ``by: gravity``."""
+        """Read ``by: approach`` or ``by: gravity``."""
         rest = dict(settings)
         by = rest.pop("by", "approach")
         if rest or by not in ("approach", "gravity"):

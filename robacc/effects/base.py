@@ -1,7 +1,7 @@
-"""The one idea behind every effect, its contract, and the registry.
+"""Contract of effects, and their registry.
 
 An effect is a scalar of the chain that varies by a known function of the circumstances: scalar += coefficient x
-regressor. A :class:`Term` is one coefficient; its :class:`Part` s say which scalars it moves and by which regressor.
+regressor. A :class:`Term` is one coefficient; its :class:`Part` s state which scalars it moves and by which regressor.
 Its column of the Jacobian is then (column of that scalar) x (regressor), so no effect computes kinematics of its own.
 
 To add an effect: one file in this folder with one subclass of :class:`Effect` decorated with :func:`register`.
@@ -53,7 +53,7 @@ class Part:
     """One scalar that a term moves: by coefficient x factor, times the load's generalised force where it has a load.
 
     The generalised force is what gravity does to the loads behind the motion along it: N m for a rotation (the load's
-    moment about the axis), N for a translation. Being positive along the way gravity pulls, a positive compliance sags.
+    torque about the axis), N for a translation. It is positive along gravity, so a positive compliance sags.
     """
 
     motion: int
@@ -61,7 +61,7 @@ class Part:
     """``(N,)`` regressor, or a constant."""
     loads: tuple[Load, ...] | None = None
     deflected: bool = True
-    """Whether the force is that at the pose with every deflection, in equilibrium, or at the one without any."""
+    """True if the force is that at the deflected pose, in equilibrium; False at the undeflected pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class Term:
     """A usual size of the coefficient on real arms."""
     parts: tuple[Part, ...]
     group: str | None = None
-    """Terms of one group share a Gaussian prior of zero mean whose width is estimated from the data."""
+    """Terms of one group share a Gaussian prior of zero mean; its standard deviation is estimated from the data."""
     weight: float = 1.0
     """Prior standard deviation relative to the group's."""
 
@@ -87,7 +87,7 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What a catalogue says of an effect."""
+    """Catalogue texts of an effect."""
 
     summary: str
     equation: str
@@ -111,21 +111,21 @@ class Effect(abc.ABC):
     name: ClassVar[str]
     about: ClassVar[About]
     is_constant: ClassVar[bool] = False
-    """Whether every regressor is 1, so that the fitted value is written into the robot's own numbers."""
+    """True if every regressor is 1, so that the fitted value is written into the robot's own numbers."""
     per_joint: ClassVar[bool] = True
-    """Whether the effect acts on joints that are named, and is a candidate joint by joint."""
+    """True if the effect acts on named joints, and is a candidate joint by joint."""
     is_frame: ClassVar[bool] = False
-    """Whether it places the base or the tool: a fact of the set-up that registration finds from any start."""
+    """True if it is the base or the tool frame, which registration fits from any start."""
     is_empirical: ClassVar[bool] = False
-    """Whether it names no cause: a smooth correction that stands for one."""
+    """True if it is a smooth correction without a physical cause."""
     shares_terms: ClassVar[bool] = False
-    """Whether forms of the effect have coefficients in common (order 1 alone, and with order 2)."""
+    """True if forms of the effect have coefficients in common (order 1 alone, and with order 2)."""
     missing_reasons: ClassVar[tuple[str, ...]] = ()
-    """Every text that :meth:`missing` can return, but for those that name a robot's own parts."""
+    """Every text that :meth:`missing` can return, except texts that name a part of a robot."""
 
     @abc.abstractmethod
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """The coefficients, with regressors for the poses of ``data``.
+        """Return the coefficients, with regressors for the poses of ``data``.
 
         Raises:
             UsageError: the data or the robot lack what the effect needs.
@@ -133,52 +133,52 @@ class Effect(abc.ABC):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Why the effect cannot be offered for this robot and these data, in one line; None where it can."""
+        """Return the reason if the effect cannot be fitted to this robot and these data, in one line; else None."""
         return None
 
     @classmethod
     def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """The joints the effect can act on."""
+        """Return the joints the effect can act on."""
         return arm.names if cls.per_joint else ()
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """The effect as ``--fit NAME`` means it: on all joints it can act on, or on those named."""
+        """Return the effect requested by name alone: on all joints it can act on, or on ``joints``."""
         return cls(joints=tuple(joints) if joints is not None else cls.possible_joints(arm))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Every form in which the effect competes in a trace: by default one joint at a time."""
+        """Yield every form that is a candidate in a trace: by default one joint at a time."""
         if cls.per_joint:
             yield from (cls(joints=(joint,)) for joint in cls.possible_joints(arm))
         else:
             yield cls()
 
     def settings(self) -> dict[str, Any]:
-        """Settings besides the joints, as plain values for a robot file."""
+        """Return the settings besides the joints, as plain values for a robot file."""
         return {}
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
-        """The effect in SI, lengths and angles among its settings being in units of ``length`` m, ``angle`` rad."""
+        """Return the effect in SI; its settings are in units of ``length`` m and ``angle`` rad."""
         return self
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """The robot with fitted values written into its own numbers; only for an effect that is constant."""
+        """Return the robot with fitted values written into its own numbers; only for an effect that is constant."""
         raise TypeError(f"{self.name} is not constant")
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """The inverse of :meth:`settings`.
+        """Return the inverse of :meth:`settings`.
 
         Raises:
-            ValueError: a setting is unknown or has no sense.
+            ValueError: a setting is unknown or has a wrong value.
         """
         if settings:
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, settings))}")
         return cls(joints=joints)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the driver of the effect on ``joint``, to plot the residual against; None where it has no single one.
+        """Return the driver of the effect on ``joint``, to plot the residual against; None if it has no single driver.
 
         Raises:
             UsageError: the data or the robot lack the driver.
@@ -186,7 +186,7 @@ class Effect(abc.ABC):
         return None
 
     def outside_range(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
-        """Return ``(N,)`` where the effect is used outside the range of its driver that it was fitted on."""
+        """Return ``(N,)`` the mask of poses outside the validity range of the effect's driver."""
         return np.zeros(data.n, dtype=bool)
 
     def key(self) -> tuple[Any, ...]:
@@ -198,11 +198,11 @@ class Effect(abc.ABC):
         return self.key()
 
     def term_key(self, term: Term) -> str:
-        """Return what makes two terms the same column of the Jacobian, over all forms of all effects."""
+        """Return the key of a term's column of the Jacobian, over all forms of all effects."""
         return f"{term.name}|{'' if self.shares_terms else self.key()}"
 
     def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other``, found on some of the poses, is the finding that this effect is on all of them."""
+        """Return whether ``other``, identified on a subset of the poses, is the same finding as this effect."""
         return (self.name, self.joints) == (other.name, other.joints)
 
     def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
@@ -213,7 +213,7 @@ class Effect(abc.ABC):
         return self.key() == other.key()
 
     def is_profile(self) -> bool:
-        """Return whether it is a rich block, asked for only where named terms leave structure."""
+        """Return whether it is a block of many terms, a candidate only if named terms leave structure."""
         return self.is_empirical
 
     def __str__(self) -> str:
@@ -227,35 +227,35 @@ E = TypeVar("E", bound=type[Effect])
 
 
 def register(cls: E) -> E:
-    """Class decorator: put an effect into the catalogue."""
+    """Add an effect to the catalogue (class decorator)."""
     REGISTRY[cls.name] = cls
     return cls
 
 
 def effect_class(name: str) -> type[Effect]:
-    """The effect called ``name``.
+    """Return the effect called ``name``.
 
     Raises:
-        UsageError: there is none; the message names the nearest and lists all.
+        UsageError: there is no such effect; the message suggests the nearest name and lists all.
     """
     try:
         return REGISTRY[name]
     except KeyError:
-        near = difflib.get_close_matches(name, REGISTRY, n=1)
-        hint = f", did you mean {near[0]!r}?" if near else "."
+        matches = difflib.get_close_matches(name, REGISTRY, n=1)
+        hint = f", did you mean {matches[0]!r}?" if matches else "."
         raise UsageError(f"no effect {name!r}{hint} The catalogue: {', '.join(REGISTRY)}") from None
 
 
 def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float, ...]) -> tuple[float, ...]:
-    """The setting ``orders``: positive numbers.
+    """Return the setting ``orders``: positive numbers.
 
     Raises:
-        ValueError: it is not that, or there is another setting.
+        ValueError: the value is wrong, or there is another setting.
     """
-    rest = dict(settings)
-    orders = rest.pop("orders", default)
-    if rest:
-        raise ValueError(f"{name} has no setting {', '.join(map(repr, rest))}")
+    other_settings = dict(settings)
+    orders = other_settings.pop("orders", default)
+    if other_settings:
+        raise ValueError(f"{name} has no setting {', '.join(map(repr, other_settings))}")
     if not isinstance(orders, list | tuple) or not orders:
         raise ValueError(f"{name}: orders must be a list of numbers, found {orders!r}")
     if not all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n <= 1000 for n in orders):

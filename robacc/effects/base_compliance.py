@@ -34,11 +34,11 @@ class BaseCompliance(Elastic):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Needs masses."""
+        """Return the reason if there are no masses."""
         return None if arm.chain.bodies else cls.missing_reasons[0]
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term."""
+        """Return one term."""
         loads = weight_needed(arm, self.name)
         parts = tuple(self.part(arm.chain.index(BASE, label), loads) for label in ("turn_x", "turn_y"))
         return (Term(self.name, "rad/(N m)", 1e-6, parts),)

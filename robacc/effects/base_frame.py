@@ -1,4 +1,4 @@
-"""Where the robot stands in the measuring frame."""
+"""Pose of the robot's base in the measuring frame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FRAME_LABELS = {"x": "x", "y": "y", "z": "z", "roll": "turn_x", "pitch": "turn_y
 
 
 def frame_terms(arm: Arm, owner: int, prefix: str, factor: float | np.ndarray = 1.0) -> tuple[Term, ...]:
-    """Six terms that move a frame: x, y, z and the turns about its own axes."""
+    """Return six terms that move a frame: x, y, z and the turns about its own axes."""
     terms = []
     for label, motion in FRAME_LABELS.items():
         unit = "m" if label in "xyz" else "rad"
@@ -29,7 +29,7 @@ def frame_terms(arm: Arm, owner: int, prefix: str, factor: float | np.ndarray = 
 
 
 def moved_frame(frame: Frame, values: Mapping[str, float], prefix: str) -> Frame:
-    """The frame with fitted terms added: exactly the product of the chain's motions."""
+    """Return the frame with fitted terms added: exactly the product of the chain's motions."""
     xyz = np.array(frame.xyz) + [values.get(f"{prefix}.{label}", 0.0) for label in "xyz"]
     rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation
     for axis, label in enumerate(("roll", "pitch", "yaw")):
@@ -51,7 +51,7 @@ class BaseFrame(Effect):
         summary="where the robot stands in the measuring frame",
         equation="base x, y, z + dx, dy, dz; then turned about its own x, y, z by roll, pitch, yaw",
         unit="m, rad",
-        usual_size="anything: the instrument stands where it stands",
+        usual_size="any: the instrument may stand anywhere",
         usual_range=(0.001, 1),
         needs="nothing",
         confused_with="joint_offset of the first joint (yaw), its d (z)",
@@ -60,9 +60,9 @@ class BaseFrame(Effect):
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Six terms."""
+        """Return six terms."""
         return frame_terms(arm, BASE, self.name)
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """The robot with its base moved."""
+        """Return the robot with its base moved."""
         return dataclasses.replace(arm.robot, base=moved_frame(arm.robot.base, values, self.name))

@@ -1,4 +1,4 @@
-"""The catalogue as a record: what each effect is, and whether a robot and its poses can show it."""
+"""Catalogue of effects as a record, with whether each can be fitted to a robot and its poses."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from robacc.robots.description import Robot
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """Whether an effect can be fitted to a robot's poses."""
+    """Availability of an effect for a robot and its poses."""
 
     why: str | None
-    """Why not; None where it can."""
+    """Reason if it is not available; None if it is."""
     joints: tuple[str, ...]
-    """That it can act on."""
+    """Joints that it can act on."""
     coefficients: tuple[tuple[str, str], ...]
-    """Name and unit of each, of the effect in its default form."""
+    """Name and unit of each coefficient of the effect in its default form."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +34,13 @@ class CatalogueEntry:
     per_joint: bool
     is_constant: bool
     offer: Offer | None
-    """None where no robot is given."""
+    """None if no robot is given."""
 
 
 def catalogue(
     name: str | None = None, robot: Robot | None = None, data: Measurements | None = None
 ) -> tuple[CatalogueEntry, ...]:
-    """Every effect, or the one called ``name``; judged for ``robot``, and for its poses where they are given.
+    """Return every effect, or the effect called ``name``, with its offer for ``robot`` and its poses if given.
 
     Raises:
         UsageError: there is no such effect.
@@ -56,7 +56,7 @@ def catalogue(
 
 
 def _offer(cls: type[Effect], arm: Arm, data: Measurements | None) -> Offer:
-    # Without poses only what the robot lacks is judged.
+    # Without poses, every column is assumed to be present.
     poses = every_column(arm) if data is None else data
     joints = cls.possible_joints(arm)
     why = cls.missing(arm, poses)
@@ -69,18 +69,18 @@ def _offer(cls: type[Effect], arm: Arm, data: Measurements | None) -> Offer:
 
 
 def document(entries: tuple[CatalogueEntry, ...]) -> dict[str, Any]:
-    """The keys of ``robacc.effects/1``."""
+    """Return the keys of ``robacc.effects/1``."""
     return {"effects": [_entry_document(entry) for entry in entries]}
 
 
 def _entry_document(entry: CatalogueEntry) -> dict[str, Any]:
-    found: dict[str, Any] = {"name": entry.name, **dataclasses.asdict(entry.about)}
-    found |= {"per_joint": entry.per_joint, "is_constant": entry.is_constant}
+    record: dict[str, Any] = {"name": entry.name, **dataclasses.asdict(entry.about)}
+    record |= {"per_joint": entry.per_joint, "is_constant": entry.is_constant}
     if entry.offer is not None:
-        found |= {
+        record |= {
             "offered": entry.offer.why is None,
             "why": entry.offer.why,
             "joints": list(entry.offer.joints),
             "coefficients": [{"name": name, "unit": unit} for name, unit in entry.offer.coefficients],
         }
-    return found
+    return record

@@ -32,7 +32,7 @@ class Driver:
     values: Array
     """``(N,)``"""
     is_only: bool
-    """Whether the effect is a function of this driver and of nothing else."""
+    """True if the effect is a function of this driver alone."""
     swept: Callable[[Array], Measurements] | None = None
     """Make poses that differ in the driver alone, from its values; None where no poses can be made for it."""
 
@@ -77,7 +77,7 @@ def is_circumstance(name: str) -> bool:
 
 
 def _median_joints(q: Array, n: int) -> Array:
-    """``(J, n)`` median of the joint variables ``(J, N)``, n times."""
+    """Return ``(J, n)`` median of the joint variables ``(J, N)``, n times."""
     return np.repeat(np.median(q, axis=1, keepdims=True), n, axis=1)
 
 

@@ -1,4 +1,4 @@
-"""What effects that gravity drives share: at which pose the moment that deflects the arm is taken."""
+"""Base class of effects that gravity drives: the deflection model."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ DEFLECTIONS = (
     "deflection: rigid takes it at the undeflected pose, the first-order form that controllers and most of the "
     "literature use"
 )
-"""What a catalogue says of the setting."""
+"""Catalogue text of the setting."""
 
 
 @dataclass(frozen=True)
 class Elastic(Effect):
-    """An effect of c times gravity's moment, in equilibrium: at the pose that all deflections together lead to.
+    """An effect of c times gravity's moment, in equilibrium: at the pose with all deflections.
 
     With ``deflection: rigid`` the moment is that at the pose without any deflection, the first-order form. The two
     differ by the square of the deflection over the lever: nanometres on a stiff arm, micrometres on one that sags by
@@ -30,30 +30,30 @@ class Elastic(Effect):
     deflection: Deflection = field(default="equilibrium", kw_only=True)
 
     def part(self, motion: int, loads: tuple[Load, ...]) -> Part:
-        """The motion that gives way, under ``loads``."""
+        """Return the part of a motion that deflects under ``loads``."""
         return Part(motion, 1.0, loads, deflected=self.deflection == "equilibrium")
 
     def settings(self) -> dict[str, Any]:
-        """The form, where it is not the equilibrium."""
+        """Return the form, if it is not the equilibrium."""
         return {} if self.deflection == "equilibrium" else {"deflection": self.deflection}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``deflection: equilibrium`` or ``rigid``."""
-        form, rest = deflection_setting(cls.name, settings)
-        if rest:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        """Read ``deflection: equilibrium`` or ``rigid``."""
+        form, other_settings = deflection_setting(cls.name, settings)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         return cls(joints, deflection=form)
 
 
 def deflection_setting(name: str, settings: Mapping[str, Any]) -> tuple[Deflection, dict[str, Any]]:
-    """The setting ``deflection``, and the other settings.
+    """Return the setting ``deflection``, and the other settings.
 
     Raises:
         ValueError: it is neither of its two values.
     """
-    rest = dict(settings)
-    form = rest.pop("deflection", "equilibrium")
+    other_settings = dict(settings)
+    form = other_settings.pop("deflection", "equilibrium")
     if form not in ("equilibrium", "rigid"):
         raise ValueError(f"{name}: deflection must be equilibrium or rigid, found {form!r}")
-    return form, rest
+    return form, other_settings

@@ -1,4 +1,4 @@
-"""The base moving against the instrument while the poses were measured."""
+"""Motion of the base against the instrument while the poses are measured."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FrameDrift(Effect):
     """s, the unit of time: a coefficient is the drift over it."""
     degree: int = 1
     turning: bool = False
-    """Whether the base turns too."""
+    """True if the base turns too."""
 
     name = "frame_drift"
     missing_reasons = ("no time_s column that varies",)
@@ -46,24 +46,24 @@ class FrameDrift(Effect):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Needs time."""
+        """Return the reason if there is no time that varies."""
         return None if varies(data.time) else cls.missing_reasons[0]
 
     @classmethod
     def over(cls, data: Measurements, degree: int = 1, turning: bool = False) -> FrameDrift:
-        """About the middle of these poses' time, in units of its half."""
+        """Return the drift about the middle of these poses' time, in units of half the time span."""
         time = needed(data.time, "time_s", cls.name)
         low, high = float(np.min(time)), float(np.max(time))
         return cls(origin=(low + high) / 2, span=(high - low) / 2 or 1.0, degree=degree, turning=turning)
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Straight and steady."""
+        """Return a straight and steady drift."""
         return cls.over(data)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Straight and steady, turning too, and bent."""
+        """Yield a straight and steady drift, one that turns too, and curved ones."""
         for degree, turning in ((1, False), (1, True), (2, False), (3, False), (3, True)):
             yield cls.over(data, degree, turning)
 
@@ -72,7 +72,7 @@ class FrameDrift(Effect):
         return circumstance_driver("time_s", data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Three or six terms a power of time."""
+        """Return three or six terms a power of time."""
         elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
         terms = []
         for power in range(1, self.degree + 1):
@@ -85,12 +85,12 @@ class FrameDrift(Effect):
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
-        """Time scale and shape."""
+        """Return the time scale and the shape."""
         return {"origin_s": self.origin, "span_s": self.span, "degree": self.degree, "turning": self.turning}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``origin_s``, ``span_s``, ``degree``, ``turning``."""
+        """Read ``origin_s``, ``span_s``, ``degree``, ``turning``."""
         rest = dict(settings)
         origin, span = float(rest.pop("origin_s", 0.0)), float(rest.pop("span_s", 1.0))
         degree, turning = rest.pop("degree", 1), rest.pop("turning", False)

@@ -35,5 +35,5 @@ class InstrumentScale(Effect):
         return Driver("distance", "m", np.sqrt(np.sum(np.square(data.position), axis=0)), True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term."""
+        """Return one term."""
         return (Term(self.name, "1", 1e-5, (Part(SCALE_OF_INSTRUMENT),)),)

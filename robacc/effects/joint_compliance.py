@@ -1,4 +1,4 @@
-"""Joints that give way under the arm's own weight."""
+"""Compliance of joints under the arm's own weight."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from robacc.robots.arm import Arm
 class JointCompliance(Elastic):
     """Each joint turned by c times the moment of gravity about its axis, in equilibrium.
 
-    With masses ``unknown`` the torque's base regressors are fitted, and what is identified is compliance x mass and
+    With masses ``unknown`` the torque's base regressors are fitted; their coefficients are compliance x mass and
     compliance x first moment. With masses ``uncertain`` the file's are a start, and the same regressors, shrunk by a
     prior in proportion to each link's own mass, correct them.
     """
@@ -43,19 +43,19 @@ class JointCompliance(Elastic):
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Any = None) -> Effect:
-        """With the robot's masses where it has them."""
+        """Return the effect with the robot's masses, if it has any."""
         return cls(tuple(joints) if joints is not None else arm.names, "known" if arm.chain.bodies else "unknown")
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """One joint at a time, with the file's masses and with uncertain ones."""
+        """Yield one joint at a time, with the file's masses and with uncertain ones."""
         for joint in arm.names:
             yield cls.default(arm, data, (joint,))
             if arm.chain.bodies:
                 yield cls((joint,), "uncertain")
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return gravity's torque on the joint, or its variable where the masses are unknown."""
+        """Return gravity's torque on the joint, or its variable if the masses are unknown."""
         if joint is None:
             return None
         if not arm.chain.bodies:
@@ -63,51 +63,51 @@ class JointCompliance(Elastic):
         return torque_driver(arm, data, joint, is_only=self.masses == "known")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a joint, or one for each base regressor."""
+        """Return one term a joint, or one for each base regressor."""
         terms = []
-        weight = () if self.masses == "unknown" else weight_needed(arm, self.name)
+        own_weight = () if self.masses == "unknown" else weight_needed(arm, self.name)
         for joint in self.joints:
             motion = arm.axis_motion(joint)
             unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"
             if self.masses != "unknown":
-                terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (self.part(motion, weight),)))
+                terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (self.part(motion, own_weight),)))
             if self.masses == "known":
                 continue
-            sizes = _sizes(arm) if self.masses == "uncertain" else {}
+            stds = _regressor_stds(arm) if self.masses == "uncertain" else {}
             for label, loads in unit_loads(arm, arm.owners[arm.number(joint)]).items():
                 name = f"{self.name}.{joint}.{label}"
-                by = "kg" if label.startswith("m") else "kg m"
-                size = sizes.get(label, 5.0 if by == "kg" else 1.0)
+                load_unit = "kg" if label.startswith("m") else "kg m"
+                std = stds.get(label, 5.0 if load_unit == "kg" else 1.0)
                 part = self.part(motion, loads)
-                terms.append(Term(name, f"{unit} {by}", 1e-5, (part,), f"{self.name}.{joint}", size))
+                terms.append(Term(name, f"{unit} {load_unit}", 1e-5, (part,), f"{self.name}.{joint}", std))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
-        """Whether base regressors stand for the masses, and the form."""
+        """Return the setting of the masses, and the form."""
         return super().settings() | ({} if self.masses == "known" else {"masses": self.masses})
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``masses: known``, ``uncertain`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
-        form, rest = deflection_setting(cls.name, settings)
-        masses = rest.pop("masses", "known")
-        if rest or masses not in ("known", "uncertain", "unknown"):
+        """Read ``masses: known``, ``uncertain`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
+        form, other_settings = deflection_setting(cls.name, settings)
+        masses = other_settings.pop("masses", "known")
+        if other_settings or masses not in ("known", "uncertain", "unknown"):
             raise ValueError(
                 f"{cls.name} knows masses: known, uncertain or unknown, and deflection, found {dict(settings)!r}"
             )
         return cls(joints, masses, deflection=form)
 
 
-def _sizes(arm: Arm) -> dict[str, float]:
-    """How far each base regressor may be off: a quarter of the link's mass, and of its moment at its own extent."""
-    sizes = {}
+def _regressor_stds(arm: Arm) -> dict[str, float]:
+    """Return the prior std of each base regressor: a quarter of the link's mass, and of its first moment."""
+    stds = {}
     for body in arm.chain.bodies:
         reach = max(math.hypot(*body.com), 0.05)
-        sizes[f"m{body.owner + 1}"] = 0.25 * body.mass
-        sizes |= {f"{label}{body.owner + 1}": 0.25 * body.mass * reach for label in ("hx", "hy", "hz")}
-    smallest = min(sizes.values())
+        stds[f"m{body.owner + 1}"] = 0.25 * body.mass
+        stds |= {f"{label}{body.owner + 1}": 0.25 * body.mass * reach for label in ("hx", "hy", "hz")}
+    smallest = min(stds.values())
     return {
-        f"{label}{i + 1}": sizes.get(f"{label}{i + 1}", 0.1 * smallest)
+        f"{label}{i + 1}": stds.get(f"{label}{i + 1}", 0.1 * smallest)
         for i in range(len(arm.robot.joints))
         for label in ("m", "hx", "hy", "hz")
     }

@@ -1,4 +1,4 @@
-"""Nothing named: an empirical correction of one joint as a smooth function of its drivers."""
+"""Empirical correction of one joint as a smooth function of its drivers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 _MARGIN = 0.01
-"""Share of a driver's range by which a pose may be outside it and still be said to be inside."""
+"""Share of a driver's range by which a pose may exceed it and still count as inside."""
 
 
 @register
@@ -26,9 +26,9 @@ _MARGIN = 0.01
 class JointCorrection(Effect):
     """theta_j plus a polynomial, in Chebyshev form, of one driver or of two together.
 
-    A driver is a joint's name, ``torque`` (the moment of the arm's own weight about the joint's axis), ``payload_kg``,
-    ``temperature_c``, ``time_s``, or ``direction`` (the way the joint arrived; it only multiplies another driver). The
-    terms share a Gaussian prior whose width is estimated. Outside the range seen, a driver is held at its end.
+    A driver is a joint's name, ``torque`` (of the arm's own weight about the joint's axis), ``payload_kg``,
+    ``temperature_c``, ``time_s``, or ``direction`` (of approach; it only multiplies another driver). The terms share a
+    Gaussian prior whose standard deviation is estimated. Outside its validity range, a driver stays at the end of it.
     """
 
     drivers: tuple[str, ...] = ()
@@ -39,7 +39,7 @@ class JointCorrection(Effect):
     name = "joint_correction"
     is_empirical = True
     about = About(
-        summary="nothing named: an empirical correction of one joint as a smooth function of a driver",
+        summary="empirical correction of one joint as a smooth function of a driver",
         equation="theta_j + sum c_k T_k(x), T_k Chebyshev polynomials of the driver scaled to its range",
         unit="rad (m for a prismatic joint)",
         usual_size="1e-5 to 1e-3 rad",
@@ -53,7 +53,7 @@ class JointCorrection(Effect):
 
     @classmethod
     def over(cls, arm: Arm, data: Measurements, joint: str, drivers: tuple[str, ...], degree: int) -> JointCorrection:
-        """Scaled to the range of these poses."""
+        """Return the correction scaled to the range of these poses."""
         values = [_driver(arm, data, joint, driver) for driver in drivers]
         low = tuple(float(np.min(value)) for value in values)
         high = tuple(float(np.max(value)) for value in values)
@@ -61,7 +61,7 @@ class JointCorrection(Effect):
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Each joint by its own variable (one joint only where several are asked for one by one)."""
+        """Return a correction of each joint by its own variable."""
         chosen = tuple(joints) if joints is not None else arm.names
         q = commanded(data, cls.name)
         numbers = [arm.number(joint) for joint in chosen]
@@ -70,7 +70,7 @@ class JointCorrection(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Every joint by every driver, one alone and its own variable with another."""
+        """Yield every joint by every driver, and by every pair of drivers."""
         for joint in arm.names:
             for driver in possible_drivers(arm, data):
                 yield cls.over(arm, data, joint, (driver,), 8)
@@ -89,26 +89,28 @@ class JointCorrection(Effect):
         return joint_driver(arm, data, joint if name == "own" else name, is_only=is_only)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a polynomial; the constant belongs to joint_offset."""
+        """Return a term for each polynomial; the constant belongs to joint_offset."""
         terms = []
         for joint in self.joints:
             motion = arm.axis_motion(joint)
             unit = "rad" if arm.is_revolute(joint) else "m"
-            by = "_".join(self.drivers)
-            group = f"{self.name}.{joint}.{by}"
+            driver_names = "_".join(self.drivers)
+            group = f"{self.name}.{joint}.{driver_names}"
             for label, size, column in self._basis(arm, data, joint):
                 part = Part(motion, column)
-                terms.append(Term(f"{self.name}.{joint}.{by}.{label}", unit, 1e-4, (part,), group, 1.0 / size))
+                terms.append(
+                    Term(f"{self.name}.{joint}.{driver_names}.{label}", unit, 1e-4, (part,), group, 1.0 / size)
+                )
         return tuple(terms)
 
     def outside_range(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
         """Return ``(N,)`` where a driver is outside the range that the correction was fitted on."""
-        found = np.zeros(data.n, dtype=bool)
+        is_outside = np.zeros(data.n, dtype=bool)
         for joint in self.joints:
             for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):
                 value, margin = _driver(arm, data, joint, driver), _MARGIN * (high - low)
-                found |= (value < low - margin) | (value > high + margin)
-        return found
+                is_outside |= (value < low - margin) | (value > high + margin)
+        return is_outside
 
     def _basis(self, arm: Arm, data: Measurements, joint: str) -> Iterator[tuple[str, float, Array]]:
         columns = []
@@ -129,7 +131,7 @@ class JointCorrection(Effect):
                     yield f"T{i}T{j}", float(i + j), a * b
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
-        """Ranges of drivers that are joints come in the file's unit of length or angle."""
+        """Return the correction in SI; ranges of joints are in the file's unit of length or angle."""
         sizes = [self._unit_of(arm, driver, length, angle) for driver in self.drivers]
         low, high = (tuple(v * size for v, size in zip(ends, sizes, strict=True)) for ends in (self.low, self.high))
         return dataclasses.replace(self, low=low, high=high)
@@ -141,7 +143,7 @@ class JointCorrection(Effect):
         return angle if all(arm.is_revolute(joint) for joint in joints) else length
 
     def settings(self) -> dict[str, Any]:
-        """Drivers, their ranges and the degree."""
+        """Return the drivers, their ranges and the degree."""
         return {
             "drivers": list(self.drivers),
             "range": [[low, high] for low, high in zip(self.low, self.high, strict=True)],
@@ -150,11 +152,15 @@ class JointCorrection(Effect):
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``drivers: [j3]``, ``range: [[-1.5, 1.5]]``, ``degree: 8``."""
-        rest = dict(settings)
-        drivers, ranges, degree = rest.pop("drivers", None), rest.pop("range", None), rest.pop("degree", 8)
-        if rest:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        """Read ``drivers: [j3]``, ``range: [[-1.5, 1.5]]``, ``degree: 8``."""
+        other_settings = dict(settings)
+        drivers, ranges, degree = (
+            other_settings.pop("drivers", None),
+            other_settings.pop("range", None),
+            other_settings.pop("degree", 8),
+        )
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         if not isinstance(drivers, list) or len(drivers) not in (1, 2):
             raise ValueError(f"{cls.name}: drivers must be a list of one or two names, found {drivers!r}")
         if not isinstance(ranges, list) or len(ranges) != len(drivers) or not all(map(_is_range, ranges)):
@@ -170,7 +176,7 @@ def _is_range(pair: Any) -> bool:
 
 
 def possible_drivers(arm: Arm, data: Measurements) -> tuple[str, ...]:
-    """What a correction may be a function of, for these data."""
+    """Return the drivers that these data have."""
     drivers = list(arm.names)
     if arm.chain.bodies:
         drivers.append("torque")
@@ -183,7 +189,7 @@ def possible_drivers(arm: Arm, data: Measurements) -> tuple[str, ...]:
 
 
 def possible_pairs(arm: Arm, data: Measurements) -> tuple[tuple[str, str], ...]:
-    """Pairs of drivers: two joints, and torque or a joint with the direction of approach."""
+    """Return pairs of drivers: two joints, and torque or a joint with the direction of approach."""
     names = arm.names
     pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     if varies(data.direction):
@@ -192,7 +198,7 @@ def possible_pairs(arm: Arm, data: Measurements) -> tuple[tuple[str, str], ...]:
 
 
 def _driver(arm: Arm, data: Measurements, joint: str, driver: str) -> Array:
-    """``(N,)`` values of a driver of one joint."""
+    """Return ``(N,)`` the values of a driver of a joint."""
     if driver == "torque":
         weight_needed(arm, f"{JointCorrection.name} by torque")
         torque: Array = gravity_torques(arm, commanded(data, JointCorrection.name))[arm.number(joint)]

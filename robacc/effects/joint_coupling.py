@@ -1,4 +1,4 @@
-"""One joint turning another: a wrist's gears, a parallelogram."""
+"""Coupling of joints: one joint turns another, as a wrist's gears or a parallelogram do."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class JointCoupling(Effect):
     )
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the joint that turns this one, where there is a single one."""
+        """Return the joint that turns this joint, if there is a single one."""
         return joint_driver(arm, data, self.drivers[0]) if len(self.drivers) == 1 else None
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a pair of joints."""
+        """Return one term a pair of joints."""
         q = commanded(data, self.name)
         return tuple(
             Term(
@@ -53,32 +53,32 @@ class JointCoupling(Effect):
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Every pair of neighbours."""
+        """Return every pair of neighbours."""
         return cls(joints=tuple(joints) if joints is not None else arm.names)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Every ordered pair of joints, neighbours first."""
+        """Yield every ordered pair of joints, neighbours first."""
         pairs = [(j, i) for j in range(len(arm.names)) for i in range(len(arm.names)) if i != j]
         for j, i in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
             yield cls(joints=(arm.names[j],), drivers=(arm.names[i],))
 
     def settings(self) -> dict[str, Any]:
-        """The drivers, where they are not simply the neighbours."""
+        """Return the drivers, if they are not the neighbours."""
         return {"drivers": list(self.drivers)} if self.drivers else {}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """With the drivers named."""
-        rest = dict(settings)
-        drivers = tuple(rest.pop("drivers", ()))
-        if rest:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        """Return the effect with the named drivers."""
+        other_settings = dict(settings)
+        drivers = tuple(other_settings.pop("drivers", ()))
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         return cls(joints=joints, drivers=drivers)
 
 
 def neighbours(arm: Arm, joint: str) -> tuple[str, ...]:
-    """The joints next to one in the chain."""
+    """Return the joints next to a joint in the chain."""
     i = arm.number(joint)
     return tuple(arm.names[k] for k in (i - 1, i + 1) if 0 <= k < len(arm.names))
 

@@ -14,7 +14,7 @@ from robacc.robots.description import Robot
 
 
 def with_parameters(arm: Arm, changes: Mapping[tuple[int, str], float]) -> Robot:
-    """The robot with ``changes`` {(joint index, parameter): delta} added to its joints' numbers."""
+    """Return the robot with ``changes`` {(joint index, parameter): delta} added to its joints' numbers."""
     joints = list(arm.robot.joints)
     for (owner, label), delta in changes.items():
         joint = joints[owner]
@@ -26,7 +26,7 @@ def with_parameters(arm: Arm, changes: Mapping[tuple[int, str], float]) -> Robot
 @register
 @dataclass(frozen=True)
 class JointOffset(Effect):
-    """The zero of each joint."""
+    """Offset of each joint's zero."""
 
     name = "joint_offset"
     is_constant = True
@@ -47,7 +47,7 @@ class JointOffset(Effect):
         return None if joint is None else joint_driver(arm, data, joint)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a joint."""
+        """Return one term a joint."""
         return tuple(
             Term(
                 f"{self.name}.{joint}",
@@ -59,7 +59,7 @@ class JointOffset(Effect):
         )
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """The robot with its offsets changed."""
+        """Return the robot with its offsets changed."""
         changes = {
             (arm.owners[arm.number(joint)], arm.joint(joint).offset_parameter): values.get(f"{self.name}.{joint}", 0.0)
             for joint in self.joints

@@ -33,11 +33,11 @@ class LateralCompliance(Elastic):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Needs masses."""
+        """Return the reason if there are no masses."""
         return None if arm.chain.bodies else cls.missing_reasons[0]
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a joint."""
+        """Return one term a joint."""
         weight = weight_needed(arm, self.name)
         return tuple(
             Term(

@@ -17,7 +17,7 @@ _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def geometry_labels(arm: Arm, joint: Joint) -> tuple[str, ...]:
-    """Names of a joint's constants: its table row without the joint variable, or its URDF origin.
+    """Return the names of a joint's constants: its table row without the joint variable, or its URDF origin.
 
     A prismatic joint keeps theta as a constant, and its d is the joint's zero.
     """
@@ -50,22 +50,22 @@ class LinkGeometry(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """One constant at a time, and a joint's whole row."""
+        """Yield one constant at a time, and a joint's whole row."""
         for joint in arm.names:
             yield from (cls((joint,), (label,)) for label in geometry_labels(arm, arm.joint(joint)))
             yield cls((joint,))
 
     def settings(self) -> dict[str, Any]:
-        """The constants, where not all."""
+        """Return the labels, if not all."""
         return {"labels": list(self.labels)} if self.labels else {}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``labels: [a, alpha]``."""
-        rest = dict(settings)
-        labels = rest.pop("labels", [])
-        if rest:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        """Read ``labels: [a, alpha]``."""
+        other_settings = dict(settings)
+        labels = other_settings.pop("labels", [])
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         known = ("theta", *_DH, *_ORIGIN)
         if not isinstance(labels, list) or any(label not in known for label in labels):
             raise ValueError(f"{cls.name}: labels must be a list of some of {', '.join(known)}, found {labels!r}")
@@ -76,18 +76,18 @@ class LinkGeometry(Effect):
         return tuple(label for label in labels if label in self.labels) if self.labels else labels
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """The constants of each joint's row; what the poses cannot tell apart is found by the fit."""
+        """Return the constants of each joint's row; the fit finds those that are not identifiable."""
         terms = []
         for joint in self.joints:
             for label in self._labels(arm, joint):
                 motion = arm.motion(joint, label)
                 unit = arm.chain.motions[motion].unit
                 terms.append(Term(f"{self.name}.{joint}.{label}", unit, 1e-3, (Part(motion),)))
-        # Hayati's rotations last: one is kept only for what the table's own numbers cannot describe.
+        # Hayati's rotations last: a rotation is identifiable only if the table's own numbers cannot describe it.
         return tuple(sorted(terms, key=lambda term: term.label == "beta"))
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """The robot with its table changed."""
+        """Return the robot with its table changed."""
         changes = {}
         for joint in self.joints:
             for label in self._labels(arm, joint):

@@ -11,18 +11,18 @@ from robacc.geometry import Array
 ONE_TURN = 2.1 * math.pi
 """rad: range of a joint that counts as one turn at most."""
 SAME_ORDER = 0.5
-"""Orders nearer than this, found on different poses, are the same harmonic."""
+"""Difference of two orders, identified on different poses, below which they are the same harmonic."""
 ORDER_STEP = 0.25
 """Periods per turn between orders that are tried; the best is then improved off this grid."""
 HIGHEST_ORDER = 40.0
 _FEWEST = 8
-"""Different angles below which a joint shows no order."""
+"""Different angles that an order needs at least."""
 _CLOSEST = 0.1
 """Quantile of the gaps between angles that sets the highest order they support."""
 
 
 def supported_orders(angle: Array) -> Array:
-    """Orders between one period over the range seen and what the spacing of the poses supports.
+    """Return the orders between one period over the range of angles and the limit that the spacing of poses sets.
 
     Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps.
     """

@@ -37,7 +37,7 @@ class PayloadCompliance(Elastic):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Needs payloads."""
+        """Return the reason if there are no payloads."""
         if data.payload is None:
             return cls.missing_reasons[0]
         return None if data.payload.any() else cls.missing_reasons[1]
@@ -49,7 +49,7 @@ class PayloadCompliance(Elastic):
         return torque_driver(arm, data, joint, loads=payload(arm, needed(data.payload, "payload_kg", self.name)))
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term a joint."""
+        """Return one term a joint."""
         loads = payload(arm, needed(data.payload, "payload_kg", self.name))
         return tuple(
             Term(

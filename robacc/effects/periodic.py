@@ -1,4 +1,4 @@
-"""Periodic errors of one joint as a search builds them: of one order, or the joint's whole profile."""
+"""Periodic errors of one joint as a search builds them: of one order, or the joint's profile of orders."""
 
 from __future__ import annotations
 

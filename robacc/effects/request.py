@@ -1,4 +1,4 @@
-"""Effects as a user asks for them: ``base_frame,joint_offset[j2,j3],gear_ratio[all]``."""
+"""Parser of requested effects: ``base_frame,joint_offset[j2,j3],gear_ratio[all]``."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ _ITEM = re.compile(r"\s*([^,\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*(?:,|$)")
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One effect asked for, and the joints it may act on."""
+    """One requested effect, and the joints it may act on."""
 
     name: str
     joints: tuple[str, ...] | None
-    """None: not said; ``("all",)``: every joint it can act on."""
+    """None for the default; ``("all",)`` for every joint it can act on."""
 
 
 def parse_requests(text: str) -> tuple[Request, ...]:
-    """Names separated by commas, each with joints in brackets where it is restricted.
+    """Parse names separated by commas, each with optional joints in brackets.
 
     Raises:
         UsageError: the text is not that, or a name is not in the catalogue.
     """
-    requests, at = [], 0
-    while at < len(text):
-        match = _ITEM.match(text, at)
+    requests, position = [], 0
+    while position < len(text):
+        match = _ITEM.match(text, position)
         if match is None:
-            raise UsageError(f"cannot read {text[at:]!r}; write effects like base_frame,joint_offset[j2,j3]")
+            raise UsageError(f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]")
         name, inside = match.groups()
         effect_class(name)
         joints = None
@@ -42,13 +42,13 @@ def parse_requests(text: str) -> tuple[Request, ...]:
             if not joints:
                 raise UsageError(f"{name}[] names no joint; leave the brackets out, or write {name}[all]")
         requests.append(Request(name, joints))
-        at = match.end()
+        position = match.end()
     unique = {(request.name, request.joints): request for request in requests}
     return tuple(sorted(unique.values(), key=lambda request: list(REGISTRY).index(request.name)))
 
 
 def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Effect, ...]:
-    """The effects, each in its default form.
+    """Return the effects, each in its default form.
 
     Raises:
         UsageError: a joint does not exist, the effect cannot act on it, or the data lack what it needs.

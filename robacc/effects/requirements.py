@@ -1,10 +1,10 @@
-"""Columns and masses that an effect cannot do without."""
+"""Columns and masses that an effect needs."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from robacc.errors import UsageError
+from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
 from robacc.gravity.loads import Load, own_weight
 from robacc.measurements import Measurements
@@ -12,13 +12,13 @@ from robacc.robots.arm import Arm
 
 
 def needed(column: Array | None, name: str, effect: str) -> Array:
-    """Return a column that an effect cannot do without.
+    """Return a column that an effect needs.
 
     Raises:
-        UsageError: the data have none.
+        MissingColumnError: the data do not have it.
     """
     if column is None:
-        raise UsageError(f"{effect} needs the column {name}, which the poses do not have")
+        raise MissingColumnError(f"{effect} needs the column {name}, which the poses do not have")
     return column
 
 
@@ -28,7 +28,7 @@ def commanded(data: Measurements, effect: str) -> Array:
 
 
 def weight_needed(arm: Arm, effect: str) -> tuple[Load, ...]:
-    """Return the arm's own weight, which an effect cannot do without.
+    """Return the arm's own weight, which an effect needs.
 
     Raises:
         UsageError: the robot file has no masses.

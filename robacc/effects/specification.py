@@ -1,4 +1,4 @@
-"""Effects as a robot file lists them: read into effects with values, and written back."""
+"""Reader and writer of the effects that a robot file lists."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot, effect_key
 
-_SHOWN = 12
+_MAX_NAMES = 12
 """Coefficients that a message lists."""
 
 
@@ -28,7 +28,7 @@ class Known:
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:
-    """The effects that a robot file lists, in SI.
+    """Return the effects that a robot file lists, in SI.
 
     An entry is ``{effect: backlash, joints: [j2], values: {j2: 1e-4}, …settings}``; a value's key is its name without
     the effect's, or ``value`` for an effect of a single coefficient. Values are in the file's units: a leading rad or m
@@ -47,13 +47,13 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
     for i, entry in enumerate(robot.effects):
         key = effect_key(i)
         try:
-            found = _read(arm, entry)
+            known_effect = _read(arm, entry)
         except (ValueError, TypeError, UsageError) as error:
             problems.append(Problem(str(error), column=key))
             continue
-        known.append(found)
-        if (same := first.setdefault(found.effect.key(), key)) != key:
-            message = f"is {found.effect} of {same} again, and the two would add up"
+        known.append(known_effect)
+        if (earlier := first.setdefault(known_effect.effect.key(), key)) != key:
+            message = f"repeats {known_effect.effect} of {earlier}; their values would add up"
             problems.append(Problem(message, column=key, fix="give one entry with the sum of the values"))
     if problems:
         raise InputError(problems)
@@ -61,10 +61,10 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
 
 
 def coefficients(robot: Robot) -> tuple[tuple[str, float, str], ...]:
-    """Name, value and unit of each coefficient that a robot file's effects give a value for; SI.
+    """Return name, value and unit of each coefficient that a robot file's effects give a value for; SI.
 
     Raises:
-        InputError: as of :func:`known_effects`.
+        InputError: see :func:`known_effects`.
     """
     arm = Arm.of(robot)
     return tuple(
@@ -85,16 +85,16 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
     if "values" not in entry:
         raise ValueError(f"{effect} has no values, so it would do nothing; write values: {{name: number}}")
-    raw = entry["values"]
-    if not isinstance(raw, Mapping):
-        raise ValueError(f"values must be a mapping of name to number, found {raw!r}")
+    entry_values = entry["values"]
+    if not isinstance(entry_values, Mapping):
+        raise ValueError(f"values must be a mapping of name to number, found {entry_values!r}")
     values = {}
-    for key, value in raw.items():
+    for key, value in entry_values.items():
         name = cls.name if key == "value" else f"{cls.name}.{key}"
         if name not in terms:
-            there = [short_name(effect, term) for term in terms]
-            more = f" and {len(there) - _SHOWN} more" if len(there) > _SHOWN else ""
-            raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(there[:_SHOWN])}{more}")
+            names = [short_name(effect, term) for term in terms]
+            more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+            raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"values.{key} must be a finite number, found {value!r}")
         values[name] = value * _unit_size(terms[name], *arm.robot.effect_units)
@@ -104,7 +104,7 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
 
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
-    """The entry's joints, each of which the effect can act on."""
+    """Return the entry's joints, checked."""
     if not cls.per_joint:
         if joints:
             raise ValueError(f"{cls.name} acts on no joint in particular; leave joints out")
@@ -121,9 +121,9 @@ def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
 
 
 def every_column(arm: Arm) -> Measurements:
-    """Two poses with every column there is, each varying: what an effect then lacks is the robot's.
+    """Return two poses with every column, each varying: an effect that is still missing lacks a part of the robot.
 
-    Names and units of coefficients do not depend on the poses, so they can be had from these.
+    Names and units of coefficients do not depend on the poses, so these poses give them too.
     """
     varying = np.array([0.0, 1.0])
     joints = np.tile(varying, (len(arm.names), 1))
@@ -145,12 +145,12 @@ def _unit_size(term: Term, length: float, angle: float) -> float:
 
 
 def short_name(effect: Effect, name: str) -> str:
-    """The key of a coefficient in a robot file's ``values``: its name without the effect's."""
+    """Return the key of a coefficient in a robot file's ``values``: its name without the effect's."""
     return "value" if name == effect.name else name.removeprefix(f"{effect.name}.")
 
 
 def entry_of(effect: Effect, values: Mapping[str, float]) -> dict[str, Any]:
-    """The entry of a robot file for an effect with values."""
+    """Return the entry of a robot file for an effect with values."""
     entry: dict[str, Any] = {"effect": effect.name}
     if effect.joints:
         entry["joints"] = list(effect.joints)

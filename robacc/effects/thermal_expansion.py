@@ -1,4 +1,4 @@
-"""Links that grow with temperature, or with time while the arm warms up."""
+"""Thermal expansion of links with temperature, or with time while the arm warms up."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 REFERENCE_TEMPERATURE = 20.0
-"""Degrees Celsius at which lengths are what they are (ISO 1)."""
+"""Degrees Celsius at which lengths have their nominal value (ISO 1)."""
 
 
 @register
@@ -27,7 +27,7 @@ class ThermalExpansion(Effect):
     time_constant: float | None = None
     """s; None: by temperature."""
     slides: bool = True
-    """Whether a slide's travel grows as the links do; not where it is driven against a scale that does not."""
+    """True if a slide's travel grows as the links do; False if its scale does not grow."""
 
     name = "thermal_expansion"
     missing_reasons = ("neither temperature_c nor time_s varies",)
@@ -47,21 +47,21 @@ class ThermalExpansion(Effect):
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Needs a temperature or a time that varies."""
+        """Return the reason if neither temperature nor time varies."""
         if varies(data.temperature) or varies(data.time):
             return None
         return cls.missing_reasons[0]
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """By temperature where it was logged, else a warm-up over a third of the time."""
+        """Return the expansion by temperature if it was logged, else a warm-up over a third of the time."""
         if data.temperature is not None or data.time is None:
             return cls()
         return cls(time_constant=float(np.ptp(data.time)) / 3 or 1.0)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """By temperature; where there is none, by warm-ups of several time constants; a slide's travel grows or not."""
+        """Yield the expansion by temperature, else warm-ups of several time constants; slides grow or not."""
         constants: list[float | None] = [None] if varies(data.temperature) else []
         if not constants and varies(data.time):
             span = float(np.ptp(data.time))  # type: ignore[arg-type]
@@ -70,11 +70,11 @@ class ThermalExpansion(Effect):
             yield from (cls(time_constant=constant, slides=slides) for constant in constants)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the temperature, or the time where that stands for it."""
+        """Return the temperature, or the time if it is a warm-up."""
         return circumstance_driver("temperature_c" if self.time_constant is None else "time_s", data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """One term that moves every length."""
+        """Return one term that moves every length."""
         if self.time_constant is None:
             rise = needed(data.temperature, "temperature_c", self.name) - self.reference
             unit, typical = "1/K", 1e-5
@@ -89,7 +89,7 @@ class ThermalExpansion(Effect):
         return (Term(self.name, unit, typical, tuple(Part(k, length * rise) for k, length in sorted(lengths.items()))),)
 
     def settings(self) -> dict[str, Any]:
-        """Reference temperature or time constant; and slides that do not grow."""
+        """Return the reference temperature or the time constant, and ``slides`` if they do not grow."""
         rise = (
             {"reference_c": self.reference} if self.time_constant is None else {"time_constant_s": self.time_constant}
         )
@@ -97,7 +97,7 @@ class ThermalExpansion(Effect):
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``reference_c: 20`` or ``time_constant_s: 1800``, and ``slides: false``."""
+        """Read ``reference_c: 20`` or ``time_constant_s: 1800``, and ``slides: false``."""
         rest = dict(settings)
         reference = rest.pop("reference_c", REFERENCE_TEMPERATURE)
         time_constant = rest.pop("time_constant_s", None)
@@ -113,5 +113,5 @@ class ThermalExpansion(Effect):
 
 
 def _travels(arm: Arm) -> list[int]:
-    """Motions that prismatic joints drive."""
+    """Return motions that prismatic joints drive."""
     return [drive.motion for drive in arm.chain.drives if arm.chain.motions[drive.motion].kind == "translation"]

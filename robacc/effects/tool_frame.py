@@ -1,4 +1,4 @@
-"""Where the measured target sits on the last link."""
+"""Pose of the measured target on the last link."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ToolFrame(Effect):
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Six terms, or six for each target that was measured."""
+        """Return six terms, or six for each target that was measured."""
         if not arm.robot.targets or data.target is None:
             prefix = f"{self.name}.{next(iter(arm.robot.targets))}" if arm.robot.targets else self.name
             return frame_terms(arm, TOOL, prefix)
@@ -47,7 +47,7 @@ class ToolFrame(Effect):
         )
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """The robot with its tool, or its targets, moved."""
+        """Return the robot with its tool, or its targets, moved."""
         if not arm.robot.targets:
             return dataclasses.replace(arm.robot, tool=moved_frame(arm.robot.tool, values, self.name))
         targets = {

@@ -21,8 +21,8 @@ from robacc.robots.arm import Arm
 class TransmissionError(Effect):
     """theta_j with cosine and sine of n q_j for each order n, whole or not.
 
-    With ``shrunk`` the orders are a joint's profile: its terms share a Gaussian prior whose width is estimated, so that
-    a profile is shrunk where the poses say little.
+    With ``shrunk`` the orders are a joint's profile: its terms share a Gaussian prior whose standard
+    deviation is estimated, so that a profile is shrunk if the poses determine little of it.
     """
 
     orders: tuple[float, ...] = (1.0, 2.0)
@@ -45,17 +45,17 @@ class TransmissionError(Effect):
 
     @classmethod
     def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """Joints that turn."""
+        """Return joints that turn."""
         return tuple(name for name in arm.names if arm.is_revolute(name))
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Orders 1 and 2."""
+        """Return orders 1 and 2."""
         return cls(tuple(joints) if joints is not None else cls.possible_joints(arm))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Once per turn, twice, both, and the gear's own turn; orders in the data are searched by the trace."""
+        """Yield orders 1, 2, both, and the gear ratio; a trace searches for other orders."""
         for joint in cls.possible_joints(arm):
             for orders in ((1.0,), (2.0,), (1.0, 2.0)):
                 yield cls((joint,), orders)
@@ -81,12 +81,12 @@ class TransmissionError(Effect):
             return True
         if other.shrunk:
             return max(self.orders) <= max(other.orders)
-        return any(abs(order - order2) <= SAME_ORDER for order in self.orders for order2 in other.orders)
+        return any(abs(order - other_order) <= SAME_ORDER for order in self.orders for other_order in other.orders)
 
     def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
         """Return whether it is ``other``, or a profile of the joint that ``other`` is a part of.
 
-        Over more than one turn whole orders do not make up the orders between them, so those still compete.
+        Over more than one turn, whole orders cannot describe the orders between them, so those stay candidates.
         """
         if self.key() == other.key():
             return True
@@ -101,7 +101,7 @@ class TransmissionError(Effect):
         return self.shrunk
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Two terms a joint and order."""
+        """Return two terms a joint and order."""
         q = commanded(data, self.name)
         terms = []
         for joint in self.joints:
@@ -114,14 +114,14 @@ class TransmissionError(Effect):
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
-        """The orders."""
+        """Return the orders, and ``shrunk`` for a profile."""
         return {"orders": list(self.orders), **({"shrunk": True} if self.shrunk else {})}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """``orders: [12.5]``, ``shrunk: true`` for a profile."""
-        rest = dict(settings)
-        shrunk = rest.pop("shrunk", False)
+        """Read ``orders: [12.5]``, ``shrunk: true`` for a profile."""
+        other_settings = dict(settings)
+        shrunk = other_settings.pop("shrunk", False)
         if not isinstance(shrunk, bool):
             raise ValueError(f"{cls.name}: shrunk must be true or false, found {shrunk!r}")
-        return cls(joints, orders_setting(cls.name, rest, (1.0, 2.0)), shrunk)
+        return cls(joints, orders_setting(cls.name, other_settings, (1.0, 2.0)), shrunk)

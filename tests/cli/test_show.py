@@ -52,7 +52,7 @@ def test_table_is_in_millimetres_and_degrees() -> None:
     assert row(text, "Geometry", "j2") == ["j2", "q", "-", "90", "0", "700", "0"]
     assert row(text, "Drives", "j3") == ["j3", "revolute", "-245", "65", "°", "+1", "-"]
     assert "payload  at (0, 0, 100) mm in the last link's frame" in text
-    assert "masses   not known" in text
+    assert "masses   unknown" in text
     assert "effects  none" in text
     assert "\x1b" not in text
 
@@ -196,7 +196,7 @@ def test_effects_that_no_command_could_apply_are_refused_with_their_lines(tmp_pa
         "effects[3]: values.j1 must be a finite number, found '1'",
         "effects[4]: backlash knows the setting by: approach or gravity",
         "effects[5]: backlash[j1] has no values, so it would do nothing; write values: {name: number}",
-        "effects[7]: is joint_offset[j1] of effects[6] again, and the two would add up",
+        "effects[7]: repeats joint_offset[j1] of effects[6]; their values would add up",
         "effects[8]: values.j2 is more than a turn; expected a small angle, found 1e+09",
     ]
     for line, one in zip(told, expected, strict=True):

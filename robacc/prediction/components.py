@@ -8,7 +8,7 @@ predicted variances times one factor φ_c, so the sufficient statistic y
 
 with E_c the whitened effects of one predicted standard deviation of each parameter of the kind, and K_0 those of base
 and tool, whose tolerances are not estimated. The log-likelihood is -(log|C| + y^T C^-1 y)/2; score and expected
-information in log φ by S. R. Searle, G. Casella, C. E. McCulloch, Variance VarianceComponents (1992), 6.2 and 6.3.
+information in log φ by S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 6.2 and 6.3.
 
 A kind has as many degrees of freedom as it has identifiable parameters, six for six joints: a variance from six numbers
 is known to a factor of about three, regardless of the number of poses. Intervals are by profile likelihood with
@@ -31,7 +31,7 @@ from robacc.prediction.sufficient_statistics import SufficientStatistics
 from robacc.statistics.distributions import chi2_quantile
 
 GIVEN = frozenset({"base", "tool"})
-"""VarianceComponents that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
+"""Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
 _LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
 """Range of log φ; a factor at its lower end counts as zero."""
 _MAX_STEPS = 200

@@ -1,4 +1,4 @@
-"""The poses that were measured on a known robot: by its own names, limits and targets, and held against its size."""
+"""Reader of the poses measured on a known robot, checked against its names, limits, targets and size."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.plausibility import check_scale
 from robacc.robots.description import Robot
 
-_CHECKED = 2000
-"""Poses that the spread is judged by; more would not move it."""
+_SCALE_SAMPLE = 2000
+"""Poses that the check of scale uses at most."""
 
 
 def read_robot_poses(
     path: str | os.PathLike[str], robot: Robot, *, ordered: bool = False, attained: bool = True
 ) -> Measurements:
-    """The poses of a CSV file that ``robot`` was commanded to, validated.
+    """Return the validated poses of a CSV file that ``robot`` was commanded to.
 
     Args:
         path: File to read; ``-`` is standard input.
-        robot: Whose joints' names, types and limits, and whose targets, hold for the columns.
+        robot: Robot whose joints' names, types and limits and whose targets apply to the columns.
         ordered: As in :func:`robacc.poses.csv_file.read_poses`.
-        attained: The same.
+        attained: As in :func:`robacc.poses.csv_file.read_poses`.
 
     Raises:
-        InputError: Everything that is wrong with the file; or its positions are in another unit than the robot's
-            lengths, which shows in how far they spread.
+        InputError: Everything that is wrong with the file; or the spread of its positions shows another unit than that
+            of the robot's lengths.
     """
     data = read_poses(
         path,
@@ -41,8 +41,8 @@ def read_robot_poses(
         attained=attained,
     )
     if attained and data.q is not None and data.n > 1:
-        # Rows at an uneven step: poses that are visited in turn are not all one pose.
-        some = data.subset(np.linspace(0, data.n - 1, min(data.n, _CHECKED)).astype(int))
-        nominal, _ = commanded_poses(some, robot).block(slice(0, some.n))
-        check_scale(some.position, nominal, data.source)
+        # Rows at an uneven step, so that repeated visits of one pose are not sampled alone.
+        sample = data.subset(np.linspace(0, data.n - 1, min(data.n, _SCALE_SAMPLE)).astype(int))
+        nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
+        check_scale(sample.position, nominal, data.source)
     return data

@@ -1,4 +1,4 @@
-"""Mistakes in data or robot file are named and refused, and nothing is called a mistake that is none."""
+"""Mistakes in the data or the robot file are reported; good data are accepted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ERRORS = (
     {"effect": "joint_offset", "joints": ["j2", "j3"], "values": {"j2": 2e-3, "j3": -1e-3}},
     {"effect": "backlash", "joints": ["j2"], "values": {"j2": 2e-4}},
 )
-"""Of a real arm: three millimetres, which is no mistake."""
+"""Errors of a real arm: three millimetres, which is no mistake."""
 
 
 @cache
@@ -77,18 +77,18 @@ def reordered(data: Measurements) -> Measurements:
 
 
 MISTAKES = {
-    "sign of j3": (joints(np.negative, 2), "the sign of joint j3 seems turned round"),
-    "sign of j6": (joints(np.negative, 5), "the sign of joint j6 seems turned round"),
+    "sign of j3": (joints(np.negative, 2), "the sign of joint j3 seems to be reversed"),
+    "sign of j6": (joints(np.negative, 5), "the sign of joint j6 seems to be reversed"),
     "degrees": (joints(np.rad2deg), "the joint columns seem to be in degrees"),
     "one in degrees": (joints(np.rad2deg, 1), "the column of joint j2 seems to be in degrees"),
-    "down": (shifted(1), "the measured poses seem shifted by one row down against the joints"),
-    "up": (shifted(-1), "the measured poses seem shifted by one row up against the joints"),
+    "down": (shifted(1), "the measured poses seem to be shifted by one row down against the joints"),
+    "up": (shifted(-1), "the measured poses seem to be shifted by one row up against the joints"),
     "mm": (scaled(1e3), "the positions seem to be in millimetres"),
     "um": (scaled(1e6), "the positions seem to be in micrometres"),
-    "mirrored": (axes([0, 1, 2], [1, -1, 1]), "the column y seems to have its sign turned round"),
-    "x and z": (axes([2, 1, 0], [1, 1, 1]), "the columns x and z seem exchanged"),
-    "q2 and q5": (joints(lambda two: two[::-1], [1, 4]), "the columns of joints j2 and j5 seem exchanged"),
-    "q5 and q6": (joints(lambda two: two[::-1], [4, 5]), "the columns of joints j5 and j6 seem exchanged"),
+    "mirrored": (axes([0, 1, 2], [1, -1, 1]), "the column y seems to have a reversed sign"),
+    "x and z": (axes([2, 1, 0], [1, 1, 1]), "the columns x and z seem to be exchanged"),
+    "q2 and q5": (joints(lambda two: two[::-1], [1, 4]), "the columns of joints j2 and j5 seem to be exchanged"),
+    "q5 and q6": (joints(lambda two: two[::-1], [4, 5]), "the columns of joints j5 and j6 seem to be exchanged"),
 }
 
 
@@ -97,14 +97,12 @@ MISTAKES = {
 def test_each_mistake_is_named(which: str, orientation: bool) -> None:
     change, name = MISTAKES[which]
     if not orientation and which in ("mirrored", "x and z"):
-        name = "the positions seem to stand in a left-handed frame"
-    found = find_mistake(arm("puma560").robot, change(good(orientation)))
-    assert found is not None
-    assert found.name == name
-    assert found.after < found.before / 8
-    with pytest.raises(
-        InputError, match=f"{name}: as delivered the median error is .* mm with base and tool registered"
-    ):
+        name = "the positions seem to be in a left-handed frame"
+    mistake = find_mistake(arm("puma560").robot, change(good(orientation)))
+    assert mistake is not None
+    assert mistake.name == name
+    assert mistake.after < mistake.before / 8
+    with pytest.raises(InputError, match=f"{name}: with base and tool registered, the median error is .* mm"):
         refuse_mistake(arm("puma560").robot, change(good(orientation)))
 
 
@@ -152,7 +150,7 @@ def test_few_poses_or_no_joints_are_not_judged() -> None:
 
 
 def test_the_library_refuses_before_it_searches() -> None:
-    with pytest.raises(InputError, match="the sign of joint j3 seems turned round"):
+    with pytest.raises(InputError, match="the sign of joint j3 seems to be reversed"):
         trace(Model.of(arm("puma560").robot), MISTAKES["sign of j3"][0](good()))
 
 
@@ -171,8 +169,8 @@ def test_the_command_line_exits_with_3(tmp_path: Path, command: tuple[str, ...])
     )
     assert done.exit_code == 3
     assert done.stdout == ""
-    assert "poses.csv: the sign of joint j6 seems turned round" in done.stderr
-    assert "set sign: -1 for it in the robot file, or turn the column round" in done.stderr
+    assert "poses.csv: the sign of joint j6 seems to be reversed" in done.stderr
+    assert "set sign: -1 for the joint in the robot file, or reverse the sign of its column" in done.stderr
 
 
 def test_the_good_poses_differ_from_the_robot_by_a_frame_and_by_millimetres() -> None:

@@ -283,7 +283,7 @@ def test_what_is_left_is_held_against_its_neighbours() -> None:
     data = measured("puma560", n=100)
     knocked = data.position + np.where(np.arange(100) < 50, 0.0, 1e-4)
     stretched = data.position * np.array([[1.0], [1.0], [1.0004]])
-    for position, word in ((knocked, "like that of the next one measured"), (stretched, "near each other")):
+    for position, word in ((knocked, "errors of successive poses"), (stretched, "errors of neighbouring targets")):
         found = traced(arm("puma560").robot, dataclasses.replace(data, position=position))
         assert found.verdict in ("unexplained", "partly_explained")
         assert found.unexplained.p_value < 1e-4

@@ -86,7 +86,7 @@ def test_json_has_the_contract_keys(files: Path) -> None:
     for name, one in values(found).items():
         assert set(one) >= {"name", "value", "std", "unit"}
         assert (one["std"] is None) == ("why" in one), name
-    assert "joint_offset.j1 cannot be told from base_frame.yaw" in values(found)["joint_offset.j1"]["why"]
+    assert "joint_offset.j1 is not distinguishable from base_frame.yaw" in values(found)["joint_offset.j1"]["why"]
     identifiability = found["identifiability"]
     assert (
         identifiability["n_identifiable"] == 4 * 6 + 6 - 1
@@ -165,13 +165,13 @@ def test_constants_that_do_not_differ_are_drawn_to_the_file(files: Path) -> None
     assert document(files, GEOMETRY, "--prior")["shrinkage"] == []
 
 
-def test_the_table_says_what_is_drawn(files: Path) -> None:
+def test_the_table_reports_the_shrinkage(files: Path) -> None:
     text = " ".join(run(*command(files, GEOMETRY)).stdout.split())
-    assert "1 of 8 lengths differs from the robot file's value, link_geometry.j2.a; the others are drawn to it" in text
-    assert "standard errors are of the poses alone, drawn or not; --no-shrink draws nothing" in text
-    assert "drawn to it" not in run(*command(files, GEOMETRY, "--no-shrink")).stdout
+    assert "1 of 8 lengths differs from nominal: link_geometry.j2.a; the others are shrunk to nominal" in text
+    assert "standard errors come from the poses alone, without the prior; --no-shrink fits without it" in text
+    assert "shrunk to nominal" not in run(*command(files, GEOMETRY, "--no-shrink")).stdout
     offsets = " ".join(run(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry")).stdout.split())
-    assert "drawn to it" in offsets
+    assert "shrunk to nominal" in offsets
 
 
 def test_tolerances_as_priors(files: Path) -> None:
@@ -199,7 +199,7 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     done = run(*arguments)
     found = json.loads(done.stdout)
     assert [one["line"] for one in found["outliers"]] == [header + 8]
-    assert f"left out as no part of the rest: 1 row(s), on line(s) {header + 8}" in done.stderr
+    assert f"outliers left out of the fit: 1 row(s), on line(s) {header + 8}" in done.stderr
     every = json.loads(run(*arguments, "--all-rows").stdout)
     assert every["outliers"] == []
     assert every["after"]["fitted"]["position"]["max_m"] > 5e-3
@@ -219,10 +219,10 @@ def test_the_table(files: Path) -> None:
         at = done.stdout.index(part, at + 1)
     for part in ("Coefficients", "standard error", "joint_offset.j2", "condition number"):
         assert part in done.stdout
-    # Without sigma columns the rows are weighed by what is left of them, so that chi-square tells nothing.
-    assert "mm along each axis, estimated from the residual" in done.stdout
+    # Without sigma columns the residual gives the row weights, so that chi-square tests nothing.
+    assert "mm along each axis (standard deviation), estimated" in " ".join(done.stdout.split())
     assert "chi-square" not in done.stdout
-    assert "joint_offset.j1 cannot be told from base_frame.yaw" in " ".join(done.stdout.split())
+    assert "joint_offset.j1 is not distinguishable from base_frame.yaw" in " ".join(done.stdout.split())
 
 
 def test_a_file_of_its_own_judges(files: Path) -> None:
@@ -275,13 +275,13 @@ def test_warnings_of_poses_too_few() -> None:
     assert any("more numbers measured than coefficients fitted: measure more" in warning for warning in drawn.warnings)
     tiny = calibrate(arm("puma560").robot, few_poses(5), parse_requests("base_frame"))
     assert tiny.after.held_out is None
-    assert any("too few to hold any out" in warning for warning in tiny.warnings)
+    assert any("too few for cross-validation" in warning for warning in tiny.warnings)
 
 
 def test_leverages_are_the_hat_matrix() -> None:
     data = few_poses(14)
     found = calibrate(arm("puma560").robot, data, parse_requests("joint_offset,link_geometry"), shrink=False)
-    kept = found.fit.identifiability.kept
+    kept = found.fit.identifiability.columns
     _, jacobian = found.fit.model.bind(data).linearise(found.fit.theta)
     rows = (jacobian[:3, kept] * found.fit.weight[:, None, :]).transpose(2, 0, 1).reshape(-1, kept.size)
     # Constants that so few poses hardly show are held by priors, which are rows of their own.

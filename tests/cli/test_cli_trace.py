@@ -96,7 +96,7 @@ def test_every_candidates_score_at_every_step_is_there(files: Path) -> None:
     assert {("backlash", ("j2",)), ("gear_ratio", ("j3",)), ("joint_compliance", ("j2",))} <= {
         (one["effect"], tuple(one["joints"])) for one in first
     }
-    assert all({"evidence_nats", "p_value", "log_prior"} <= set(one) for one in first)
+    assert all({"evidence", "p_value", "log_prior"} <= set(one) for one in first)
     assert all(0 <= one["p_value"] <= 1 for step in steps for one in step["ranking"])
     offered = {one["effect"] for one in document(files)["not_offered"]}
     assert {"payload_compliance", "frame_drift"} <= offered
@@ -114,24 +114,24 @@ def test_before_is_the_declared_and_after_the_finding(files: Path) -> None:
     assert found["gain_m"]["low"] < found["gain_m"]["value"] < found["gain_m"]["high"]
 
 
-def test_the_table_tells_the_story_in_order(files: Path) -> None:
+def test_the_table_has_its_sections_in_order(files: Path) -> None:
     done = run(*command(files))
     assert done.exit_code == 0
     at = -1
     for part in (
         "Trace of 50 measured poses: explained",
-        "1. The residual",
-        "2. What competed",
-        "3. What was found",
+        "1. Residual",
+        "2. Candidates",
+        "3. Findings",
         "1) backlash on j2",
         "4. Before and after",
-        "as delivered",
-        "declared fitted",
-        "with findings",
-        "5. What is left",
+        "nominal model",
+        "baseline (declared effects)",
+        "extended model (findings)",
+        "5. Remaining error",
     ):
         at = done.stdout.index(part, at + 1)
-    assert "held out" in done.stdout
+    assert "held-out poses" in done.stdout
     assert done.stderr == ""
 
 
@@ -140,9 +140,9 @@ def test_a_clean_arm(files: Path) -> None:
     assert (found["verdict"], found["findings"]) == ("clean", [])
     assert found["after"] == found["before"]
     done = run(*command(files, poses="clean"))
-    assert "clean: nothing beyond what is declared" in done.stdout
-    assert "nothing, at a false-alarm rate" in done.stdout
-    assert "with findings" not in done.stdout
+    assert "clean: no effect beyond the declared ones" in done.stdout
+    assert "none, at a false-alarm rate" in done.stdout
+    assert "extended model" not in done.stdout
 
 
 def test_the_written_model_is_a_robot_file_that_finds_nothing_more(files: Path, tmp_path: Path) -> None:

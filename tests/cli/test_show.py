@@ -125,7 +125,7 @@ def test_a_slide_without_limits_has_no_reach() -> None:
     robot = read_robot(CONFIGS / "stanford.yaml")
     joints = tuple(replace(joint, limits=None) for joint in robot.joints)
     assert find_reach(replace(robot, joints=joints), Frame()).sampled is None
-    assert "reach    not known: a slide has no limits" in drawn(replace(robot, joints=joints))
+    assert "reach    unknown: a prismatic joint has no limits" in drawn(replace(robot, joints=joints))
 
 
 def test_samples_fill_the_cube_more_evenly_than_chance() -> None:

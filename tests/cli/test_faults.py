@@ -185,7 +185,7 @@ def test_an_output_without_a_folder_is_refused_before_the_work(option: str, tmp_
         done.stderr == f"error: {path}: cannot be written: its folder does not exist\n  tip: create the folder first\n"
     )
     done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, str(tmp_path))
-    assert done.stderr == f"error: {tmp_path}: is a folder, not a file; name a file in it\n"
+    assert done.stderr == f"error: {tmp_path}: is a folder, not a file\n  tip: name a file in it\n"
     done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, "")
     long = {"-o": "--output"}.get(option, option)
     assert (done.returncode, done.stderr) == (2, f"error: {long} names no file\n")

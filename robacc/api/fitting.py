@@ -102,7 +102,7 @@ def _refuse_shared(data: Measurements, validation: Measurements, name: str | Non
     i, i_fitted = shared[0]
     raise InputError(
         Problem(
-            f"{count} also calibration poses; the first is {data.place(i_fitted)} of {data.source or 'the poses'}",
+            f"{count} also among the calibration poses; the first is {data.place(i_fitted)} of {data.source or 'the poses'}",
             name,
             validation.line(i),
             fix="remove these poses from one of the two files: validation poses must not be used in the fit",

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from robacc.errors import InputError, Problem, RobaccError
+from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.render.text.console import say_error, say_interrupted
 from robacc.version import __version__
 
@@ -48,6 +48,13 @@ BROKEN_PIPE = 141
 
 class Commands(TyperGroup):
     """Group of commands; loads the requested command, and turns errors into messages and exit statuses."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Print the help on standard output if there are no arguments; click would print it on standard error."""
+        if not args and not ctx.resilient_parsing:
+            print(ctx.get_help())
+            raise typer.Exit(UsageError.exit_status)
+        return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name, the command with its options, and the remaining arguments."""
@@ -97,7 +104,7 @@ def _placeholder() -> Callable[[], None]:
     return command
 
 
-app = typer.Typer(name="robacc", cls=Commands, no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(name="robacc", cls=Commands, rich_markup_mode=None)
 
 
 @app.callback()

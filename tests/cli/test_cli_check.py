@@ -144,7 +144,7 @@ def test_a_bad_gate_file_is_found_before_anything_is_computed(tmp_path: Path) ->
     assert done.exit_code == 3
     assert done.stdout == ""
     lines = done.stderr.splitlines()
-    assert lines[0] == f"error: {path}:4, criteria[0].key: no result has a key 'positon.p95'"
+    assert lines[0] == f"error: {path}:4, criteria[0].key: no result has the key 'positon.p95'"
     assert "expected a number with its unit" in lines[1]
     assert "  tip: did you mean position.p95" in lines
 
@@ -155,7 +155,7 @@ def test_a_stored_result_that_is_not_what_its_command_writes(stored: Path, tmp_p
     (tmp_path / "odd.json").write_text(json.dumps(document))
     done = run("check", str(tmp_path / "odd.json"), "--gate", gate(tmp_path, PASSING))
     assert (done.exit_code, done.stdout) == (3, "")
-    assert f"error: {tmp_path / 'odd.json'}: is a result of robacc estimate, but is not as expected" in done.stderr
+    assert f"error: {tmp_path / 'odd.json'}: is a result of robacc estimate, but has an unexpected value" in done.stderr
 
 
 def test_junit_and_output_are_written_whatever_the_outcome(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_predict_has_no_intervals_and_says_so(tmp_path: Path) -> None:
     bound = gate(tmp_path, "{key: position.p95, limit: 5 mm, reason: r}")
     done = run(*command, bound)
     assert done.exit_code == 5, done.stderr
-    assert "the result has no interval of it, and rule: bound takes one" in " ".join(done.stdout.split())
+    assert "the result has no interval for position.p95, which rule: bound needs" in " ".join(done.stdout.split())
     simple = gate(tmp_path, "{key: position.p95, limit: 5 mm, rule: simple, reason: r}", name="s.yaml")
     assert run(*command, simple).exit_code == 0
 

@@ -102,9 +102,9 @@ def test_without_the_extra_the_way_to_it_is_said(
     ("change", "told"),
     [
         (lambda d: d.pop("visits"), "has no key 'visits'"),
-        (lambda d: d.update(iso9283=5), "is not as expected"),
-        (lambda d: d["visits"][0].update(attained_m=[[1, 2]]), "is not as expected"),
-        (lambda d: d["visits"][0].update(commanded_m="x"), "is not as expected"),
+        (lambda d: d.update(iso9283=5), "has an unexpected value"),
+        (lambda d: d["visits"][0].update(attained_m=[[1, 2]]), "has an unexpected value"),
+        (lambda d: d["visits"][0].update(commanded_m="x"), "has an unexpected value"),
     ],
 )
 def test_a_result_that_its_command_did_not_write_is_refused_by_name(change: Any, told: str, tmp_path: Path) -> None:

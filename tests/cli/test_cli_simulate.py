@@ -137,7 +137,7 @@ def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
         (("--noise", "-1mm"), "--noise: expected a size that is not negative, found '-1mm'"),
         (("--noise-orientation", "x"), "--noise-orientation: expected a number with a unit (rad, mrad, urad, deg)"),
         (("--temperature", "warm"), "--temperature: expected numbers separated by ':', found 'warm'"),
-        (("--temperature", "1:2:3"), "--temperature: expected one number or two as 22:28, found '1:2:3'"),
+        (("--temperature", "1:2:3"), "--temperature: expected a number, or two such as 22:28, found '1:2:3'"),
         (("--payload", "1,x"), "--payload: expected numbers separated by ',', found '1,x'"),
         (("--payload", "1,-2"), "--payload: expected masses of at least 0 kg, found -2"),
         (("--sigma",), "--sigma needs --noise above zero, and --noise-orientation unless --position-only"),
@@ -249,7 +249,7 @@ def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> No
     carried_not = [loss for loss in found["not_carried"] if loss.startswith("effect")]
     assert carried_not == ["effect joint_compliance", "effect backlash"]
     for loss in found["not_carried"]:
-        assert f"a URDF cannot carry {loss}" in result.stderr
+        assert f"a URDF cannot represent {loss}" in result.stderr
     # Frames, zeros and lengths among the effects are geometry, which a URDF carries: what is left out is the rest.
     truth = read_robot(TRUTH)
     data = simulate(dataclasses.replace(truth, effects=truth.effects[:4]), Plan(9)).data
@@ -263,7 +263,7 @@ def test_export_to_standard_output_is_the_urdf_and_nothing_else(tmp_path: Path) 
     result = run("export", PUMA, "--urdf", "-")
     assert result.stdout.startswith("<?xml")
     assert result.stdout.rstrip().endswith("</robot>")
-    assert "warning: a URDF cannot carry gear ratio" in result.stderr
+    assert "warning: a URDF cannot represent gear ratio" in result.stderr
     message = "--format json and --urdf - both write to standard output; name a file for --urdf"
     assert message in refused("export", PUMA, "--urdf", "-", "--format", "json")
     assert "its folder does not exist" in refused("export", PUMA, "--urdf", tmp_path / "no" / "x.urdf", status=3)

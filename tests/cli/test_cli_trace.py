@@ -182,7 +182,7 @@ def test_poses_that_were_fitted_are_not_held_out(files: Path, tmp_path: Path, na
     done = run(name, *arguments, "--holdout", str(mixed))
     assert done.exit_code == 3
     assert (
-        f"{mixed}:{len(lines)}: 1 of 51 poses held out is among the fitted poses too, the first is line" in done.stderr
+        f"{mixed}:{len(lines)}: 1 of 51 validation poses is also among the calibration poses; the first is line" in done.stderr
     )
     assert "leave them out of one of the two" in done.stderr
 

@@ -87,13 +87,13 @@ def partial_residuals(effect: Effect, fit: Fit, data: Measurements) -> tuple[Par
     number = fit.model.free.index(effect)
     indices = [i for i, owner in enumerate(fit.owners) if owner == number]
     joints = [
-        (joint, indices)
+        (joint, of_joint)
         for joint in effect.joints
-        if (indices := [i for i in indices if _moves_joint(fit.terms[i], fit.model.arm.axis_motion(joint))])
+        if (of_joint := [i for i in indices if _moves_joint(fit.terms[i], fit.model.arm.axis_motion(joint))])
     ]
     try:
-        if joints and sum(len(indices) for _, indices in joints) == len(indices):
-            return tuple(_joint_curve(effect, joint, indices, fit, data) for joint, indices in joints)
+        if joints and sum(len(of_joint) for _, of_joint in joints) == len(indices):
+            return tuple(_joint_curve(effect, joint, of_joint, fit, data) for joint, of_joint in joints)
         return (_target_curve(effect, indices, fit, data),)
     except RobaccError:
         return ()

@@ -28,38 +28,38 @@ class ErrorRows(NamedTuple):
     """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
 
 
-def stage_document(stage: Stage, fitted: ErrorRows, held: ErrorRows | None, seed: int) -> dict[str, Any]:
+def stage_document(stage: Stage, fitted: ErrorRows, held_out: ErrorRows | None, seed: int) -> dict[str, Any]:
     """Return the metrics of one stage on calibration poses, and on held-out poses if there are any.
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
     return {
         "fitted": _poses(stage.fitted, fitted, seed),
-        "held_out": None if stage.held_out is None or held is None else _poses(stage.held_out, held, seed),
+        "held_out": None if stage.held_out is None or held_out is None else _poses(stage.held_out, held_out, seed),
     }
 
 
 def _poses(figures: PoseMetrics, errors: ErrorRows, seed: int) -> dict[str, Any]:
-    found: dict[str, Any] = {"position": None, "orientation": None}
+    metrics: dict[str, Any] = {"position": None, "orientation": None}
     groups = errors.groups[errors.used]
-    for name, unit, rows, four in (
+    for name, unit, rows, quantity_metrics in (
         ("position", "m", slice(0, 3), figures.position),
         ("orientation", "rad", slice(3, 6), figures.orientation),
     ):
-        if four is None:
+        if quantity_metrics is None:
             continue
-        found[name] = {
-            **figures_document(four, unit),
+        metrics[name] = {
+            **figures_document(quantity_metrics, unit),
             "n_poses": int(groups.size),
             "n_commanded_poses": int(np.unique(groups).size),
             "intervals": _intervals(errors.residual[rows, errors.used], groups, unit, seed),
         }
-    return found
+    return metrics
 
 
 def _intervals(errors: Array, groups: NDArray[np.int64], unit: str, seed: int) -> dict[str, Any]:
     if errors.shape[1] == 0:
         missing = interval_document(Interval.missing(CONFIDENCE, "no pose"))
         return {f"{name}_{unit}": missing for name in ("rms", "mean_error", "p95")}
-    (found,) = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed)
-    return {f"{name}_{unit}": interval_document(interval) for name, interval in found.items()}
+    (by_name,) = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed)
+    return {f"{name}_{unit}": interval_document(interval) for name, interval in by_name.items()}

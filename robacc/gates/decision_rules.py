@@ -57,8 +57,8 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
     sign = -1.0 if criterion.at_least else 1.0
     if curve is None:
         if criterion.rule != "simple":
-            why = f"the result has no interval for {criterion.key}, which rule: {criterion.rule} needs"
-            return Decision("not_evaluated", why)
+            no_interval = f"the result has no interval for {criterion.key}, which rule: {criterion.rule} needs"
+            return Decision("not_evaluated", no_interval)
         return Decision("pass" if sign * (limit - value) >= 0.0 else "fail", margin=sign * (limit - value))
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # The bounds of a percentile may come from a fitted Gaussian and exclude the sample's percentile. Nothing passes

@@ -100,9 +100,10 @@ def _refuse_shared(data: Measurements, validation: Measurements, name: str | Non
         return
     count = f"{len(shared)} of {validation.n} validation poses {'is' if len(shared) == 1 else 'are'}"
     i, i_fitted = shared[0]
+    place = f"{data.place(i_fitted)} of {data.source or 'the poses'}"
     raise InputError(
         Problem(
-            f"{count} also among the calibration poses; the first is {data.place(i_fitted)} of {data.source or 'the poses'}",
+            f"{count} also among the calibration poses; the first is {place}",
             name,
             validation.line(i),
             fix="remove these poses from one of the two files: validation poses must not be used in the fit",

@@ -23,7 +23,7 @@ from robacc.version import __version__
 COMMANDS = {
     "estimate": "Compute the Cartesian error of measured poses, its covariances and the accuracy grade.",
     "trace": "Find the effects that explain the residual, and report the error before and after on held-out poses.",
-    "calibrate": "Fit named effects to measured poses, and report the error before and after on fitted and held-out poses.",
+    "calibrate": "Fit named effects to measured poses, and report fitted and held-out errors before and after.",
     "predict": "Predict covariances, error budget and grade from parameter tolerances.",
     "iso9283": "Compute the pose criteria of ISO 9283 from cycles of commanded poses.",
     "iso9283-poses": "Plan the cube of ISO 9283 and its five poses for an arm, and write them as a CSV.",

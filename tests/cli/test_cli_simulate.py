@@ -225,7 +225,7 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     assert {name for name, why in robot.items() if why} == {"lateral_compliance", "base_compliance"}
     both = offers("--robot", SAMPLES / "trace" / "robot.yaml", "--poses", SAMPLES / "trace" / "poses.csv")
     assert both["payload_compliance"] == "no payload_kg column"
-    assert both["frame_drift"] == "no time_s that varies"
+    assert both["frame_drift"] == "no time_s column that varies"
     assert both["backlash"] is None
     no_motion = ("--robot", SAMPLES / "robot.yaml", "--poses", SAMPLES / "poses.csv")
     assert offers(*no_motion)["approach_lag"] == "no speed_q columns (and rows not --ordered)"

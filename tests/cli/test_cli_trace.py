@@ -181,10 +181,9 @@ def test_poses_that_were_fitted_are_not_held_out(files: Path, tmp_path: Path, na
     arguments = [str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), option, DECLARED]
     done = run(name, *arguments, "--holdout", str(mixed))
     assert done.exit_code == 3
-    assert (
-        f"{mixed}:{len(lines)}: 1 of 51 validation poses is also among the calibration poses; the first is line" in done.stderr
-    )
-    assert "leave them out of one of the two" in done.stderr
+    message = "1 of 51 validation poses is also among the calibration poses; the first is line"
+    assert f"{mixed}:{len(lines)}: {message}" in done.stderr
+    assert "remove these poses from one of the two files" in done.stderr
 
 
 def test_the_same_call_gives_the_same_bytes(files: Path) -> None:

@@ -188,7 +188,7 @@ def test_an_output_without_a_folder_is_refused_before_the_work(option: str, tmp_
     assert done.stderr == f"error: {tmp_path}: is a folder, not a file\n  tip: name a file in it\n"
     done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, "")
     long = {"-o": "--output"}.get(option, option)
-    assert (done.returncode, done.stderr) == (2, f"error: {long} names no file\n")
+    assert (done.returncode, done.stderr) == (2, f"error: {long}: expected the name of a file, found nothing\n")
 
 
 def test_links_that_lead_nowhere(tmp_path: Path) -> None:

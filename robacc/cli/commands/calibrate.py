@@ -63,7 +63,7 @@ def calibrate(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Fit named effects to measured poses, and report the error before and after on fitted and held-out poses.
+    """Fit named effects to measured poses, and report fitted and held-out errors before and after.
 
     An effect with joints in brackets is fitted to these joints. Without brackets it is fitted to the joints where the
     data show it.

@@ -31,7 +31,8 @@ def _parts(
     count = result.identifiability.columns.size
     yield heading(f"Calibration from {data.n} measured poses: {count} coefficients fitted")
     yield TextLine(f"{poses}, commanded by {robot}")
-    yield from wrapped(f"requested: {fitted}; fitted: {', '.join(str(effect) for effect in result.effects)}", width)
+    yield from wrapped(f"requested: {fitted.replace(',', ', ')}", width)
+    yield from wrapped(f"fitted: {', '.join(str(effect) for effect in result.effects)}", width)
     yield BLANK
     yield heading("Before and after")
     yield from stage_tables(

@@ -32,7 +32,10 @@ _IN_MM = 1e3
 _IN_DEGREES = 180.0 / math.pi
 _MIN_PROBABILITY = 0.005
 """Less probable grades are not listed."""
-_FRAMES = {"tool": "axes of the commanded target (frame tool)", "base": "axes of the measuring frame (frame base)"}
+_FRAMES = {
+    "tool": "components along the axes of the commanded target (frame tool)",
+    "base": "components along the axes of the measuring frame (frame base)",
+}
 
 
 def draw_estimate(result: EstimateResult, poses: str, robot: str | None, stream: TextIO) -> None:
@@ -43,9 +46,10 @@ def draw_estimate(result: EstimateResult, poses: str, robot: str | None, stream:
 def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width: int) -> Iterator[TextLine]:
     """Return the report's lines; text is wrapped to ``width`` columns, tables take at most 80."""
     plural = "s" * (result.n_poses != 1)
-    yield heading(f"Error of {result.n_poses} measured pose{plural}, {_aligned(result)}")
+    yield heading(f"Error of {result.n_poses} measured pose{plural}")
     source = "standard input" if poses == "-" else poses
     yield TextLine(f"{source}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
+    yield TextLine(_registration(result))
     yield TextLine(_FRAMES[result.errors.frame])
     yield BLANK
     yield from _grade(result, width)
@@ -63,7 +67,7 @@ def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width:
     yield from items([result.position.structure.text, *result.notes], width)
 
 
-def _aligned(result: EstimateResult) -> str:
+def _registration(result: EstimateResult) -> str:
     if result.alignment is None:
         return "not registered"
     return f"registered: {' and '.join(result.alignment.effects)} fitted, {result.alignment.n_parameters} parameters"
@@ -123,12 +127,12 @@ def _figures(factor: float, statistics: ErrorStatistics, before: ErrorMetrics | 
         ("95th percentile", statistics.p95, intervals.p95),
         ("maximum", statistics.max, Interval.missing(statistics.confidence, "")),
         (
-            "95 % radius, zero-mean Gaussian",
+            "95 % radius, Gaussian, zero mean",
             statistics.radius95_zero_mean.value,
             statistics.radius95_zero_mean.interval,
         ),
         (
-            "95 % radius, Gaussian with mean",
+            "95 % radius, Gaussian, fitted mean",
             statistics.radius95_fitted_mean.value,
             statistics.radius95_fitted_mean.interval,
         ),
@@ -203,7 +207,7 @@ def _tests(statistics: ErrorStatistics) -> list[TextLine]:
             rows.append((label, "–", test.why or ""))
         else:
             rows.append((label, three_digits(test.statistic), p_value(test.p_value)))
-    return columns(("test of an assumption", "statistic", ""), rows)
+    return columns(("test of an assumption", "statistic", "result"), rows)
 
 
 def _interval_notes(result: EstimateResult) -> list[tuple[str, list[str]]]:

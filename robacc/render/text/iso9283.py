@@ -41,9 +41,10 @@ def draw_iso9283(result: Iso9283Result, robot: str | None, stream: TextIO) -> No
 
 def iso9283_lines(result: Iso9283Result, robot: str | None, width: int) -> Iterator[TextLine]:
     """Return the report's lines; running text is wrapped to ``width`` columns."""
-    yield heading(f"Pose criteria of ISO 9283:1998, {_aligned(result)}")
+    yield heading("Pose criteria of ISO 9283:1998")
     yield TextLine(f"{', '.join(result.sources)}: {_counted(result)}")
     yield TextLine(_commanded(result, robot))
+    yield TextLine(_registration(result))
     if result.unaligned is not None:
         unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in result.unaligned)
         yield TextLine(f"largest AP before registration: {unaligned} mm")
@@ -57,7 +58,7 @@ def iso9283_lines(result: Iso9283Result, robot: str | None, width: int) -> Itera
         yield from (BLANK, heading(title), *items(texts, width))
 
 
-def _aligned(result: Iso9283Result) -> str:
+def _registration(result: Iso9283Result) -> str:
     if not result.alignments:
         return "not registered"
     first = result.alignments[0]

@@ -55,5 +55,6 @@ def _facts(proposal: Proposal) -> list[str]:
     return [
         f"cube with an edge of {edge:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in the base frame",
         f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",
-        f"{proposal.orientation_text}; every joint keeps {100.0 * proposal.margin:.0f} % of its range to each limit",
+        f"{proposal.orientation_text}; every joint keeps at least {100.0 * proposal.margin:.0f} % of its range to "
+        "each limit",
     ]

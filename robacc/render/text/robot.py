@@ -127,8 +127,8 @@ def _reach(name: str, reach: Reach, with_name: bool) -> str:
     if reach.sampled is None or reach.bound is None:
         return f"{prefix}unknown: a prismatic joint has no limits"
     return (
-        f"{prefix}{reach.sampled * 1e3:.0f} mm from the base origin within the joint limits (sum of the link lengths "
-        f"{reach.bound * 1e3:.0f} mm)"
+        f"{prefix}{reach.sampled * 1e3:.0f} mm from the base origin within the limits; sum of lengths "
+        f"{reach.bound * 1e3:.0f} mm"
     )
 
 

@@ -1,1 +1,1 @@
-"""The closed loop: find the residual, trace it to an effect, add the effect, report before and after."""
+"""Search for the effects that explain the residual, add them to the model, and report the error before and after."""

@@ -1,4 +1,4 @@
-"""What competes on one linearisation, and how each candidate scores beside a given model."""
+"""Candidates on one linearisation, and the score of each beside a given model."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
 
-_WORTH_A_TEST = 2.0
-"""Nats below which evidence is not put to the test of significance."""
-_TRIED = 17
+_LEAST_EVIDENCE = 2.0
+"""Evidence (log Bayes factor) below which no significance test is made."""
+_ORDERS_TRIED = 17
 """Orders tried within a span."""
-_KEPT = 24
-"""Conditioned systems kept at hand: more than findings are put to the test between two steps."""
+_CACHED = 24
+"""Conditioned systems in the cache: more than the findings that are tested between two steps."""
 
 Expand = Callable[[Candidate], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """A candidate in the model, with its columns' numbers in the system."""
+    """A candidate in the model, with the numbers of its columns in the system."""
 
     candidate: Candidate
     columns: NDArray[np.int64]
@@ -41,9 +41,9 @@ class Ranked:
     evidence: float
     log_prior: float
     p_value: float
-    """Corrected for how many compete."""
+    """Corrected for the number of candidates."""
     gain: float
-    width: float
+    prior_var: float
 
     @property
     def total(self) -> float:
@@ -53,32 +53,32 @@ class Ranked:
 
 @dataclass
 class CandidateScorer:
-    """Everything that competes on some poses, and the model's own columns."""
+    """Scorer of all candidates on some poses, beside the columns of the present model."""
 
     system: Columns
     base: tuple[int, ...]
     """Columns of the declared effects."""
     pool: Sequence[Candidate]
     places: Sequence[NDArray[np.int64]]
-    """For each of the pool its columns in the system."""
-    waves: Sequence[OrderGrid]
+    """Columns in the system, for each candidate of the pool."""
+    order_grids: Sequence[OrderGrid]
     joint_columns: Array
     """``(M, J, N)`` whitened columns of each joint's variable."""
     expand: Expand
-    """Whitened ``(M, Q, N)`` columns of a candidate that has none in the system yet."""
+    """Function that returns the whitened ``(M, Q, N)`` columns of a candidate outside the system."""
     rows: NDArray[np.int64]
-    """Numbers of the poses that it is judged on."""
+    """Numbers of the poses that the candidates are scored on."""
     blocks: Sequence[Batch] = ()
-    """Rich blocks, scored only where the caller asks for them."""
+    """Rich blocks, scored only at the caller's request."""
     _batches: list[tuple[list[int], NDArray[np.int64], Array]] = field(default_factory=list)
     _placed: dict[tuple[object, ...], NDArray[np.int64]] = field(default_factory=dict)
     _spectra: list[Family] = field(default_factory=list)
-    _forms: list[Family] = field(default_factory=list)
+    _block_families: list[Family] = field(default_factory=list)
     _ranges: dict[str, float] = field(default_factory=dict)
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Sort the pool into batches of equal size, which are judged together."""
+        """Sort the pool into batches of equal size, which are scored together."""
         sizes: dict[int, list[int]] = {}
         for i, columns in enumerate(self.places):
             sizes.setdefault(columns.size, []).append(i)
@@ -87,140 +87,141 @@ class CandidateScorer:
             index = np.stack([self.places[i] for i in members])
             weight = np.stack([self.pool[i].weights for i in members])
             self._batches.append((members, index, weight))
-        self._ranges = {one.joint: float(np.ptp(one.angle)) for one in self.waves if one.angle.size}
-        self._spectra = [self._spectrum(one, one.orders) for one in self.waves]
+        self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
+        self._spectra = [self._spectrum(grid, grid.orders) for grid in self.order_grids]
 
     def columns(self, candidate: Candidate) -> NDArray[np.int64]:
-        """A candidate's columns in the system, built where it has none yet."""
+        """Return the numbers of a candidate's columns in the system; append the columns if they are missing."""
         key = candidate.key
         if key not in self._placed:
             self._placed[key] = self.system.append(self.expand(candidate))
         return self._placed[key]
 
-    def taken(self, candidate: Candidate, width: float) -> Chosen:
-        """A candidate as a part of the model; of a block ``width`` is the width of its prior."""
+    def as_chosen(self, candidate: Candidate, prior_var: float) -> Chosen:
+        """Return a candidate as a part of the model; ``prior_var`` is the prior variance of a block."""
         precision = np.zeros(candidate.weights.size if candidate.terms else 2)
-        if candidate.is_block and width > 0:
-            precision = 1.0 / (width * np.square(candidate.weights))
+        if candidate.is_block and prior_var > 0:
+            precision = 1.0 / (prior_var * np.square(candidate.weights))
         return Chosen(candidate, self.columns(candidate), precision)
 
     def condition(self, chosen: Sequence[Chosen], without: Chosen | None = None) -> Conditioned:
-        """The system with the columns of the declared effects and of those chosen taken out."""
+        """Return the system orthogonalised to the declared effects and to ``chosen``, except ``without``."""
         if without is not None:
             return self.condition(chosen).without(without.columns)
         key = tuple(chosen)
-        found = self._conditioned.get(key)
-        if found is None or found.reduced.shape[1] < self.system.columns.shape[1]:
+        result = self._conditioned.get(key)
+        if result is None or result.reduced.shape[1] < self.system.columns.shape[1]:
             active, precision = list(self.base), [0.0] * len(self.base)
-            for one in chosen:
-                active.extend(one.columns.tolist())
-                precision.extend(one.precision.tolist())
-            found = Conditioned(self.system, active, np.array(precision))
-            if len(self._conditioned) >= _KEPT:
+            for finding in chosen:
+                active.extend(finding.columns.tolist())
+                precision.extend(finding.precision.tolist())
+            result = Conditioned(self.system, active, np.array(precision))
+            if len(self._conditioned) >= _CACHED:
                 self._conditioned.pop(next(iter(self._conditioned)))
-            self._conditioned[key] = found
-        return found
+            self._conditioned[key] = result
+        return result
 
     def rank(self, conditioned: Conditioned, present: Sequence[Chosen], with_blocks: bool = False) -> list[Ranked]:
-        """Everything that competes beside those present, best first; of a joint's orders only the best one."""
+        """Return all candidates beside ``present``, best first; of each joint's orders only the best."""
         ranked: list[Ranked] = []
         diagonal = np.diag(self.system.gram)
         for members, index, weight in self._batches:
             scores = judge(
                 conditioned.blocks(index) * weight[:, :, None] * weight[:, None, :],
-                conditioned.moment[index] * weight,
+                conditioned.rhs[index] * weight,
                 diagonal[index] * np.square(weight),
-                conditioned.energy,
-                conditioned.freedom,
+                conditioned.cost,
+                conditioned.dof,
                 np.array([self.pool[i].is_block for i in members]),
             )
             ranked.extend(_ranked(self.pool[i], scores, k) for k, i in enumerate(members))
-        for wave, family in zip(self.waves, self._spectra, strict=True):
+        for grid, family in zip(self.order_grids, self._spectra, strict=True):
             scores = family.judge(conditioned, best_only=True)
             best = int(np.argmax(scores.evidence))
-            effect = of_order(wave.joint, float(wave.orders[best]))
-            ranked.append(_ranked(Candidate(effect, (), wave.log_prior), scores, best))
+            effect = of_order(grid.joint, float(grid.orders[best]))
+            ranked.append(_ranked(Candidate(effect, (), grid.log_prior), scores, best))
         if with_blocks:
             ranked.extend(self._rank_blocks(conditioned))
-        keys = {one.candidate.key for one in present}
-        profiles = [one.candidate for one in present if one.candidate.is_block]
-        open_to = [
-            one
-            for one in ranked
-            if one.candidate.key not in keys and not any(self.holds(profile, one.candidate) for profile in profiles)
+        keys = {finding.candidate.key for finding in present}
+        profiles = [finding.candidate for finding in present if finding.candidate.is_block]
+        competing = [
+            entry
+            for entry in ranked
+            if entry.candidate.key not in keys
+            and not any(self.covers(profile, entry.candidate) for profile in profiles)
         ]
-        # Where two explain exactly the same, rounding (and so the order of rows) must not choose between them.
-        return sorted(open_to, key=lambda one: -round(one.total, 6))
+        # If two candidates explain exactly the same, rounding (and so the order of rows) must not choose between them.
+        return sorted(competing, key=lambda entry: -round(entry.total, 6))
 
-    def holds(self, present: Candidate, other: Candidate) -> bool:
-        """Whether a candidate in the model leaves nothing to another one."""
-        return present.holds(other, self._ranges)
+    def covers(self, present: Candidate, other: Candidate) -> bool:
+        """Return whether a candidate in the model makes another candidate redundant."""
+        return present.covers(other, self._ranges)
 
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
-        if len(self._forms) != len(self.blocks):
-            self._forms = [
+        if len(self._block_families) != len(self.blocks):
+            self._block_families = [
                 Family(self.system, self.joint_columns[:, batch.number], batch.basis, True) for batch in self.blocks
             ]
         ranked: list[Ranked] = []
-        for batch, family in zip(self.blocks, self._forms, strict=True):
+        for batch, family in zip(self.blocks, self._block_families, strict=True):
             scores = family.judge(conditioned)
-            ranked.extend(_ranked(one, scores, i) for i, one in enumerate(batch.candidates))
+            ranked.extend(_ranked(candidate, scores, i) for i, candidate in enumerate(batch.candidates))
         return ranked
 
-    def own(self, one: Chosen, conditioned: Conditioned) -> Ranked:
-        """Score of a candidate whose columns stand in the system, beside a model without it."""
-        weight = one.candidate.weights if one.candidate.terms else np.ones(one.columns.size)
+    def score(self, finding: Chosen, conditioned: Conditioned) -> Ranked:
+        """Return the score of a candidate with columns in the system, beside a model without it."""
+        weight = finding.candidate.weights if finding.candidate.terms else np.ones(finding.columns.size)
         scores = judge(
-            (conditioned.block(one.columns) * weight[:, None] * weight)[None],
-            (conditioned.moment[one.columns] * weight)[None],
-            (np.diag(self.system.gram)[one.columns] * np.square(weight))[None],
-            conditioned.energy,
-            conditioned.freedom,
-            np.array([one.candidate.is_block]),
+            (conditioned.block(finding.columns) * weight[:, None] * weight)[None],
+            (conditioned.rhs[finding.columns] * weight)[None],
+            (np.diag(self.system.gram)[finding.columns] * np.square(weight))[None],
+            conditioned.cost,
+            conditioned.dof,
+            np.array([finding.candidate.is_block]),
         )
-        return _ranked(one.candidate, scores, 0)
+        return _ranked(finding.candidate, scores, 0)
 
-    def strongest_order(self, conditioned: Conditioned, wave: OrderGrid) -> tuple[float, float]:
-        """The order of one joint's waves that explains most, and its evidence in nats."""
-        scores = self._spectra[list(self.waves).index(wave)].judge(conditioned, best_only=True)
+    def strongest_order(self, conditioned: Conditioned, grid: OrderGrid) -> tuple[float, float]:
+        """Return the order of a joint with the largest evidence, and that evidence (log Bayes factor)."""
+        scores = self._spectra[list(self.order_grids).index(grid)].judge(conditioned, best_only=True)
         best = int(np.argmax(scores.evidence))
-        return float(wave.orders[best]), float(scores.evidence[best])
+        return float(grid.orders[best]), float(scores.evidence[best])
 
-    def best_order(self, conditioned: Conditioned, wave: OrderGrid, order: float, span: float) -> float:
-        """The order of one joint within ``span`` of ``order`` that explains most."""
-        orders = order + np.linspace(-span, span, _TRIED)
-        scores = self._spectrum(wave, orders).judge(conditioned, best_only=True)
+    def best_order(self, conditioned: Conditioned, grid: OrderGrid, order: float, span: float) -> float:
+        """Return the order of a joint within ``span`` of ``order`` with the largest evidence."""
+        orders = order + np.linspace(-span, span, _ORDERS_TRIED)
+        scores = self._spectrum(grid, orders).judge(conditioned, best_only=True)
         return float(orders[int(np.argmax(scores.evidence))])
 
-    def _spectrum(self, wave: OrderGrid, orders: Array) -> Family:
-        """Cosine and sine of evenly spaced orders, each from the one before."""
-        turned = np.empty((orders.size, wave.angle.size), dtype=np.complex128)
-        turned[0] = np.exp(1j * orders[0] * wave.angle)
-        turned[1:] = np.exp(1j * (orders[1] - orders[0]) * wave.angle) if orders.size > 1 else 1.0
-        np.cumprod(turned, axis=0, out=turned)
-        basis = np.stack((turned.real, turned.imag), axis=1)
-        return Family(self.system, self.joint_columns[:, wave.number], basis, False)
+    def _spectrum(self, grid: OrderGrid, orders: Array) -> Family:
+        """Return cosine and sine of evenly spaced orders, each computed from the order before."""
+        waves = np.empty((orders.size, grid.angle.size), dtype=np.complex128)
+        waves[0] = np.exp(1j * orders[0] * grid.angle)
+        waves[1:] = np.exp(1j * (orders[1] - orders[0]) * grid.angle) if orders.size > 1 else 1.0
+        np.cumprod(waves, axis=0, out=waves)
+        basis = np.stack((waves.real, waves.imag), axis=1)
+        return Family(self.system, self.joint_columns[:, grid.number], basis, False)
 
-    def similarity(self, chosen: Sequence[Chosen], one: Chosen, rival: Candidate) -> float:
-        """Cosine between what one of the chosen and a rival take out of the residual, all others kept."""
+    def similarity(self, chosen: Sequence[Chosen], finding: Chosen, rival: Candidate) -> float:
+        """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
         columns = self.columns(rival)
-        conditioned = self.condition(chosen, without=one)
-        both = [conditioned.least_squares(one.columns), conditioned.least_squares(columns)]
-        cross = self.system.gram[np.ix_(one.columns, columns)]
-        cross = cross - conditioned.reduced[:, one.columns].T @ conditioned.reduced[:, columns]
+        conditioned = self.condition(chosen, without=finding)
+        fits = [conditioned.least_squares(finding.columns), conditioned.least_squares(columns)]
+        cross = self.system.gram[np.ix_(finding.columns, columns)]
+        cross = cross - conditioned.reduced[:, finding.columns].T @ conditioned.reduced[:, columns]
         lengths = [
             float(weight @ conditioned.block(place) @ weight)
-            for weight, place in zip(both, (one.columns, columns), strict=True)
+            for weight, place in zip(fits, (finding.columns, columns), strict=True)
         ]
         if min(lengths) <= 0:
             return 0.0
-        cosine = float(both[0] @ cross @ both[1] / math.sqrt(lengths[0] * lengths[1]))
+        cosine = float(fits[0] @ cross @ fits[1] / math.sqrt(lengths[0] * lengths[1]))
         return min(max(cosine, -1.0), 1.0)
 
 
 def _ranked(candidate: Candidate, scores: Scores, i: int) -> Ranked:
     p_value = (
-        min(1.0, scores.p_value(i) * math.exp(-candidate.log_prior)) if scores.evidence[i] > _WORTH_A_TEST else 1.0
+        min(1.0, scores.p_value(i) * math.exp(-candidate.log_prior)) if scores.evidence[i] > _LEAST_EVIDENCE else 1.0
     )
     return Ranked(
         candidate,
@@ -228,5 +229,5 @@ def _ranked(candidate: Candidate, scores: Scores, i: int) -> Ranked:
         candidate.log_prior,
         p_value,
         float(scores.gain[i]),
-        float(scores.width[i]),
+        float(scores.prior_var[i]),
     )

@@ -1,4 +1,4 @@
-"""What competes: every effect of the catalogue in every form, periodic errors of any order, empirical corrections."""
+"""Candidates: every effect of the catalogue in every form, periodic errors of any order, empirical corrections."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
-"""Of a joint's whole profile."""
-_UNITS = 80.0
-"""Effects times joints that compete on a six-axis arm: what a searched order or a block has against it."""
+"""Orders of a joint's complete profile."""
+_TYPICAL_CANDIDATES = 80.0
+"""Effects times joints on a six-axis arm: the number of candidates that a searched order or a block is up against."""
 _SHRUNK_AGAINST_NAMED = 1e-3
-"""Prior odds of a rich block against a named term of its own family: asked for only where the data insist."""
-BLOCK_LOG_PRIOR = math.log(_SHRUNK_AGAINST_NAMED / _UNITS)
-"""Of a rich block of one joint."""
-_FEWEST_ORDERS = 3
-"""Orders below which a whole profile is no more than its named lines."""
+"""Prior odds of a rich block against a named term of its family: small, so that only clear data select it."""
+BLOCK_LOG_PRIOR = math.log(_SHRUNK_AGAINST_NAMED / _TYPICAL_CANDIDATES)
+"""Log prior probability of a joint's rich block."""
+_LEAST_ORDERS = 3
+"""Orders below which a complete profile is no more than its named harmonics."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect in one form, with its columns."""
+    """An effect in one form, with its terms."""
 
     effect: Effect
     terms: tuple[Term, ...]
@@ -43,16 +43,16 @@ class Candidate:
 
     @cached_property
     def key(self) -> tuple[object, ...]:
-        """What tells it from every other."""
+        """Identity among all candidates."""
         return self.effect.key()
 
-    def holds(self, other: Candidate, over: Mapping[str, float]) -> bool:
-        """Whether it leaves nothing to another: itself, or one order where it is the joint's whole profile.
+    def covers(self, other: Candidate, ranges: Mapping[str, float]) -> bool:
+        """Return whether this candidate makes another redundant: the same, or an order of the joint's complete profile.
 
-        ``over`` is the range that each joint was seen in: over more than a turn whole orders do not make up the ones
-        between them, so those still compete.
+        ``ranges`` is the measured range of each joint. Over more than a turn whole orders do not reproduce the orders
+        between them, so those orders remain candidates.
         """
-        return self.effect.covers(other.effect, over)
+        return self.effect.covers(other.effect, ranges)
 
     @cached_property
     def weights(self) -> Array:
@@ -62,12 +62,12 @@ class Candidate:
 
     @property
     def is_block(self) -> bool:
-        """Whether its coefficients are shrunk."""
+        """Return whether its coefficients are shrunk."""
         return any(term.group is not None for term in self.terms)
 
     @property
     def is_correction(self) -> bool:
-        """Whether it is a block that was asked for only because named terms did not do."""
+        """Return whether it is a block that is tried only if named terms are insufficient."""
         return self.effect.is_profile()
 
 
@@ -86,7 +86,7 @@ class OrderGrid:
 
 @dataclass(frozen=True)
 class Batch:
-    """Rich blocks of one joint and one size, which are judged together and without building their columns."""
+    """Rich blocks of equal joint and size, which are scored together and without building their columns."""
 
     number: int
     candidates: tuple[Candidate, ...]
@@ -95,32 +95,35 @@ class Batch:
 
 
 def named_candidates(
-    arm: Arm, data: Measurements, taken: Sequence[Effect], only: Sequence[str] | None = None
+    arm: Arm, data: Measurements, present: Sequence[Effect], only: Sequence[str] | None = None
 ) -> tuple[list[Candidate], dict[str, str]]:
-    """Every named form that can be offered, and why the other effects cannot.
+    """Return every named form that these data allow, and the reason why each other effect is missing.
 
-    ``only`` restricts to effects of those names. Forms that ``taken`` holds already, and frames and constants that are
-    free as a whole, do not compete.
+    ``only`` restricts to effects of those names. Forms that ``present`` contains already, and frames and constants that
+    are completely free, are no candidates.
     """
-    whole = {(effect.name, joint) for effect in taken for joint in (effect.joints or ("",)) if _is_whole(effect)}
-    keys = {effect.key() for effect in taken}
+    whole_constants = {
+        (effect.name, joint) for effect in present for joint in (effect.joints or ("",)) if _is_whole(effect)
+    }
+    keys = {effect.key() for effect in present}
     families: dict[str, list[Effect]] = {}
     missing: dict[str, str] = {}
     for name, cls in REGISTRY.items():
         if cls.is_empirical or (only is not None and name not in only):
             continue
-        why = cls.missing(arm, data)
-        if why is not None:
-            missing[name] = why
+        reason = cls.missing(arm, data)
+        if reason is not None:
+            missing[name] = reason
             continue
         forms = [
             effect
             for effect in cls.candidates(arm, data)
-            if effect.key() not in keys and not all((name, joint) in whole for joint in (effect.joints or ("",)))
+            if effect.key() not in keys
+            and not all((name, joint) in whole_constants for joint in (effect.joints or ("",)))
         ]
         if forms:
             families[name] = forms
-    # Every effect on every joint is as likely as any other; the forms of one share its part.
+    # Every effect on every joint is equally likely; the forms of an effect share its probability.
     units = Counter((effect.name, effect.joints) for forms in families.values() for effect in forms)
     candidates = []
     for forms in families.values():
@@ -136,7 +139,7 @@ def named_candidates(
 
 
 def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[OrderGrid]:
-    """For each joint that turns, the orders its poses can show."""
+    """Return, for each rotary joint, the orders that its poses can identify."""
     if only is not None and PERIODIC not in only:
         return []
     q = commanded(data, PERIODIC)
@@ -147,14 +150,14 @@ def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None)
         orders = supported_orders(angle)
         if orders.size == 0:
             continue
-        # Neighbours of the grid say the same: what counts as independent are orders half a period of the range apart.
+        # Neighbours of the grid are redundant: orders half a period of the range apart count as independent.
         independent = max(1.0, 2 * float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
-        result.append(OrderGrid(joint, arm.number(joint), orders, angle, -math.log(_UNITS * independent)))
+        result.append(OrderGrid(joint, arm.number(joint), orders, angle, -math.log(_TYPICAL_CANDIDATES * independent)))
     return result
 
 
 def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[Candidate]:
-    """For each joint that turns, its whole periodic profile as one shrunk block."""
+    """Return, for each rotary joint, its complete periodic profile as a shrunk block."""
     if only is not None and PERIODIC not in only:
         return []
     q = commanded(data, PERIODIC)
@@ -163,7 +166,7 @@ def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) ->
     for joint in names:
         supported = supported_orders(q[arm.number(joint)])
         orders = tuple(order for order in PROFILE_ORDERS if supported.size and order <= supported[-1])
-        if len(orders) < _FEWEST_ORDERS:
+        if len(orders) < _LEAST_ORDERS:
             continue
         effect = profile(joint, orders)
         result.append(Candidate(effect, effect.terms(arm, data), BLOCK_LOG_PRIOR))
@@ -171,28 +174,35 @@ def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) ->
 
 
 def corrections(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[Candidate]:
-    """Empirical corrections: every joint, every driver and pair of drivers."""
+    """Return the empirical corrections: every joint, every driver and pair of drivers."""
     effects = [
         effect
         for cls in REGISTRY.values()
         if cls.is_empirical and (only is None or cls.name in only)
         for effect in cls.candidates(arm, data)
     ]
-    prior = -math.log(_UNITS * max(len(effects), 1) / len(arm.names)) + math.log(_SHRUNK_AGAINST_NAMED)
+    prior = -math.log(_TYPICAL_CANDIDATES * max(len(effects), 1) / len(arm.names)) + math.log(_SHRUNK_AGAINST_NAMED)
     return [Candidate(effect, effect.terms(arm, data), prior) for effect in effects]
 
 
 def batches(arm: Arm, candidates: Sequence[Candidate], rows: NDArray[np.int64]) -> list[Batch]:
-    """Blocks sorted by joint and size, on the poses ``rows``."""
-    sorted_out: dict[tuple[int, int], list[Candidate]] = {}
+    """Return blocks sorted by joint and size, on the poses ``rows``."""
+    by_joint_and_size: dict[tuple[int, int], list[Candidate]] = {}
     for candidate in candidates:
-        sorted_out.setdefault((arm.number(candidate.effect.joints[0]), len(candidate.terms)), []).append(candidate)
+        by_joint_and_size.setdefault((arm.number(candidate.effect.joints[0]), len(candidate.terms)), []).append(
+            candidate
+        )
     result = []
-    for (number, _), members in sorted_out.items():
+    for (number, _), members in by_joint_and_size.items():
         basis = np.stack(
             [
-                np.stack([term.parts[0].factor[rows] * w for term, w in zip(one.terms, one.weights, strict=True)])  # type: ignore[index]
-                for one in members
+                np.stack(
+                    [
+                        term.parts[0].factor[rows] * weight  # type: ignore[index]
+                        for term, weight in zip(candidate.terms, candidate.weights, strict=True)
+                    ]
+                )
+                for candidate in members
             ]
         )
         result.append(Batch(number, tuple(members), basis))
@@ -200,5 +210,5 @@ def batches(arm: Arm, candidates: Sequence[Candidate], rows: NDArray[np.int64]) 
 
 
 def _is_whole(effect: Effect) -> bool:
-    """Whether an effect that is free leaves no other form of itself to compete: constants as a whole."""
+    """Return whether a free effect excludes all its other forms as candidates: constants as a whole."""
     return effect.is_constant and not effect.settings()

@@ -1,6 +1,6 @@
-"""The whole search run again without each fold, so that every pose gets an honest error.
+"""Cross-validation of the complete search: it is repeated without each fold, so that every row has a held-out residual.
 
-Folds are independent of each other; where there are many poses they are shared between two processes.
+Folds are independent of each other. With many poses, two processes share them.
 """
 
 from __future__ import annotations
@@ -32,47 +32,47 @@ from robacc.tracing.selection import Selection
 Progress = Callable[[str, int, int], None]
 
 _FOLD_POSES = 400
-"""Poses that the choice within a fold looks at, at most."""
+"""Largest number of poses that a fold's selection uses."""
 LEAST_GAIN = 1.645
-"""Standard errors that a gain on held-out poses must be above zero: positive at 95 % confidence."""
-_SHARED_FROM = 600
+"""Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""
+_PARALLEL_POSES = 600
 """Poses from which a second process is worth its start."""
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Held-out residuals ``(M, N)`` of every row, and of each finding's absence, with how often each was chosen."""
+    """Held-out residuals ``(M, N)`` of every row, with and without each finding, and the stability of the findings."""
 
     before: Array
     after: Array
     without: dict[tuple[object, ...], Array]
-    """By the finding's key; of those without which the rest can be fitted."""
+    """Residuals without each finding, by its key; only findings without which the model can be fitted."""
     chosen: dict[tuple[object, ...], int]
-    """By the finding's key."""
+    """Number of folds in which each finding recurs, by its key."""
     folds: int
-    found: tuple[dict[tuple[object, ...], tuple[Effect, ...]], ...] = ()
-    """For each fold, by the finding's key, what it has of it."""
-    taken: tuple[frozenset[Effect], ...] = ()
-    """For each fold everything that it chose."""
+    effects_by_finding: tuple[dict[tuple[object, ...], tuple[Effect, ...]], ...] = ()
+    """For each fold, the fold's effects that match a finding, by the finding's key."""
+    all_effects: tuple[frozenset[Effect], ...] = ()
+    """For each fold, all effects that it chose."""
 
 
 @dataclass(frozen=True)
 class _Fold:
-    """Residuals ``(M, n)`` of the rows that one fold held out."""
+    """Held-out residuals ``(M, n)`` of the rows of a fold."""
 
     before: Array
     after: Array
     without: tuple[Array | None, ...]
-    """For each finding of the whole loop, in its order; None where the rest cannot be fitted without it."""
-    found: tuple[tuple[Effect, ...], ...]
-    """What the fold has of each: nothing where it did not choose it too."""
-    taken: frozenset[Effect]
-    """Everything that it chose."""
+    """Residuals without each finding of the search, in its order; None if the model cannot be fitted without it."""
+    effects_by_finding: tuple[tuple[Effect, ...], ...]
+    """The fold's effects that match each finding; empty if it did not find it."""
+    all_effects: frozenset[Effect]
+    """All effects that the fold chose."""
 
 
 @dataclass(frozen=True)
 class _Work:
-    """What a fold needs, the same for all."""
+    """Input that all folds share."""
 
     loop: SearchResult
     data: Measurements
@@ -89,19 +89,19 @@ def cross_validate(
     empirical: bool,
     progress: Progress,
 ) -> CrossValidation | None:
-    """Held-out residuals by cross-fitting, or of poses of their own; None where there are too few poses."""
+    """Return held-out residuals by cross-validation, or of ``holdout``; None if there are too few poses."""
     if holdout is not None:
-        return _on(loop, data, holdout)
+        return _from_holdout(loop, data, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:
         return None
-    masks = [rest for _, rest in parts(assigned)]
+    masks = [test_rows for _, test_rows in parts(assigned)]
     try:
         work = functools.partial(_fold, _Work(loop, data, assigned, empirical))
-        done = _shared_out(work, range(len(masks)), data.n)
-        results = [_reported(one, number, len(masks), progress) for number, one in enumerate(done)]
+        done = _in_parallel(work, range(len(masks)), data.n)
+        results = [_reported(fold, number, len(masks), progress) for number, fold in enumerate(done)]
     except InputError:
-        # What is left to learn from without a fold is too little for what is fitted.
+        # The rows without a fold are too few for the fitted coefficients.
         return None
     return _joined(loop.effects, masks, results, loop.final.residual.shape)
 
@@ -109,67 +109,79 @@ def cross_validate(
 def _joined(
     effects: Sequence[Effect], masks: Sequence[NDArray[np.bool_]], results: Sequence[_Fold], shape: tuple[int, ...]
 ) -> CrossValidation:
-    """The folds' rows put together."""
+    """Return the rows of all folds together."""
     before, after = np.empty(shape), np.empty(shape)
     without = {effect.key(): np.empty(shape) for effect in effects}
-    for rest, one in zip(masks, results, strict=True):
-        before[:, rest], after[:, rest] = one.before, one.after
-        for effect, lacking in zip(effects, one.without, strict=True):
+    for test_rows, fold in zip(masks, results, strict=True):
+        before[:, test_rows], after[:, test_rows] = fold.before, fold.after
+        for effect, lacking in zip(effects, fold.without, strict=True):
             if lacking is None:
                 without.pop(effect.key(), None)
             elif effect.key() in without:
-                without[effect.key()][:, rest] = lacking
-    found = tuple({e.key(): ones for e, ones in zip(effects, one.found, strict=True)} for one in results)
-    chosen = {effect.key(): sum(bool(one[effect.key()]) for one in found) for effect in effects}
-    return CrossValidation(before, after, without, chosen, len(masks), found, tuple(one.taken for one in results))
+                without[effect.key()][:, test_rows] = lacking
+    by_finding = tuple(
+        {e.key(): matches_in_fold for e, matches_in_fold in zip(effects, fold.effects_by_finding, strict=True)}
+        for fold in results
+    )
+    chosen = {effect.key(): sum(bool(fold[effect.key()]) for fold in by_finding) for effect in effects}
+    return CrossValidation(
+        before, after, without, chosen, len(masks), by_finding, tuple(fold.all_effects for fold in results)
+    )
 
 
 def reduced(
-    held: CrossValidation | None,
-    whole: SearchResult,
-    left: SearchResult,
+    validation: CrossValidation | None,
+    before_withdrawal: SearchResult,
+    remaining: SearchResult,
     data: Measurements,
     holdout: Measurements | None,
     n_folds: int,
     seed: int,
 ) -> CrossValidation | None:
-    """``held`` of the loop that is left of ``whole`` once findings were taken back.
+    """Return ``validation`` for the findings that remain of ``before_withdrawal``.
 
-    A fold then keeps of its own choice what stands for a finding that is left: what is told of poses held out is of the
-    model that is told. Where nothing is left, that is what was declared.
+    Each fold keeps only its effects that match a remaining finding, so that held-out residuals describe the reported
+    model. Without remaining findings they are those of the baseline.
     """
-    if held is None or (left.effects and left.effects == whole.effects):
-        return held
-    if not left.effects:
-        return dataclasses.replace(held, after=held.before, without={})
+    if validation is None or (remaining.effects and remaining.effects == before_withdrawal.effects):
+        return validation
+    if not remaining.effects:
+        return dataclasses.replace(validation, after=validation.before, without={})
     if holdout is not None:
-        return _on(left, data, holdout)
+        return _from_holdout(remaining, data, holdout)
     assigned = folds(data, n_folds, seed)
-    assert assigned is not None  # or nothing was held out
-    masks = [rest for _, rest in parts(assigned)]
+    assert assigned is not None  # or there would be no validation
+    masks = [test_rows for _, test_rows in parts(assigned)]
 
-    def again(number: int) -> _Fold:
-        rest, found = masks[number], [held.found[number][effect.key()] for effect in left.effects]
-        effects = frames_first(dict.fromkeys(effect for ones in found for effect in ones))
-        before = held.before[:, rest]
-        if frozenset(effects) == held.taken[number]:
-            without = (held.without.get(effect.key()) for effect in left.effects)
-            lacking = tuple(None if one is None else one[:, rest] for one in without)
-            return _Fold(before, held.after[:, rest], lacking, tuple(found), held.taken[number])
+    def refit_fold(number: int) -> _Fold:
+        test_rows, by_finding = (
+            masks[number],
+            [validation.effects_by_finding[number][effect.key()] for effect in remaining.effects],
+        )
+        effects = frames_first(dict.fromkeys(effect for matches_in_fold in by_finding for effect in matches_in_fold))
+        before = validation.before[:, test_rows]
+        if frozenset(effects) == validation.all_effects[number]:
+            without = (validation.without.get(effect.key()) for effect in remaining.effects)
+            lacking = tuple(
+                None if residuals_without is None else residuals_without[:, test_rows] for residuals_without in without
+            )
+            return _Fold(
+                before, validation.after[:, test_rows], lacking, tuple(by_finding), validation.all_effects[number]
+            )
         if not effects:
-            return _Fold(before, before, tuple(before for _ in found), tuple(found), frozenset())
-        train, test = _parts(left, data, assigned, number)
-        return _judged(_completed(left, effects, train), effects, before, found, test)
+            return _Fold(before, before, tuple(before for _ in by_finding), tuple(by_finding), frozenset())
+        train, test = _parts(remaining, data, assigned, number)
+        return _judged(_completed(remaining, effects, train), effects, before, by_finding, test)
 
-    results = list(_shared_out(again, range(len(masks)), data.n))
-    return _joined(left.effects, masks, results, held.before.shape)
+    results = list(_in_parallel(refit_fold, range(len(masks)), data.n))
+    return _joined(remaining.effects, masks, results, validation.before.shape)
 
 
 def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
     """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
 
     Poses are independent, not rows. ``weight`` ``(M, N)`` are reciprocal standard deviations of the components; where
-    None, positions alone are judged, each as good as the others.
+    None, positions serial are judged, each as good as the others.
     """
     if weight is None:
         without, after, weight = without[:3], after[:3], np.ones_like(after[:3])
@@ -184,32 +196,32 @@ def gain_score(without: Array, after: Array, data: Measurements, weight: Array |
     return float(mean / error)
 
 
-def _reported(one: _Fold, number: int, count: int, progress: Progress) -> _Fold:
+def _reported(fold: _Fold, number: int, count: int, progress: Progress) -> _Fold:
     progress("cross-fitting", number + 1, count + 1)
-    return one
+    return fold
 
 
 _shared: Callable[[int], _Fold] | None = None
-"""The work of a pool's processes, which they inherit by fork: nothing of it is copied or pickled."""
+"""Work of a pool's processes, which inherit it by fork: nothing of it is copied or pickled."""
 
 
-def _shared_out(work: Callable[[int], _Fold], numbers: Sequence[int], n: int) -> Iterator[_Fold]:
-    """The work of each fold in turn, shared by two processes where there are many poses."""
-    alone = "fork" not in multiprocessing.get_all_start_methods() or (os.cpu_count() or 1) < 2
-    if alone or n < _SHARED_FROM:
+def _in_parallel(work: Callable[[int], _Fold], numbers: Sequence[int], n: int) -> Iterator[_Fold]:
+    """Yield the result of each fold in turn; two processes share the work if there are many poses."""
+    serial = "fork" not in multiprocessing.get_all_start_methods() or (os.cpu_count() or 1) < 2
+    if serial or n < _PARALLEL_POSES:
         yield from map(work, numbers)
         return
     global _shared
     _shared = work
     try:
-        with multiprocessing.get_context("fork").Pool(2, initializer=_as_helper) as pool:
+        with multiprocessing.get_context("fork").Pool(2, initializer=_ignore_signals) as pool:
             yield from pool.imap(_shared_fold, numbers)
     finally:
         _shared = None
 
 
-def _as_helper() -> None:
-    """Leave signals to the process that started this one, which ends it; what it inherited would answer them twice."""
+def _ignore_signals() -> None:
+    """Ignore signals in a helper process: its parent handles them and ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
@@ -222,72 +234,78 @@ def _shared_fold(number: int) -> _Fold:
 def _fold(work: _Work, number: int) -> _Fold:
     loop, data = work.loop, work.data
     train, test = _parts(loop, data, work.assigned, number)
-    selection = choose(loop.scene, work.assigned != number, empirical=work.empirical, most=_FOLD_POSES)
-    chosen = [(one, selection.refined(one)) for one in selection.chosen]
+    selection = choose(loop.candidates, work.assigned != number, empirical=work.empirical, max_poses=_FOLD_POSES)
+    chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
     like = loop.declared
     declared = refit(like, like.model.free, train, _options(like))
     declared, _ = choose_form(declared, like.model, train, _options(like))
     complete = _completed(loop, effects, train) if effects else declared
-    return _judged(complete, effects, held_out(declared, test), _again(loop.effects, selection, chosen), test)
+    return _judged(
+        complete, effects, held_out(declared, test), _matching_effects(loop.effects, selection, chosen), test
+    )
 
 
 def _parts(
     loop: SearchResult, data: Measurements, assigned: NDArray[np.int64], number: int
 ) -> tuple[Measurements, Measurements]:
-    """What a fold learns from, without outliers, and what it is judged on."""
+    """Return the training rows of a fold, without outliers, and its test rows."""
     learn = (assigned != number) & loop.final.inliers
     return data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(assigned == number))
 
 
 def _completed(loop: SearchResult, effects: Sequence[Effect], train: Measurements) -> Fit:
-    """What is declared and ``effects``, fitted to a fold's poses."""
+    """Return the fit of the declared effects and ``effects`` to a fold's training rows."""
     model = loop.declared.model.with_free(*effects)
     complete = refit(loop.final, model.free, train, _options(loop.final))
     return complete if complete.group_stds else choose_form(complete, model, train, _options(loop.final))[0]
 
 
 def _judged(
-    complete: Fit, effects: Sequence[Effect], before: Array, again: Sequence[Sequence[Effect]], test: Measurements
+    complete: Fit, effects: Sequence[Effect], before: Array, by_finding: Sequence[Sequence[Effect]], test: Measurements
 ) -> _Fold:
     after = held_out(complete, test)
-    without = tuple(_lacking(complete, ones, test) if ones else after for ones in again)
-    return _Fold(before, after, without, tuple(tuple(ones) for ones in again), frozenset(effects))
+    without = tuple(
+        _residuals_without(complete, matches_in_fold, test) if matches_in_fold else after
+        for matches_in_fold in by_finding
+    )
+    return _Fold(
+        before, after, without, tuple(tuple(matches_in_fold) for matches_in_fold in by_finding), frozenset(effects)
+    )
 
 
-def _again(
+def _matching_effects(
     findings: Sequence[Effect], selection: Selection, chosen: Sequence[tuple[Chosen, Effect]]
 ) -> list[list[Effect]]:
-    """For each finding what a fold has of it: itself, or what these poses cannot tell from it."""
-    found = [[effect for _, effect in chosen if finding.is_same_finding(effect)] for finding in findings]
-    if all(found):
-        return found
-    others = [{(other.effect, other.joints) for other in rivals(selection, one)[1]} for one, _ in chosen]
+    """Return, for each finding, the effects of a fold that match it or are not distinguishable from it."""
+    by_finding = [[effect for _, effect in chosen if finding.is_same_finding(effect)] for finding in findings]
+    if all(by_finding):
+        return by_finding
+    others = [{(other.effect, other.joints) for other in rivals(selection, choice)[1]} for choice, _ in chosen]
     return [
-        same or [effect for (_, effect), names in zip(chosen, others, strict=True) if (f.name, f.joints) in names]
-        for f, same in zip(findings, found, strict=True)
+        matches or [effect for (_, effect), names in zip(chosen, others, strict=True) if (f.name, f.joints) in names]
+        for f, matches in zip(findings, by_finding, strict=True)
     ]
 
 
-def _options(found: Fit) -> Options:
-    """A fold weighs rows as the whole did, and its outliers are already left out."""
-    return dataclasses.replace(SEARCH, robust=False, misfit=found.misfit, scatter=found.scatter)
+def _options(fit: Fit) -> Options:
+    """Return the options of a fold: row weights as in the fit to all rows, which has left outliers out already."""
+    return dataclasses.replace(SEARCH, robust=False, misfit=fit.misfit, scatter=fit.scatter)
 
 
-def _on(loop: SearchResult, data: Measurements, holdout: Measurements) -> CrossValidation:
-    """Poses of their own: the models of all the other poses, as they stand."""
+def _from_holdout(loop: SearchResult, data: Measurements, holdout: Measurements) -> CrossValidation:
+    """Return residuals of ``holdout`` with the models fitted to all other poses."""
     declared = choose_deflection(loop.declared, loop.declared.model, data, SEARCH)[0]
     final = loop.final if loop.final.group_stds else choose_deflection(loop.final, loop.final.model, data, SEARCH)[0]
-    lacking = {effect.key(): _lacking(final, [effect], holdout) for effect in loop.effects}
-    without = {key: one for key, one in lacking.items() if one is not None}
+    lacking = {effect.key(): _residuals_without(final, [effect], holdout) for effect in loop.effects}
+    without = {key: residuals_without for key, residuals_without in lacking.items() if residuals_without is not None}
     return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)
 
 
-def _lacking(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array | None:
-    """Residuals of ``test`` where the effects ``absent`` are not in the model and the rest is fitted without them.
+def _residuals_without(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array | None:
+    """Return residuals of ``test`` with the effects ``absent`` removed and the model fitted again to first order.
 
-    To first order, which a frame does not allow: it is registered over metres and any angle. None for such, and where
-    the rest then asks for compliances that have no equilibrium.
+    Return None for a frame, whose registration is no small change, and if the fitted compliances have no equilibrium.
     """
     if any(effect.is_frame for effect in absent):
         return None

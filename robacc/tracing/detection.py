@@ -1,9 +1,9 @@
-"""What these poses could have shown: the size at which each effect would be found.
+"""Detection limits: the smallest size at which each effect is found on these poses with probability 1/2.
 
 An effect of coefficients c whose columns have, beside the present model, the new part G (whitened Gram matrix) raises
 the F test's noncentrality to c' G c over the noise variance. Its detection limit is the size at which the test, at the
-level corrected for everything that competes, finds it with probability one half. A finding has to be found again by
-half of the folds too, each of which learns from a share of the poses: the noncentrality is taken on that share.
+level corrected for all candidates, finds it with probability 1/2. A finding must recur in half of the folds too, each
+of which is fitted to a share of the poses: the noncentrality is computed on that share.
 """
 
 from __future__ import annotations
@@ -23,89 +23,93 @@ from robacc.tracing.evidence import Conditioned
 from robacc.tracing.selection import FALSE_ALARM, Selection
 
 EVEN_CHANCE = 0.5
-_BEYOND = 300.0
-"""Times its usual size: an effect that would have to be larger than this is not shown at all."""
-_NEW = 1e-6
-"""A direction whose new part is less than this share of its squared length is one that the present model mimics."""
+_LARGEST = 300.0
+"""Largest limit, in multiples of the usual size; an effect that needs more has no detection limit."""
+_LEAST_NEW = 1e-6
+"""Share of its squared length below which the new part of a direction counts as explained by the present model."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectionLimit:
-    """The size of one form of an effect that the poses would have shown with even chances."""
+    """Smallest size of one form of an effect that these poses show with probability 1/2."""
 
     effect: str
     joints: tuple[str, ...]
     settings: dict[str, object]
     limit: float | None
-    """In ``unit``; of several coefficients the length of their vector in its least visible direction, such as the
-    amplitude of a periodic error whatever its phase. None where no size that an arm could have would be found."""
+    """Size in ``unit``. With several coefficients: the length of their vector in its least visible direction, such as
+    the amplitude of a periodic error whatever its phase. None if no plausible size is found."""
     unit: str
     rms: float | None
-    """How far an effect of that size moves the target, root mean square over the poses, m."""
+    """Displacement of the target by an effect of that size, root mean square over the poses, m."""
 
 
 def detection_limits(selection: Selection, weight: Array, n_folds: int = 0, share: float = 1.0) -> list[DetectionLimit]:
-    """The limit of every named form that competes beside what has been chosen, but for forms of mixed units.
+    """Return the limit of every named candidate beside the findings, except forms of mixed units.
 
-    ``weight`` ``(M, n)`` are the whitening weights of the poses that the choice looked at, which are the ``share`` of
-    all poses. ``n_folds`` is how many folds a finding has to be found again by half of; 0 for none.
+    ``weight`` ``(M, n)`` are the whitening weights of the poses that the selection uses, which are the ``share`` of all
+    poses. A finding must recur in half of ``n_folds`` folds; 0 for no cross-validation.
     """
-    field = selection.field
-    conditioned = field.condition(selection.chosen)
-    learnt = (1.0 - 1.0 / n_folds if n_folds else 1.0) / share
-    present = [one.candidate for one in selection.chosen]
+    scorer = selection.scorer
+    conditioned = scorer.condition(selection.chosen)
+    train_share = (1.0 - 1.0 / n_folds if n_folds else 1.0) / share
+    present = [finding.candidate for finding in selection.chosen]
     return [
-        _limit(candidate, columns, field, conditioned, weight, learnt)
-        for candidate, columns in _forms(field)
-        if not any(field.holds(one, candidate) for one in present)
+        _limit(candidate, columns, scorer, conditioned, weight, train_share)
+        for candidate, columns in _forms(scorer)
+        if not any(scorer.covers(chosen, candidate) for chosen in present)
     ]
 
 
-def noncentrality_at_limit(rank: int, freedom: float, log_prior: float, learnt: float = 1.0) -> float:
-    """The noncentrality over all poses at which an effect of ``rank`` new directions is found with even chances.
+def noncentrality_at_limit(rank: int, dof: float, log_prior: float, train_share: float = 1.0) -> float:
+    """Return the noncentrality over all poses at which an effect is found with probability 1/2.
 
-    ``learnt`` is the share of the poses that each of the folds learns from.
+    ``rank`` is its number of new directions, ``train_share`` the share of the poses that each fold is fitted to.
     """
     level = FALSE_ALARM * math.exp(log_prior)
-    return needed_noncentrality(EVEN_CHANCE, level, float(rank), round(freedom * learnt) - rank) / learnt
+    return needed_noncentrality(EVEN_CHANCE, level, float(rank), round(dof * train_share) - rank) / train_share
 
 
 def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
-    """``(Q,)`` eigenvalues, ascending, and ``(Q, Q)`` eigenvectors of a new part; what is mimicked has value 0.
+    """Return ``(Q,)`` eigenvalues, ascending, and ``(Q, Q)`` eigenvectors of a new part; 0 for explained directions.
 
-    ``lengths`` ``(Q,)`` are the squared lengths of the whole columns.
+    ``lengths`` ``(Q,)`` are the squared lengths of the complete columns.
     """
     values, vectors = np.linalg.eigh(blocks)
-    return np.where(values > _NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors
+    return np.where(values > _LEAST_NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors
 
 
-def _forms(field: CandidateScorer) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
-    """Forms whose coefficients can be added up to one size, but for those that others make up."""
-    free = [one for one in field.pool if not one.is_block and len({term.unit for term in one.terms}) == 1]
-    names = [{term.name for term in one.terms} for one in free]
-    for one, own in zip(free, names, strict=True):
-        if not any(other < own for other in names):
-            yield one, field.columns(one)
+def _forms(scorer: CandidateScorer) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
+    """Yield forms with coefficients of a common unit, except forms that contain another form."""
+    free = [
+        candidate
+        for candidate in scorer.pool
+        if not candidate.is_block and len({term.unit for term in candidate.terms}) == 1
+    ]
+    names = [{term.name for term in candidate.terms} for candidate in free]
+    for candidate, term_names in zip(free, names, strict=True):
+        if not any(other < term_names for other in names):
+            yield candidate, scorer.columns(candidate)
 
 
 def _limit(
     candidate: Candidate,
     columns: NDArray[np.int64],
-    field: CandidateScorer,
+    scorer: CandidateScorer,
     conditioned: Conditioned,
     weight: Array,
-    learnt: float,
+    train_share: float,
 ) -> DetectionLimit:
     effect = candidate.effect
-    values, vectors = visible(conditioned.block(columns), np.diag(field.system.gram)[columns])
+    values, vectors = visible(conditioned.block(columns), np.diag(scorer.system.gram)[columns])
     size = rms = None
     if values[0] > 0:
-        noise = conditioned.energy / conditioned.freedom
-        needed = noncentrality_at_limit(values.size, conditioned.freedom, candidate.log_prior, learnt)
+        noise = conditioned.cost / conditioned.dof
+        needed = noncentrality_at_limit(values.size, conditioned.dof, candidate.log_prior, train_share)
         size = math.sqrt(needed * noise / float(values[0]))
-        if size > _BEYOND * candidate.terms[0].typical:
+        if size > _LARGEST * candidate.terms[0].typical:
             size = None
     if size is not None:
-        moved = np.einsum("mqn,q->mn", field.system.columns[:3][:, columns], vectors[:, 0]) / weight[:3]
+        moved = np.einsum("mqn,q->mn", scorer.system.columns[:3][:, columns], vectors[:, 0]) / weight[:3]
         rms = size * float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))
     return DetectionLimit(effect.name, effect.joints, effect.settings(), size, candidate.terms[0].unit, rms)

@@ -1,11 +1,11 @@
-"""Which columns explain a residual, and how strong the evidence is, by linear algebra on one linearisation.
+"""Evidence and significance of candidate columns for a residual, by linear algebra on one linearisation.
 
-The system holds whitened columns of the present model and of everything that competes, and their Gram matrix. A
-candidate is judged by the part of its columns that the model cannot mimic (orthogonalised by a Schur complement). Its
-evidence is the marginal likelihood with a Gaussian prior of zero mean whose width is the best one, and the unknown
-noise at its best value too: a single term and a rich block compete by the same measure, and what the data do not
-decide costs nothing. Significance is by the F test, or for a block by the likelihood-ratio test of its width
-(a mixture of chi-squares of 0 and 1 degree; Self and Liang 1987).
+The system holds whitened columns of the present model and of all candidates, and their Gram matrix. A candidate is
+scored by the part of its columns that the model cannot reproduce (orthogonalised by a Schur complement). Its evidence
+is the marginal likelihood with a Gaussian prior of zero mean, maximised over the prior variance and the unknown noise
+variance: a single term and a rich block have the same measure, and directions that the data do not determine cost
+nothing. Significance is by the F test, or for a block by the likelihood-ratio test of its prior variance (a mixture of
+chi-squares of 0 and 1 degree; Self and Liang 1987).
 """
 
 from __future__ import annotations
@@ -20,169 +20,170 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 from robacc.statistics.distributions import chi2_sf, f_sf
 
-_WIDTHS = np.exp(np.linspace(math.log(1e-3), math.log(1e10), 66))
-_PLAUSIBLE = 300.0
-"""A coefficient's prior is at most this many times its usual size: what only an absurd value would explain is not."""
-_FEW = 8
-"""Candidates looked at first where only the best one is asked for."""
-_NEW = 1e-10
-"""A candidate's direction whose new part has less than this share of its squared length is no new direction."""
+_PRIOR_VARS = np.exp(np.linspace(math.log(1e-3), math.log(1e10), 66))
+_LARGEST_PRIOR_STD = 300.0
+"""Largest standard deviation of a coefficient's prior, in multiples of its usual size: absurd values explain
+nothing."""
+_FIRST_SCORED = 8
+"""Candidates scored first if only the best is required."""
+_LEAST_NEW = 1e-10
+"""Share of its squared length below which the new part of a candidate's direction counts as none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """How well each of B candidates explains what is left."""
+    """Scores of B candidates for the remaining residual."""
 
     evidence: Array
-    """``(B,)`` log marginal likelihood ratio, nats; 0 where there is nothing new."""
+    """``(B,)`` evidence (log Bayes factor); 0 without new directions."""
     gain: Array
     """``(B,)`` whitened sum of squares explained by least squares."""
     rank: NDArray[np.int64]
     """``(B,)`` new directions."""
-    width: Array
-    """``(B,)`` prior width (in units of the candidate's weights, whitened) of largest evidence."""
-    energy: float
-    freedom: float
+    prior_var: Array
+    """``(B,)`` prior variance (in units of the candidate's weights, whitened) of largest evidence."""
+    cost: float
+    dof: float
     shrunk: NDArray[np.bool_]
 
     def p_value(self, i: int) -> float:
-        """Significance of candidate ``i`` alone, not corrected for how many compete."""
+        """Return the significance of candidate ``i`` alone, not corrected for the number of candidates."""
         if self.rank[i] == 0:
             return 1.0
         if self.shrunk[i]:
             return 0.5 * chi2_sf(2 * float(self.evidence[i]), 1.0)
-        rest = self.freedom - float(self.rank[i])
-        if rest <= 0:
+        residual_dof = self.dof - float(self.rank[i])
+        if residual_dof <= 0:
             return 1.0
-        # What is explained to the last digit leaves rounding, of either sign.
-        left = max(self.energy - float(self.gain[i]), 1e-15 * self.energy)
-        ratio = (float(self.gain[i]) / float(self.rank[i])) / (left / rest)
-        return f_sf(ratio, float(self.rank[i]), rest)
+        # A fit to the last digit leaves a rounding error of either sign.
+        remaining = max(self.cost - float(self.gain[i]), 1e-15 * self.cost)
+        ratio = (float(self.gain[i]) / float(self.rank[i])) / (remaining / residual_dof)
+        return f_sf(ratio, float(self.rank[i]), residual_dof)
 
 
 class Columns:
     """Whitened columns over rows (components x poses), their Gram matrix, and the residual."""
 
     def __init__(self, columns: Array, residual: Array) -> None:
-        """``columns`` ``(M, C, N)``, ``residual`` ``(M, N)``."""
+        """Store ``columns`` ``(M, C, N)`` and ``residual`` ``(M, N)``."""
         self.columns = columns
         self.residual = residual
         self.rows = residual.size
         stacked = np.moveaxis(columns, 1, 2).reshape(-1, columns.shape[1])
         self.gram: Array = stacked.T @ stacked
-        self.moment: Array = stacked.T @ residual.ravel()
-        self.energy = float(residual.ravel() @ residual.ravel())
+        self.rhs: Array = stacked.T @ residual.ravel()
+        self.cost = float(residual.ravel() @ residual.ravel())
 
     def append(self, columns: Array) -> NDArray[np.int64]:
-        """Add ``(M, Q, N)`` columns; their numbers."""
+        """Add ``(M, Q, N)`` columns and return their numbers."""
         first = self.columns.shape[1]
-        turned = np.swapaxes(columns, 1, 2)
-        cross, own = (self.columns @ turned).sum(axis=0), (columns @ turned).sum(axis=0)
-        self.gram = np.block([[self.gram, cross], [cross.T, own]])
-        self.moment = np.concatenate((self.moment, np.einsum("mqn,mn->q", columns, self.residual)))
+        transposed = np.swapaxes(columns, 1, 2)
+        cross, gram = (self.columns @ transposed).sum(axis=0), (columns @ transposed).sum(axis=0)
+        self.gram = np.block([[self.gram, cross], [cross.T, gram]])
+        self.rhs = np.concatenate((self.rhs, np.einsum("mqn,mn->q", columns, self.residual)))
         self.columns = np.concatenate((self.columns, columns), axis=1)
         return np.arange(first, first + columns.shape[1])
 
 
 class Conditioned:
-    """What is left of all columns and of the residual once a model's columns have explained what they can."""
+    """All columns and the residual, orthogonalised to a model's columns."""
 
     def __init__(self, system: Columns, active: Sequence[int], precision: Array) -> None:
-        """``precision`` ``(len(active),)``: of the Gaussian prior of each active coefficient, whitened; 0 for none."""
+        """Condition on the columns ``active``; ``precision`` ``(A,)`` of their priors, whitened, 0 for none."""
         self.system = system
         self.active = np.array(active, dtype=np.int64)
         self.precision = precision
         gram = system.gram[np.ix_(self.active, self.active)] + np.diag(precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
-        good = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
-        self.root: Array = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
+        independent = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
+        self.root: Array = (scale[:, None] * vectors[:, independent]) / np.sqrt(values[independent])
         """``(A, R)``: root @ root.T is the inverse of the active columns' Gram matrix."""
-        self.rank = int(good.sum())
+        self.rank = int(independent.sum())
         self._removed: tuple[Conditioned, Array] | None = None
         self._crossed: dict[Family, Array] = {}
         self.reduced: Array = self.root.T @ system.gram[self.active]
         """``(R, C)``: orthonormal coordinates of the model times every column."""
-        self._explain(self.root.T @ system.moment[self.active])
+        self._explain(self.root.T @ system.rhs[self.active])
 
     def _explain(self, explained: Array) -> None:
         system = self.system
         self.explained = explained
-        self.moment: Array = system.moment[: self.reduced.shape[1]] - self.reduced.T @ explained
-        self.energy = max(system.energy - float(explained @ explained), 1e-300)
+        self.rhs: Array = system.rhs[: self.reduced.shape[1]] - self.reduced.T @ explained
+        self.cost = max(system.cost - float(explained @ explained), 1e-300)
         effective = float(self.rank)
         if self.precision.any():
             effective -= float(np.sum(np.square(self.root) * self.precision[:, None]))
-        self.freedom = max(system.rows - effective, 1.0)
+        self.dof = max(system.rows - effective, 1.0)
 
     def without(self, columns: NDArray[np.int64]) -> Conditioned:
-        """The same for a model that lacks some of the active columns, without decomposing anything of its size.
+        """Return the same for a model without some of the active columns, with no decomposition of its size.
 
-        The rows that they have in the root span the directions of the model that only they hold; those are taken out
-        of every coordinate.
+        The rows of these columns in the root span the model directions that only these columns contain. Those
+        directions are removed from every coordinate.
         """
         rows = np.isin(self.active, columns)
-        own = self.root[rows]
-        _, sizes, directions = np.linalg.svd(own, full_matrices=False)
+        removed_root = self.root[rows]
+        _, sizes, directions = np.linalg.svd(removed_root, full_matrices=False)
         directions = directions[sizes > 1e-9 * max(sizes.max(initial=0.0), 1e-300)]
-        rest = object.__new__(Conditioned)
-        rest.system, rest.active = self.system, self.active
-        rest.precision = np.where(rows, 0.0, self.precision)
-        rest.root = self.root - (self.root @ directions.T) @ directions
-        rest.root[rows] = 0.0
-        rest.rank = self.rank - len(directions)
-        rest._removed, rest._crossed = (self, directions), {}
-        rest.reduced = self.reduced - directions.T @ (directions @ self.reduced)
-        rest._explain(self.explained - directions.T @ (directions @ self.explained))
-        return rest
+        smaller_model = object.__new__(Conditioned)
+        smaller_model.system, smaller_model.active = self.system, self.active
+        smaller_model.precision = np.where(rows, 0.0, self.precision)
+        smaller_model.root = self.root - (self.root @ directions.T) @ directions
+        smaller_model.root[rows] = 0.0
+        smaller_model.rank = self.rank - len(directions)
+        smaller_model._removed, smaller_model._crossed = (self, directions), {}
+        smaller_model.reduced = self.reduced - directions.T @ (directions @ self.reduced)
+        smaller_model._explain(self.explained - directions.T @ (directions @ self.explained))
+        return smaller_model
 
     def crossed(self, family: Family) -> Array:
-        """``(R, B Q)`` orthonormal coordinates of the model times every column of a family."""
-        known = self._crossed.get(family)
-        if known is None:
+        """Return ``(R, B Q)`` orthonormal coordinates of the model times every column of a family."""
+        coordinates_of_family = self._crossed.get(family)
+        if coordinates_of_family is None:
             if self._removed is None:
-                known = self.root.T @ family.cross(self.system)[self.active]
+                coordinates_of_family = self.root.T @ family.cross(self.system)[self.active]
             else:
-                whole, directions = self._removed
-                above = whole.crossed(family)
-                known = above - directions.T @ (directions @ above)
-            self._crossed[family] = known
-        return known
+                full, directions = self._removed
+                above = full.crossed(family)
+                coordinates_of_family = above - directions.T @ (directions @ above)
+            self._crossed[family] = coordinates_of_family
+        return coordinates_of_family
 
     def blocks(self, columns: NDArray[np.int64]) -> Array:
-        """``(B, Q, Q)`` Gram matrices of the new parts of B times Q columns."""
+        """Return ``(B, Q, Q)`` Gram matrices of the new parts of B times Q columns."""
         reduced = np.moveaxis(self.reduced[:, columns], 0, 2)
-        whole = self.system.gram[columns[:, :, None], columns[:, None, :]]
-        result: Array = whole - reduced @ np.swapaxes(reduced, 1, 2)
+        full = self.system.gram[columns[:, :, None], columns[:, None, :]]
+        result: Array = full - reduced @ np.swapaxes(reduced, 1, 2)
         return result
 
     def block(self, columns: NDArray[np.int64]) -> Array:
-        """``(Q, Q)`` Gram matrix of some columns' new parts."""
+        """Return the ``(Q, Q)`` Gram matrix of the new parts of the given columns."""
         result: Array = self.blocks(columns[None])[0]
         return result
 
     def least_squares(self, columns: NDArray[np.int64]) -> Array:
-        """``(Q,)`` coefficients of some columns' new parts for what is left; of least length where these overlap."""
-        found = np.linalg.lstsq(self.block(columns), self.moment[columns], rcond=_NEW)[0]
-        return np.asarray(found, dtype=np.float64)
+        """Return ``(Q,)`` least-squares coefficients of new parts of columns; minimum norm if these overlap."""
+        solution = np.linalg.lstsq(self.block(columns), self.rhs[columns], rcond=_LEAST_NEW)[0]
+        return np.asarray(solution, dtype=np.float64)
 
 
 class Family:
-    """B candidates of Q columns each that are one column times a regressor; no column of theirs is ever built.
+    """B candidates of Q columns each that are a common column times regressors; their columns are never built.
 
-    ``own`` ``(B, Q, Q)`` is their Gram matrix and ``moment`` ``(B, Q)`` what they have in common with the residual.
+    ``gram`` ``(B, Q, Q)`` is their Gram matrix and ``rhs`` ``(B, Q)`` their product with the residual.
     """
 
     def __init__(self, system: Columns, column: Array, basis: Array, shrunk: bool) -> None:
-        """``column`` ``(M, N)`` is what all of them share, ``basis`` ``(B, Q, N)`` the regressors."""
+        """Store the common ``column`` ``(M, N)`` and the regressors ``basis`` ``(B, Q, N)``."""
         self.column, self.basis, self.shrunk = column, basis, shrunk
         square = np.einsum("mn,mn->n", column, column)
-        self.own: Array = (basis * square) @ np.swapaxes(basis, 1, 2)
-        self.moment: Array = basis @ np.einsum("mn,mn->n", column, system.residual)
+        self.gram: Array = (basis * square) @ np.swapaxes(basis, 1, 2)
+        self.rhs: Array = basis @ np.einsum("mn,mn->n", column, system.residual)
         self._cross = np.zeros((0, basis.shape[0] * basis.shape[1]))
 
     def cross(self, system: Columns) -> Array:
-        """``(C, B Q)`` what every column of the system has in common with every one of these."""
+        """Return ``(C, B Q)`` products of every column of the system with every column of the family."""
         done = self._cross.shape[0]
         if done < system.columns.shape[1]:
             shared = np.einsum("mcn,mn->cn", system.columns[:, done:], self.column)
@@ -191,16 +192,16 @@ class Family:
         return self._cross
 
     def judge(self, conditioned: Conditioned, best_only: bool = False) -> Scores:
-        """Scores of all of them beside a model, or of those that can be the best."""
-        count, size = self.moment.shape
+        """Return the scores of all candidates beside a model; with ``best_only`` of those that can be the best."""
+        count, size = self.rhs.shape
         reduced = conditioned.crossed(self)
         parts = np.moveaxis(reduced.reshape(-1, count, size), 0, 2)
         return judge(
-            self.own - parts @ np.swapaxes(parts, 1, 2),
-            self.moment - (reduced.T @ conditioned.explained).reshape(count, size),
-            np.diagonal(self.own, axis1=1, axis2=2),
-            conditioned.energy,
-            conditioned.freedom,
+            self.gram - parts @ np.swapaxes(parts, 1, 2),
+            self.rhs - (reduced.T @ conditioned.explained).reshape(count, size),
+            np.diagonal(self.gram, axis1=1, axis2=2),
+            conditioned.cost,
+            conditioned.dof,
             np.full(count, self.shrunk),
             best_only,
         )
@@ -208,79 +209,79 @@ class Family:
 
 def judge(
     blocks: Array,
-    moments: Array,
+    rhs: Array,
     lengths: Array,
-    energy: float,
-    freedom: float,
+    cost: float,
+    dof: float,
     shrunk: NDArray[np.bool_],
     best_only: bool = False,
 ) -> Scores:
-    """Scores of B candidates of Q columns each.
+    """Return the scores of B candidates of Q columns each.
 
     Args:
         blocks: ``(B, Q, Q)`` Gram matrices of the new parts of the columns, scaled by the candidates' weights, that is
             in units of their coefficients' usual sizes.
-        moments: ``(B, Q)`` the same times the residual.
-        lengths: ``(B, Q)`` squared lengths of the whole columns.
-        energy: whitened sum of squares of what is left.
-        freedom: its degrees of freedom.
+        rhs: ``(B, Q)`` products of the new parts with the residual, scaled likewise.
+        lengths: ``(B, Q)`` squared lengths of the complete columns.
+        cost: whitened sum of squares of the remaining residual.
+        dof: its degrees of freedom.
         shrunk: ``(B,)`` whether a candidate is a block.
         best_only: leave the evidence of candidates that cannot be the best at zero.
     """
-    values, coordinates = _decomposed(blocks, moments)
-    new = values > _NEW * np.maximum(lengths.max(axis=1), 1e-300)[:, None]
+    values, coordinates = _decomposed(blocks, rhs)
+    new = values > _LEAST_NEW * np.maximum(lengths.max(axis=1), 1e-300)[:, None]
     values = np.where(new, values, 0.0)
     projected = np.square(np.where(new, coordinates, 0.0))
-    gains = np.minimum((projected / np.where(new, values, 1.0)).sum(axis=1), 0.999999999 * energy)
+    gains = np.minimum((projected / np.where(new, values, 1.0)).sum(axis=1), 0.999999999 * cost)
     count = blocks.shape[0]
-    evidence, width = np.zeros(count), np.ones(count)
+    evidence, prior_var = np.zeros(count), np.ones(count)
 
     def evaluate(at: NDArray[np.int64]) -> None:
-        evidence[at], width[at] = _evidence(values[at], projected[at], energy, freedom, gains[at])
+        evidence[at], prior_var[at] = _evidence(values[at], projected[at], cost, dof, gains[at])
 
-    if not best_only or count <= _FEW:
+    if not best_only or count <= _FIRST_SCORED:
         evaluate(np.arange(count))
     else:
         order = np.argsort(-gains, kind="stable")
-        evaluate(order[:_FEW])
-        # No width can do better than least squares without any prior.
-        bound = -0.5 * freedom * np.log1p(-gains[order[_FEW:]] / energy)
-        evaluate(order[_FEW:][bound > evidence.max()])
-    return Scores(evidence, gains, new.sum(axis=1), width, energy, freedom, shrunk)
+        evaluate(order[:_FIRST_SCORED])
+        # No prior variance can do better than least squares without any prior.
+        bound = -0.5 * dof * np.log1p(-gains[order[_FIRST_SCORED:]] / cost)
+        evaluate(order[_FIRST_SCORED:][bound > evidence.max()])
+    return Scores(evidence, gains, new.sum(axis=1), prior_var, cost, dof, shrunk)
 
 
-def _decomposed(blocks: Array, moments: Array) -> tuple[Array, Array]:
-    """Eigenvalues ``(B, Q)`` of symmetric matrices, and the moments along the eigenvectors; pairs by one rotation."""
+def _decomposed(blocks: Array, rhs: Array) -> tuple[Array, Array]:
+    """Return eigenvalues ``(B, Q)`` of symmetric matrices, and ``rhs`` in their eigenvectors; pairs by one rotation."""
     size = blocks.shape[1]
     if size == 1:
-        return blocks[:, 0], moments
+        return blocks[:, 0], rhs
     if size == 2:
         (a, b), c = blocks[:, 0].T, blocks[:, 1, 1]
         angle = 0.5 * np.arctan2(2 * b, a - c)
         cosine, sine = np.cos(angle), np.sin(angle)
         middle, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
-        x, y = moments.T
+        x, y = rhs.T
         values = np.stack((middle + half, middle - half), axis=1)
         return values, np.stack((cosine * x + sine * y, cosine * y - sine * x), axis=1)
     values, vectors = np.linalg.eigh(blocks)
-    return values, (moments[:, None, :] @ vectors)[:, 0]
+    return values, (rhs[:, None, :] @ vectors)[:, 0]
 
 
-def _evidence(values: Array, projected: Array, energy: float, freedom: float, gains: Array) -> tuple[Array, Array]:
-    """``(B,)`` log marginal likelihood ratio at its best prior width, and that width, from eigenvalues ``(B, Q)``.
+def _evidence(values: Array, projected: Array, cost: float, dof: float, gains: Array) -> tuple[Array, Array]:
+    """Return ``(B,)`` evidence at the best prior variance, and that variance, from eigenvalues ``(B, Q)``.
 
-    What is plausible is measured by the noise that a candidate leaves: an effect that is a hundred times the noise is
-    in the noise as it stands without it.
+    The largest prior variance is relative to the noise that remains with the candidate: an effect of a hundred times
+    the noise is part of the residual without it.
     """
     if values.shape[0] == 0:
         return np.zeros(0), np.zeros(0)
     top = values.max(axis=1)
-    largest = _PLAUSIBLE**2 * freedom / (energy - gains)
-    widths = np.minimum(_WIDTHS / np.where(top > 0, top, 1.0)[:, None], largest[:, None])
-    spread = 1.0 + widths[:, :, None] * values[:, None, :]
-    left = energy - widths * ((1.0 / spread) @ projected[:, :, None])[:, :, 0]
-    likelihood = -0.5 * freedom * np.log(np.maximum(left, 1e-9 * energy) / energy)
-    likelihood -= 0.5 * np.log(spread).sum(axis=2)
+    largest = _LARGEST_PRIOR_STD**2 * dof / (cost - gains)
+    prior_vars = np.minimum(_PRIOR_VARS / np.where(top > 0, top, 1.0)[:, None], largest[:, None])
+    inflation = 1.0 + prior_vars[:, :, None] * values[:, None, :]
+    remaining = cost - prior_vars * ((1.0 / inflation) @ projected[:, :, None])[:, :, 0]
+    likelihood = -0.5 * dof * np.log(np.maximum(remaining, 1e-9 * cost) / cost)
+    likelihood -= 0.5 * np.log(inflation).sum(axis=2)
     best = np.argmax(likelihood, axis=1)
     rows = np.arange(best.size)
-    return np.where(top > 0, np.maximum(likelihood[rows, best], 0.0), 0.0), widths[rows, best]
+    return np.where(top > 0, np.maximum(likelihood[rows, best], 0.0), 0.0), prior_vars[rows, best]

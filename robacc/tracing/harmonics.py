@@ -1,4 +1,4 @@
-"""The orders that a joint's periodic error is made of, each with its amplitude and phase."""
+"""Harmonics of a joint's periodic error, each with its amplitude and phase."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.candidates import Candidate, OrderGrid
 from robacc.tracing.selection import Selection
 
-_MOST = 6
-"""Lines named at most."""
+_MOST_NAMED = 6
+"""Largest number of harmonics named."""
 _WEAK = 0.1
-"""A line that adds less than this share of the strongest one's evidence is not named."""
+"""Share of the strongest harmonic's evidence below which a harmonic is not named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,67 +29,68 @@ class Harmonic:
     order: float
     amplitude: float
     amplitude_std: float | None
-    """Standard error; None, as the phase's, where the poses do not show cosine and sine."""
+    """Standard error; None, as the phase's, if cosine and sine are not identifiable."""
     phase: float
     phase_std: float | None
 
 
-def fitted_harmonics(effect: Effect, own: Sequence[FittedParameter], covariance: Array) -> tuple[Harmonic, ...]:
-    """The lines of an effect of few orders, strongest first, from its parameters: cosine and sine of each order.
+def fitted_harmonics(effect: Effect, parameters: Sequence[FittedParameter], covariance: Array) -> tuple[Harmonic, ...]:
+    """Return the harmonics of an effect, strongest first, from its parameters: cosine and sine of each order.
 
-    ``covariance`` ``(2 K, 2 K)`` is the parameters', NaN where one is not identified.
+    ``covariance`` ``(2 K, 2 K)`` belongs to the parameters; NaN where a parameter is not identified.
     """
-    found = _lines(orders_of(effect), np.array([one.value for one in own]), covariance)
-    return tuple(sorted(found, key=lambda line: -line.amplitude))
+    harmonics = _harmonics(orders_of(effect), np.array([parameter.value for parameter in parameters]), covariance)
+    return tuple(sorted(harmonics, key=lambda harmonic: -harmonic.amplitude))
 
 
-def _lines(orders: Sequence[float], values: Array, covariance: Array) -> Iterator[Harmonic]:
-    """Amplitudes and phases of cosines and sines in turn, their errors by the law of propagation (JCGM 100, 5.2.2)."""
+def _harmonics(orders: Sequence[float], values: Array, covariance: Array) -> Iterator[Harmonic]:
+    """Yield harmonics from alternating cosines and sines; errors by the law of propagation (JCGM 100, 5.2.2)."""
     for i, order in enumerate(orders):
         pair = slice(2 * i, 2 * i + 2)
         cosine, sine = (float(value) for value in values[pair])
         amplitude = math.hypot(cosine, sine)
         along, across = None, None
         if amplitude > 0.0:
-            turned = np.array([[cosine, sine], [-sine, cosine]]) / amplitude
-            variance = np.diag(turned @ covariance[pair, pair] @ turned.T)
+            rotation = np.array([[cosine, sine], [-sine, cosine]]) / amplitude
+            variance = np.diag(rotation @ covariance[pair, pair] @ rotation.T)
             if np.all(variance >= 0.0):
                 along, across = (float(size) for size in np.sqrt(variance))
                 across /= amplitude
         yield Harmonic(order, amplitude, along, math.atan2(sine, cosine), across)
 
 
-def profile_harmonics(selection: Selection, one: Chosen) -> tuple[Harmonic, ...]:
-    """The strong lines of a joint's whole profile, in the order in which they explain most.
+def profile_harmonics(selection: Selection, profile: Chosen) -> tuple[Harmonic, ...]:
+    """Return the strong harmonics of a joint's complete profile, by descending evidence.
 
-    Neighbouring orders of a profile share one physical line, and its slow part is mostly what the model mimics; so the
-    profile is taken out and single orders, whole or not, are put in its place one at a time, each beside those before.
+    Neighbouring orders of a profile share a physical harmonic, and the model mostly reproduces the profile's slow part.
+    So the profile is removed and single orders, integer or not, are added in its place in turn, each beside those
+    before.
     """
-    joint = one.candidate.effect.joints[0]
-    field, others = selection.field, [other for other in selection.chosen if other is not one]
-    wave = next((wave for wave in field.waves if wave.joint == joint), None)
-    if wave is None:
+    joint = profile.candidate.effect.joints[0]
+    scorer, others = selection.scorer, [other for other in selection.chosen if other is not profile]
+    grid = next((grid for grid in scorer.order_grids if grid.joint == joint), None)
+    if grid is None:
         return ()
-    taken: list[Chosen] = []
+    chosen: list[Chosen] = []
     strongest = 0.0
-    for _ in range(_MOST):
-        order, evidence = field.strongest_order(field.condition([*others, *taken]), wave)
+    for _ in range(_MOST_NAMED):
+        order, evidence = scorer.strongest_order(scorer.condition([*others, *chosen]), grid)
         if evidence <= _WEAK * strongest or evidence <= 0:
             break
         strongest = strongest or evidence
-        taken.append(field.taken(_candidate(wave, order), 0.0))
-    if not taken:
+        chosen.append(scorer.as_chosen(_candidate(grid, order), 0.0))
+    if not chosen:
         return ()
-    # Columns are built as lines are found; the model without them is conditioned on once more, to see them all.
-    columns = np.concatenate([line.columns for line in taken])
-    conditioned = field.condition(others)
+    # The columns are appended during the search; condition once more, so that the system contains them all.
+    columns = np.concatenate([harmonic.columns for harmonic in chosen])
+    conditioned = scorer.condition(others)
     values = conditioned.least_squares(columns)
-    left = max(conditioned.energy - float(values @ conditioned.moment[columns]), 0.0)
-    variance = left / max(conditioned.freedom - columns.size, 1.0)
+    remaining = max(conditioned.cost - float(values @ conditioned.rhs[columns]), 0.0)
+    variance = remaining / max(conditioned.dof - columns.size, 1.0)
     covariance = np.asarray(variance * np.linalg.pinv(conditioned.block(columns), hermitian=True), dtype=np.float64)
-    orders = [orders_of(line.candidate.effect)[0] for line in taken]
-    return tuple(_lines(orders, values, covariance))
+    orders = [orders_of(harmonic.candidate.effect)[0] for harmonic in chosen]
+    return tuple(_harmonics(orders, values, covariance))
 
 
-def _candidate(wave: OrderGrid, order: float) -> Candidate:
-    return Candidate(of_order(wave.joint, order), (), wave.log_prior)
+def _candidate(grid: OrderGrid, order: float) -> Candidate:
+    return Candidate(of_order(grid.joint, order), (), grid.log_prior)

@@ -1,4 +1,4 @@
-"""One linearisation of a model and of everything that competes, from which any of its poses can choose."""
+"""One linearisation of a model and of all candidates, from which any subset of its poses can choose."""
 
 from __future__ import annotations
 
@@ -31,56 +31,56 @@ from robacc.tracing.evidence import Columns
 from robacc.tracing.selection import Selection
 
 SELECTION_POSES = 800
-"""Poses that a choice looks at, at most: fits and figures are of all of them."""
-_COMPETED_ON = 4 * SELECTION_POSES
-"""Poses that columns are made for: a choice without some of them, a fold's, still finds as many as it looks at."""
+"""Largest number of poses that a selection uses; fits and figures use all poses."""
+_LINEARISED_POSES = 4 * SELECTION_POSES
+"""Largest number of poses that columns are made for: a fold's selection, which lacks some, still has enough."""
 _OFF_GRID_LOG_PRIOR = -8.0
-"""Of an order on a joint where this scene searches none: about that of an order searched elsewhere."""
+"""Log prior of an order on a joint whose orders are not searched: about that of a searched order."""
 
 
 @dataclass(frozen=True)
 class LinearisedCandidates:
     """One linearisation of a model, from which any subset of poses can choose.
 
-    It is made of :data:`_COMPETED_ON` poses at most (n of N), so that its memory does not grow with the poses.
+    It uses :data:`_LINEARISED_POSES` poses at most (n of N), so that its memory does not grow with the poses.
     """
 
     model: Model
     data: Measurements
-    """Those poses."""
+    """Measurements of those poses."""
     rows: NDArray[np.int64]
-    """``(n,)`` their places among all."""
+    """``(n,)`` their row numbers in the complete data."""
     base: Array
     """``(M, p, n)`` whitened columns of the declared effects' coefficients."""
     pool_columns: Array
     """``(M, P, n)`` whitened columns of the pool's terms, each once."""
     pool: tuple[Candidate, ...]
     places: tuple[NDArray[np.int64], ...]
-    """For each of the pool its terms' numbers among :attr:`pool_columns`."""
+    """Numbers of each candidate's terms among :attr:`pool_columns`."""
     joint_columns: Array
     """``(M, J, n)`` whitened columns of each joint's variable."""
     residual: Array
-    """``(M, n)`` whitened, with what earlier findings explain put back."""
-    kept: NDArray[np.bool_]
-    """``(n,)`` poses that took part in the fit."""
+    """``(M, n)`` whitened residual, with the contribution of earlier findings put back."""
+    inliers: NDArray[np.bool_]
+    """``(n,)`` inlier mask of the fit."""
     missing: dict[str, str]
-    """By effect, why it cannot compete."""
+    """Reason why an effect is no candidate, by effect."""
     only: tuple[str, ...] | None
-    """Names of the effects that compete; None for all."""
+    """Names of the effects that are candidates; None for all."""
 
     @cached_property
     def blocks(self) -> list[Candidate]:
         """Rich blocks: periodic profiles and empirical corrections."""
         arm = self.model.arm
-        found = profiles(arm, self.data, self.only)
-        found += corrections(arm, self.data, self.only)
-        return found
+        candidates = profiles(arm, self.data, self.only)
+        candidates += corrections(arm, self.data, self.only)
+        return candidates
 
     def selection(
-        self, rows: NDArray[np.bool_], start: Sequence[Effect] = (), most: int = SELECTION_POSES
+        self, rows: NDArray[np.bool_], start: Sequence[Effect] = (), max_poses: int = SELECTION_POSES
     ) -> Selection:
-        """A choice on some of the poses, from nothing or from effects already found."""
-        at = self._thinned(rows, most)
+        """Return a selection on a subset of the poses, empty or with the effects ``start``."""
+        at = self._thinned(rows, max_poses)
         count = self.base.shape[1]
         system = Columns(
             np.concatenate((self.base[:, :, at], self.pool_columns[:, :, at]), axis=1), self.residual[:, at]
@@ -92,7 +92,7 @@ class LinearisedCandidates:
             terms = candidate.terms or candidate.effect.terms(arm, self.data)
             return self._columns_of(terms)[:, :, at]
 
-        field = CandidateScorer(
+        scorer = CandidateScorer(
             system,
             tuple(range(count)),
             self.pool,
@@ -102,21 +102,21 @@ class LinearisedCandidates:
             expand,
             self.rows[at],
         )
-        choice = Selection(field)
+        choice = Selection(scorer)
         for effect in start:
             choice.start_with(self._candidate(effect))
         return choice
 
-    def batches(self, rows: NDArray[np.bool_], most: int) -> list[Batch]:
-        """The rich blocks on the poses that :meth:`selection` chooses on."""
-        return batches(self.model.arm, self.blocks, self._thinned(rows, most))
+    def batches(self, rows: NDArray[np.bool_], max_poses: int) -> list[Batch]:
+        """Return the rich blocks on the poses that :meth:`selection` uses."""
+        return batches(self.model.arm, self.blocks, self._thinned(rows, max_poses))
 
-    def _thinned(self, rows: NDArray[np.bool_], most: int) -> NDArray[np.int64]:
-        """Rows to choose on: all of them, or so many of them, drawn by commanded pose and not by place in the file."""
-        return _thinned(self.data, np.flatnonzero(rows[self.rows] & self.kept), most)
+    def _thinned(self, rows: NDArray[np.bool_], max_poses: int) -> NDArray[np.int64]:
+        """Return the rows for a selection: all, or ``max_poses`` of them, sampled by commanded pose."""
+        return _thinned(self.data, np.flatnonzero(rows[self.rows] & self.inliers), max_poses)
 
     def _candidate(self, effect: Effect) -> Candidate:
-        """The candidate that an effect is, with the prior it competes by."""
+        """Return the candidate of an effect, with its prior in the search."""
         for candidate in self.pool:
             if candidate.effect.key() == effect.key():
                 return candidate
@@ -124,11 +124,11 @@ class LinearisedCandidates:
         if any(term.group for term in terms):
             return Candidate(effect, terms, BLOCK_LOG_PRIOR)
         searched = order_grids(self.model.arm, self.data, self.only)
-        found = next((wave.log_prior for wave in searched if (wave.joint,) == effect.joints), _OFF_GRID_LOG_PRIOR)
-        return Candidate(effect, terms, found)
+        log_prior = next((grid.log_prior for grid in searched if (grid.joint,) == effect.joints), _OFF_GRID_LOG_PRIOR)
+        return Candidate(effect, terms, log_prior)
 
     def _columns_of(self, terms: Sequence[Term]) -> Array:
-        """Columns of terms that act on joint variables alone: the joint's column times the regressor."""
+        """Return columns of terms that act on joint variables alone: the joint's column times the regressor."""
         number = {motion: i for i, motion in enumerate(self.model.arm.chain.joint_axis)}
         result = np.zeros((self.residual.shape[0], len(terms), self.data.n))
         for i, term in enumerate(terms):
@@ -137,28 +137,28 @@ class LinearisedCandidates:
         return result
 
 
-def _thinned(data: Measurements, at: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """All of the rows ``at``, or so many of them, drawn by commanded pose and not by place in the file."""
-    if at.size <= most:
+def _thinned(data: Measurements, at: NDArray[np.int64], max_poses: int) -> NDArray[np.int64]:
+    """Return the rows ``at``, or ``max_poses`` of them, sampled by commanded pose and not by place in the file."""
+    if at.size <= max_poses:
         return at
     groups = data.groups()[at]
     draw = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
-    return np.sort(at[np.argsort(draw, kind="stable")[:most]])
+    return np.sort(at[np.argsort(draw, kind="stable")[:max_poses]])
 
 
 def linearise(
-    found: Fit, data: Measurements, declared: Sequence[Effect], only: Sequence[str] | None = None
+    fit: Fit, data: Measurements, declared: Sequence[Effect], only: Sequence[str] | None = None
 ) -> LinearisedCandidates:
-    """Columns of the declared effects and of everything that competes, at a fit that may hold findings besides.
+    """Return columns of the declared effects and of all candidates, at a fit that may contain findings besides.
 
-    What the findings explain is put back into the residual, to first order, so that they compete again like the rest.
+    The contribution of the findings is put back into the residual, to first order, so that they are candidates again.
     """
-    model = found.model
+    model = fit.model
     arm = model.arm
-    rows = _thinned(data, np.arange(data.n), _COMPETED_ON)
-    data, white = data.subset(rows), found.whitening.subset(rows)
+    rows = _thinned(data, np.arange(data.n), _LINEARISED_POSES)
+    data, whitening = data.subset(rows), fit.whitening.subset(rows)
     pool, missing = named_candidates(arm, data, declared, only)
-    # Terms that several forms share (order 1 alone and with order 2) stand once.
+    # Terms that several forms share (order 1 alone and with order 2) occur once.
     unique: dict[str, Term] = {}
     for candidate in pool:
         for term in candidate.terms:
@@ -167,12 +167,12 @@ def linearise(
     bound = model.bind(data)
     count = len(bound.terms)
     extended = dataclasses.replace(bound, terms=(*bound.terms, *joints, *unique.values()))
-    poses, jacobian = extended.linearise(np.concatenate((found.theta, np.zeros(len(joints) + len(unique)))))
+    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(joints) + len(unique)))))
     residual = residuals(data, poses)
-    columns = np.moveaxis(white.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
-    own = sum(len(effect.terms(arm, data)) for effect in declared)
-    whitened = white.apply(residual) + np.einsum("mpn,p->mn", columns[:, own:count], found.theta[own:])
-    kept = found.identifiability.columns
+    columns = np.moveaxis(whitening.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
+    n_declared = sum(len(effect.terms(arm, data)) for effect in declared)
+    whitened = whitening.apply(residual) + np.einsum("mpn,p->mn", columns[:, n_declared:count], fit.theta[n_declared:])
+    identified = fit.identifiability.columns
     number = {key: i for i, key in enumerate(unique)}
     places = tuple(
         np.array([number[candidate.effect.term_key(term)] for term in candidate.terms]) for candidate in pool
@@ -181,13 +181,13 @@ def linearise(
         model=model,
         data=data,
         rows=rows,
-        base=columns[:, kept[kept < own]],
+        base=columns[:, identified[identified < n_declared]],
         pool_columns=columns[:, count + len(joints) :],
         pool=tuple(pool),
         places=places,
         joint_columns=columns[:, count : count + len(joints)],
         residual=whitened,
-        kept=found.inliers[rows],
+        inliers=fit.inliers[rows],
         missing=missing,
         only=None if only is None else tuple(only),
     )

@@ -1,4 +1,4 @@
-"""The loop: fit what is declared, linearise, choose, refit everything together, and again until nothing changes."""
+"""The search: fit the declared effects, linearise, select, fit everything together, until nothing changes."""
 
 from __future__ import annotations
 
@@ -19,41 +19,41 @@ from robacc.tracing.linearised_candidates import SELECTION_POSES, LinearisedCand
 from robacc.tracing.selection import FALSE_ALARM, Selection, SelectionStep
 
 _ROUNDS = 4
-"""Times at most that everything is fitted together and chosen again."""
+"""Largest number of rounds of a joint fit and a selection."""
 _BETTER = 10.0
-"""Nats by which an explanation with a correction in it must beat the named one (odds of 20,000 to 1)."""
+"""Evidence (log Bayes factor) by which a selection with a correction must beat the named one (odds of 20,000 to 1)."""
 _SCATTER_ROUNDS = 3
-"""Times at most that the scatter of the joints is estimated."""
+"""Largest number of estimates of the scatter of the joints."""
 _MANY = 3
-"""Named findings from which a correction is tried in place of them though they leave no structure."""
+"""Named findings from which a correction is tried in place of them even if they leave no structure."""
 SEARCH = Options(tolerance=1e-4, settled=1e-2)
-"""Fits that a choice is made on; those that are reported converge further."""
+"""Options of the fits that a selection is made on; reported fits converge further."""
 
 
 def choose(
-    scene: LinearisedCandidates,
+    candidates: LinearisedCandidates,
     rows: NDArray[np.bool_],
     start: Sequence[Effect] = (),
     empirical: bool = True,
-    most: int = SELECTION_POSES,
+    max_poses: int = SELECTION_POSES,
 ) -> Selection:
-    """Named effects first; where they leave structure, or take many to explain it, a correction may do better."""
-    named = scene.selection(rows, start, most)
+    """Select named effects first; if they leave structure or are many, select corrections too and return the better."""
+    named = candidates.selection(rows, start, max_poses)
     named.prune()
-    blocks = scene.batches(rows, most) if empirical else []
-    named.field.blocks = blocks
-    if any(one.candidate.is_correction for one in named.chosen):
+    blocks = candidates.batches(rows, max_poses) if empirical else []
+    named.scorer.blocks = blocks
+    if any(choice.candidate.is_correction for choice in named.chosen):
         named.run(with_blocks=True)
         return named
     named.run()
     if not blocks:
         return named
-    left = named.rank(with_blocks=True)
-    structured = bool(left) and left[0].p_value <= FALSE_ALARM
+    remaining = named.rank(with_blocks=True)
+    structured = bool(remaining) and remaining[0].p_value <= FALSE_ALARM
     if not structured and len(named.chosen) < _MANY:
         return named
-    mixed = scene.selection(rows, (), most)
-    mixed.field.blocks = blocks
+    mixed = candidates.selection(rows, (), max_poses)
+    mixed.scorer.blocks = blocks
     mixed.run(with_blocks=True)
     if structured:
         named.run(with_blocks=True)
@@ -62,16 +62,16 @@ def choose(
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the loop found on one set of poses."""
+    """Result of the search on one set of poses."""
 
     declared: Fit
     final: Fit
     effects: tuple[Effect, ...]
     steps: tuple[SelectionStep, ...]
-    scene: LinearisedCandidates
+    candidates: LinearisedCandidates
     selection: Selection
     options: Options
-    """With the scatter of the joints, where the data show it."""
+    """Fit options, with the scatter of the joints if it is significant."""
     components: Components | None = None
     """Scatter of the joints, where it is significant."""
 
@@ -83,15 +83,15 @@ def search(
     only: Sequence[str] | None = None,
     empirical: bool = True,
 ) -> SearchResult:
-    """Fit, choose, refit, until the choice stands; then once more with the scatter of the joints that is left.
+    """Fit, select and refit until the selection is stable; then repeat with the remaining scatter of the joints.
 
-    Scatter that rows of a visit share is no effect, but chance makes effects fit it. It is estimated beside the effects
-    that were chosen, so that a real effect does not pass for scatter, and each finding is judged anew beside it.
+    Scatter that rows of a visit share is no effect, but by chance effects fit it. It is estimated beside the chosen
+    effects, so that a real effect does not pass for scatter, and each finding is tested again beside it.
     """
     baseline = fit(model, data, options)
-    everything = np.ones(data.n, dtype=bool)
-    first = scene = linearise(baseline, data, model.free, only)
-    selection = choose(scene, everything, empirical=empirical)
+    all_rows = np.ones(data.n, dtype=bool)
+    first = candidates = linearise(baseline, data, model.free, only)
+    selection = choose(candidates, all_rows, empirical=empirical)
     steps = list(selection.steps)
     present: Fit = baseline
     effects: tuple[Effect, ...] = ()
@@ -114,41 +114,44 @@ def search(
             baseline = refit(baseline, baseline.model.free, data, options)
             first = linearise(baseline, data, model.free, only)
         effects = chosen
-        # A frame that was found is registered anew by every fit, so it does not compete again.
+        # Every fit registers an identified frame anew, so it is no candidate again.
         frames = tuple(effect for effect in effects if effect.is_frame)
         others = tuple(effect for effect in effects if not effect.is_frame)
         present = refit(present, (*baseline.model.free, *frames, *others), data, options)
-        scene = linearise(present, data, (*model.free, *frames), only)
-        selection = choose(scene, everything, others, empirical)
+        candidates = linearise(present, data, (*model.free, *frames), only)
+        selection = choose(candidates, all_rows, others, empirical)
         steps.extend(selection.steps)
     return SearchResult(baseline, present, effects, tuple(steps), first, selection, options, components)
 
 
 def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:
-    """Fit a model with the effects ``free`` from where a similar fit ended, base and tool registered as they are there.
+    """Fit a model with the effects ``free``, starting at a similar fit and with that fit's registered base and tool.
 
-    What the other fit does not have starts at zero. The first step is always taken, so the poses of ``data`` decide.
+    Coefficients that the similar fit lacks start at zero. The first step is always taken, so the poses of ``data``
+    decide.
     """
     model = dataclasses.replace(like.model, free=tuple(free))
-    ended = {
+    previous = {
         (like.model.free[owner].key(), name): value
         for owner, name, value in zip(like.owners, like.names, like.theta.tolist(), strict=True)
     }
-    # A term's name does not depend on the poses, so one is enough to list them.
-    one = data.subset(np.arange(1))
-    start = [ended.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, one)]
-    # Rows that are no part of the rest were found out once; where they are the same rows they start left out.
+    # A term's name does not depend on the poses, so the first row is enough to list them.
+    first_row = data.subset(np.arange(1))
+    start = [
+        previous.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, first_row)
+    ]
+    # Outliers are known from the similar fit; on the same rows they start left out.
     inliers = like.inliers if options.robust and like.inliers.size == data.n else None
-    begin = dataclasses.replace(
+    warm_start = dataclasses.replace(
         options,
         start=np.array(start),
         inliers=inliers,
         group_stds=like.group_stds,
         prior_stds=like.prior_stds,
     )
-    return fit(model, data, begin)
+    return fit(model, data, warm_start)
 
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Frames first, so that they keep their parameters where poses cannot tell two apart."""
+    """Return the effects with frames first, so that frames keep their parameters if poses cannot distinguish two."""
     return tuple(sorted(effects, key=lambda effect: not effect.is_frame))

@@ -1,4 +1,4 @@
-"""What else could be meant by a finding: rivals that explain the same residual nearly as well."""
+"""Rivals of a finding: effects that explain the same residual nearly as well."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit
 from robacc.tracing.selection import Selection
 
 RIVAL = 5.0
-"""A rival within this many nats of the finding's own evidence (odds of 150 to 1) is named as an alternative."""
-_ALIKE = 0.5
-"""Likeness below which a rival explains something else."""
-_THE_SAME = 0.95
-"""Likeness from which a rival further behind than that is fitted in the finding's place …"""
-_LOOKED_AT = 10
-"""… if it is among so many of the strongest."""
+"""Evidence (log Bayes factor) within which a rival is named as an alternative (odds of 150 to 1)."""
+_LEAST_SIMILARITY = 0.5
+"""Similarity below which a rival explains another part of the residual."""
+_NEARLY_IDENTICAL = 0.95
+"""Similarity from which a rival with less evidence is fitted in the finding's place …"""
+_REFITTED = 10
+"""… if it is among this number of strongest rivals."""
 _MOST = 4
-"""Alternatives named at most."""
+"""Largest number of alternatives named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,68 +35,70 @@ class Alternative:
     effect: str
     joints: tuple[str, ...]
     similarity: float
-    """Cosine between what the two take out of the residual: 1 where these poses cannot tell them apart at all."""
+    """Cosine between the fits of the two to the residual: 1 if they are not distinguishable on these poses."""
     evidence_difference: float
-    """Nats by which its evidence is behind the finding's; negative where it is ahead."""
+    """Evidence of the finding less evidence of the rival (log Bayes factor); negative if the rival's is larger."""
     settings: dict[str, object]
 
 
 Lag = Callable[[Ranked, Ranked], float | None]
-"""Of a finding and a rival, how many nats the rival is behind; None where that cannot be had."""
+"""Function of a finding and a rival: the finding's evidence less the rival's; None if the rival cannot be fitted."""
 
 
-def rivals(selection: Selection, one: Chosen, refitted: Lag | None = None) -> tuple[Ranked, tuple[Alternative, ...]]:
-    """A finding's own score, and its rivals near in evidence: one of each effect and joint, the nearest first.
+def rivals(
+    selection: Selection, finding: Chosen, refitted: Lag | None = None
+) -> tuple[Ranked, tuple[Alternative, ...]]:
+    """Return a finding's score and its rivals near in evidence, nearest first: at most one for each effect and joint.
 
-    Rivals are judged where the finding stands at its full size, so a large one's equals seem to fall behind: what is
-    curved in them has not been fitted. ``refitted`` is asked about those.
+    Rivals are scored at the fit that contains the finding at full size. The linearisation ignores the curvature of a
+    rival, so an equal of a large finding seems to fall behind. ``refitted`` is asked about those.
     """
-    own, ranking = selection.contest(one)
-    seen = {(one.candidate.effect.name, one.candidate.effect.joints)}
-    found: list[Alternative] = []
+    ranked, ranking = selection.contest(finding)
+    names = {(finding.candidate.effect.name, finding.candidate.effect.joints)}
+    alternatives: list[Alternative] = []
     for place, rival in enumerate(ranking):
         effect = rival.candidate.effect
         name = (effect.name, effect.joints)
-        lag = own.total - rival.total
+        lag = ranked.total - rival.total
         behind = lag > RIVAL
-        if name in seen or len(found) == _MOST or (behind and (refitted is None or place >= _LOOKED_AT)):
+        if name in names or len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):
             continue
-        similarity = selection.similarity(one, rival.candidate)
-        if similarity < (_THE_SAME if behind else _ALIKE):
+        similarity = selection.similarity(finding, rival.candidate)
+        if similarity < (_NEARLY_IDENTICAL if behind else _LEAST_SIMILARITY):
             continue
         if behind and refitted is not None:
-            fitted = refitted(own, rival)
+            fitted = refitted(ranked, rival)
             if fitted is None or fitted > RIVAL:
                 continue
             lag = fitted
-        seen.add(name)
-        found.append(Alternative(effect.name, effect.joints, similarity, lag, effect.settings()))
-    return own, tuple(sorted(found, key=lambda other: other.evidence_difference))
+        names.add(name)
+        alternatives.append(Alternative(effect.name, effect.joints, similarity, lag, effect.settings()))
+    return ranked, tuple(sorted(alternatives, key=lambda other: other.evidence_difference))
 
 
-def lag_refitted(loop: SearchResult, one: Chosen, effect: Effect, data: Measurements) -> Lag:
-    """How far a rival of ``effect`` is behind once it is fitted in its place.
+def lag_refitted(loop: SearchResult, finding: Chosen, effect: Effect, data: Measurements) -> Lag:
+    """Return the function that fits a rival in the place of ``effect`` and returns its lag in evidence.
 
-    The evidence's likelihood is replaced by that of the two fits; None where the rival cannot be fitted.
+    The evidence's likelihood is replaced by that of the two fits; None if the rival cannot be fitted.
     """
     final = loop.final
     train = data.subset(np.flatnonzero(final.inliers))
     options = dataclasses.replace(SEARCH, robust=False, misfit=final.misfit, scatter=final.scatter)
     others = [other for other in loop.effects if other is not effect]
-    conditioned = loop.selection.field.condition(loop.selection.chosen, without=one)
+    conditioned = loop.selection.scorer.condition(loop.selection.chosen, without=finding)
 
     def linear(ranked: Ranked) -> float:
-        return -0.5 * conditioned.freedom * math.log1p(-min(ranked.gain / conditioned.energy, 0.999999999))
+        return -0.5 * conditioned.dof * math.log1p(-min(ranked.gain / conditioned.cost, 0.999999999))
 
-    def lag(own: Ranked, rival: Ranked) -> float | None:
+    def lag(ranked: Ranked, rival: Ranked) -> float | None:
         free = frames_first((*others, rival.candidate.effect))
         try:
-            found = refit(final, (*loop.declared.model.free, *free), train, options)
+            fit_with_rival = refit(final, (*loop.declared.model.free, *free), train, options)
         except RobaccError:
             return None
-        energies = [float(np.sum(np.square(f.whitening.apply(f.residual * f.inliers)))) for f in (final, found)]
-        rest = (own.total - linear(own)) - (rival.total - linear(rival))
-        freedom = found.residual.size - found.identifiability.columns.size
-        return rest + 0.5 * freedom * math.log(energies[1] / energies[0])
+        costs = [float(np.sum(np.square(f.whitening.apply(f.residual * f.inliers)))) for f in (final, fit_with_rival)]
+        difference = (ranked.total - linear(ranked)) - (rival.total - linear(rival))
+        dof = fit_with_rival.residual.size - fit_with_rival.identifiability.columns.size
+        return difference + 0.5 * dof * math.log(costs[1] / costs[0])
 
     return lag

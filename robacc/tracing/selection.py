@@ -1,4 +1,4 @@
-"""Choosing among candidates on one linearisation: forward, with every finding put to the test again after each step."""
+"""Selection among candidates on one linearisation: forward, with a new test of every finding after each step."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from robacc.tracing.candidate_scorer import CandidateScorer, Chosen, Ranked
 from robacc.tracing.candidates import Candidate
 
 FALSE_ALARM = 0.002
-"""Bound over all candidates together that anything at all is named on a clean arm. The promise is one in a hundred;
-orders and forms are searched more finely than they are counted: of 200 simulated clean arms four had something named at
-0.005, each with a corrected p-value between 0.001 and 0.005."""
+"""Bound on the probability, over all candidates, that anything is found on a clean arm. The promise is one in a
+hundred. Orders and forms are searched more finely than they are counted: of 200 simulated clean arms four had a finding
+at 0.005, each with a corrected p-value between 0.001 and 0.005."""
 _SWAP = 1.0
-"""A rival takes a finding's place where it is better by more than this: equals do not change places for ever."""
-_MOST = 12
-"""Findings at most."""
-_FEW_ENOUGH = 6
-"""More findings than this are a sign of something without a name; testing each again would not mend that."""
+"""Evidence by which a rival must be better to take a finding's place: equals do not change places for ever."""
+_MOST_FINDINGS = 12
+"""Largest number of findings."""
+_MOST_REVISED = 6
+"""Findings beyond which none is tested again: so many are a sign of an effect outside the catalogue."""
 _SWEEPS = 4
-"""Times at most that all findings are put to the test after a step."""
+"""Largest number of new tests of all findings after a step."""
 
 
 @dataclass
 class SelectionStep:
-    """What one step saw and did, for the record."""
+    """Record of one step and its ranking."""
 
     action: str
     chosen: str | None
@@ -36,66 +36,66 @@ class SelectionStep:
 
 @dataclass
 class Selection:
-    """The state of one choice."""
+    """State of one selection."""
 
-    field: CandidateScorer
+    scorer: CandidateScorer
     chosen: list[Chosen] = dataclasses.field(default_factory=list)
     steps: list[SelectionStep] = dataclasses.field(default_factory=list)
 
     def rank(self, with_blocks: bool = False) -> list[Ranked]:
-        """Everything that competes beside what is chosen, best first."""
-        return self.field.rank(self.field.condition(self.chosen), self.chosen, with_blocks)
+        """Return all candidates beside the chosen ones, best first."""
+        return self.scorer.rank(self.scorer.condition(self.chosen), self.chosen, with_blocks)
 
     def start_with(self, candidate: Candidate) -> None:
-        """Take a candidate into the model without contest; it is put to the test by what follows."""
-        one = self.field.taken(candidate, 0.0)
-        own = self.field.own(one, self.field.condition(self.chosen))
-        self.chosen.append(self.field.taken(candidate, own.width))
+        """Add a candidate to the model without a test; later steps test it."""
+        finding = self.scorer.as_chosen(candidate, 0.0)
+        ranked = self.scorer.score(finding, self.scorer.condition(self.chosen))
+        self.chosen.append(self.scorer.as_chosen(candidate, ranked.prior_var))
 
     def add(self, ranked: Ranked) -> None:
-        """Take a candidate into the model; it takes the place of what it holds already."""
-        self.chosen = [other for other in self.chosen if not self.field.holds(ranked.candidate, other.candidate)]
-        self.chosen.append(self.field.taken(ranked.candidate, ranked.width))
+        """Add a candidate to the model in place of the findings that it covers."""
+        self.chosen = [other for other in self.chosen if not self.scorer.covers(ranked.candidate, other.candidate)]
+        self.chosen.append(self.scorer.as_chosen(ranked.candidate, ranked.prior_var))
         self._settle_order(self.chosen[-1])
 
-    def _settle_order(self, one: Chosen) -> None:
-        """Improve a searched order at once: what the grid of orders leaves of a line would look like another line."""
-        effect = self.refined(one)
-        if effect.key() != one.candidate.key:
-            better = self.field.taken(dataclasses.replace(one.candidate, effect=effect, terms=()), 0.0)
-            self.chosen[self.chosen.index(one)] = better
+    def _settle_order(self, finding: Chosen) -> None:
+        """Improve a searched order at once: off the grid, a harmonic's remainder would look like another harmonic."""
+        effect = self.refined(finding)
+        if effect.key() != finding.candidate.key:
+            better = self.scorer.as_chosen(dataclasses.replace(finding.candidate, effect=effect, terms=()), 0.0)
+            self.chosen[self.chosen.index(finding)] = better
 
-    def refined(self, one: Chosen) -> Effect:
-        """A finding with its order improved off the grid, where it is a single searched order."""
-        effect = one.candidate.effect
+    def refined(self, finding: Chosen) -> Effect:
+        """Return the effect of a finding, with a single searched order improved off the grid."""
+        effect = finding.candidate.effect
         order = searched_order(effect)
-        wave = next((w for w in self.field.waves if w.joint in effect.joints), None)
-        if order is None or wave is None:
+        grid = next((g for g in self.scorer.order_grids if g.joint in effect.joints), None)
+        if order is None or grid is None:
             return effect
-        conditioned = self.field.condition(self.chosen, without=one)
+        conditioned = self.scorer.condition(self.chosen, without=finding)
         for span in (ORDER_STEP, ORDER_STEP / 8):
-            order = self.field.best_order(conditioned, wave, order, span)
-        return of_order(wave.joint, round(order, 4))
+            order = self.scorer.best_order(conditioned, grid, order, span)
+        return of_order(grid.joint, round(order, 4))
 
     def run(self, with_blocks: bool = False) -> None:
-        """Forward until nothing is significant, each time putting every earlier finding to the test again."""
+        """Add candidates until none is significant, with a new test of every earlier finding after each step."""
         if self.chosen:
             self._revise()
         self._forward(with_blocks)
-        if not with_blocks and len(self.chosen) <= _FEW_ENOUGH:
+        if not with_blocks and len(self.chosen) <= _MOST_REVISED:
             self._rebuild()
 
     def _forward(self, with_blocks: bool, without: tuple[object, ...] | None = None) -> None:
-        seen: set[frozenset[tuple[object, ...]]] = set()
-        while len(self.chosen) < _MOST:
-            # A set of findings that comes back would come back for ever.
-            present = frozenset(one.candidate.key for one in self.chosen)
-            if present in seen:
+        previous_sets: set[frozenset[tuple[object, ...]]] = set()
+        while len(self.chosen) < _MOST_FINDINGS:
+            # A set of findings that recurs would recur for ever.
+            present = frozenset(finding.candidate.key for finding in self.chosen)
+            if present in previous_sets:
                 return
-            seen.add(present)
+            previous_sets.add(present)
             ranking = self.rank(with_blocks)
             if without is not None:
-                ranking = [one for one in ranking if one.candidate.key != without]
+                ranking = [finding for finding in ranking if finding.candidate.key != without]
             best = ranking[0] if ranking else None
             if best is None or best.p_value > FALSE_ALARM:
                 self.steps.append(SelectionStep("stop", None, ranking))
@@ -105,47 +105,49 @@ class Selection:
             self._revise(without)
 
     def _rebuild(self) -> None:
-        """Forbid each finding in turn and choose again: what greed took first may have stood in for two others."""
-        for one in sorted(self.chosen, key=lambda item: -item.columns.size):
-            if one not in self.chosen or one.candidate.effect.is_frame:
+        """Forbid each finding in turn and select again: an early finding may stand in for two others."""
+        for finding in sorted(self.chosen, key=lambda entry: -entry.columns.size):
+            if finding not in self.chosen or finding.candidate.effect.is_frame:
                 continue
             before, total, steps = list(self.chosen), self.total(), list(self.steps)
-            self.chosen = [other for other in before if other is not one]
-            self._forward(False, one.candidate.key)
+            self.chosen = [other for other in before if other is not finding]
+            self._forward(False, finding.candidate.key)
             if self.total() > total + _SWAP:
-                steps.append(SelectionStep("rebuild", f"without {one.candidate.effect}", []))
+                steps.append(SelectionStep("rebuild", f"without {finding.candidate.effect}", []))
                 self.steps = steps
             else:
                 self.chosen, self.steps = before, steps
 
     def _revise(self, without: tuple[object, ...] | None = None) -> None:
-        """Drop what is no longer needed, and give a finding's place to a rival that does better in it."""
-        if len(self.chosen) > _FEW_ENOUGH:
+        """Drop findings that are no longer significant, and replace a finding by a better rival."""
+        if len(self.chosen) > _MOST_REVISED:
             return
         for _ in range(_SWEEPS):
-            if not any([self._revise_one(one, without) for one in list(self.chosen)]):
+            if not any([self._revise_finding(finding, without) for finding in list(self.chosen)]):
                 return
 
-    def _revise_one(self, one: Chosen, without: tuple[object, ...] | None) -> bool:
-        if one not in self.chosen or len(self.chosen) < 2:
+    def _revise_finding(self, finding: Chosen, without: tuple[object, ...] | None) -> bool:
+        if finding not in self.chosen or len(self.chosen) < 2:
             return False
-        own, ranking = self.contest(one)
-        if own.p_value > FALSE_ALARM:
-            self.chosen.remove(one)
-            self.steps.append(SelectionStep("drop", str(one.candidate.effect), ranking[:10]))
+        ranked, ranking = self.contest(finding)
+        if ranked.p_value > FALSE_ALARM:
+            self.chosen.remove(finding)
+            self.steps.append(SelectionStep("drop", str(finding.candidate.effect), ranking[:10]))
             return True
         ranking = [rival for rival in ranking if rival.candidate.key != without]
-        best = ranking[0] if ranking else own
-        if best.total > own.total + _SWAP:
-            at = self.chosen.index(one)
-            self.chosen[at] = self.field.taken(best.candidate, best.width)
+        best = ranking[0] if ranking else ranked
+        if best.total > ranked.total + _SWAP:
+            at = self.chosen.index(finding)
+            self.chosen[at] = self.scorer.as_chosen(best.candidate, best.prior_var)
             self._settle_order(self.chosen[at])
-            self.steps.append(SelectionStep("swap", f"{one.candidate.effect} -> {best.candidate.effect}", ranking[:10]))
+            self.steps.append(
+                SelectionStep("swap", f"{finding.candidate.effect} -> {best.candidate.effect}", ranking[:10])
+            )
             return True
         return False
 
     def prune(self) -> None:
-        """Drop what the other findings leave no need of, the least needed first."""
+        """Drop findings that are not significant beside the others, the weakest first."""
         while self.chosen:
             weakest = max(self.chosen, key=self._p_value)
             if self._p_value(weakest) <= FALSE_ALARM:
@@ -153,25 +155,26 @@ class Selection:
             self.chosen.remove(weakest)
             self.steps.append(SelectionStep("drop", str(weakest.candidate.effect), []))
 
-    def _p_value(self, one: Chosen) -> float:
-        """Of a finding, with every other finding kept."""
-        return self.field.own(one, self.field.condition(self.chosen, without=one)).p_value
+    def _p_value(self, finding: Chosen) -> float:
+        """Return the p-value of a finding beside all others."""
+        return self.scorer.score(finding, self.scorer.condition(self.chosen, without=finding)).p_value
 
-    def contest(self, one: Chosen) -> tuple[Ranked, list[Ranked]]:
-        """A finding against all named rivals for its place, with every other finding kept."""
-        conditioned = self.field.condition(self.chosen, without=one)
-        own = self.field.own(one, conditioned)
-        others = [other for other in self.chosen if other is not one]
-        ranking = self.field.rank(conditioned, others)
-        key = one.candidate.key
-        return own, [rival for rival in ranking if rival.candidate.key != key]
+    def contest(self, finding: Chosen) -> tuple[Ranked, list[Ranked]]:
+        """Return the score of a finding and of all named rivals for its place, beside all other findings."""
+        conditioned = self.scorer.condition(self.chosen, without=finding)
+        ranked = self.scorer.score(finding, conditioned)
+        others = [other for other in self.chosen if other is not finding]
+        ranking = self.scorer.rank(conditioned, others)
+        key = finding.candidate.key
+        return ranked, [rival for rival in ranking if rival.candidate.key != key]
 
-    def similarity(self, one: Chosen, rival: Candidate) -> float:
-        """Cosine between what a finding and a rival take out of the residual, all other findings kept."""
-        return self.field.similarity(self.chosen, one, rival)
+    def similarity(self, finding: Chosen, rival: Candidate) -> float:
+        """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
+        return self.scorer.similarity(self.chosen, finding, rival)
 
     def total(self) -> float:
-        """Log posterior odds of everything chosen together, against nothing: each in turn given those before it."""
+        """Return the log posterior odds of all findings together against none: each in turn beside those before."""
         return sum(
-            self.field.own(one, self.field.condition(self.chosen[:i])).total for i, one in enumerate(self.chosen)
+            self.scorer.score(finding, self.scorer.condition(self.chosen[:i])).total
+            for i, finding in enumerate(self.chosen)
         )

@@ -1,4 +1,4 @@
-"""`robacc trace`: the whole loop with its honest figures: findings, rivals, before and after, and what is left."""
+"""`robacc trace`: search, cross-validation, findings, rivals, error before and after, and remaining error."""
 
 from __future__ import annotations
 
@@ -48,25 +48,25 @@ from robacc.tracing.selection import FALSE_ALARM, SelectionStep
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 
 _OF_EVERY_ARM = ("joint_offset", "link_geometry")
-"""What a nominal model is wrong in before anything else is."""
+"""Effects by which every nominal model deviates."""
 _MOST_REPEATABILITY = 1e-4
-"""m: scatter at the target beyond what arms repeat to (data sheets: 0.02 to 0.1 mm)."""
+"""Largest plausible repeatability at the target, m (data sheets: 0.02 to 0.1 mm)."""
 _SMALL_POSE_ERROR = 1e-5
-"""m: an error common to all visits of a pose that is below what instruments measure."""
+"""Error common to all visits of a pose that no instrument resolves, m."""
 _MANY_OUTLIERS = 0.05
-"""Share of the rows from which outliers are no accidents."""
+"""Share of the rows from which outliers are not accidental."""
 _MOST_TO_ADVISE = 200
-"""Coefficients beyond which rivals are not fitted to find the poses that would decide."""
+"""Coefficients beyond which rivals are not fitted to choose the next poses."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """What is left after the findings."""
+    """Remaining error after the findings."""
 
     rms: float
-    """Of the fitted residual's length, m."""
+    """Root mean square of the fitted residual's length, m."""
     noise_rms: float | None
-    """Of the measuring noise's length where it is known from file or repeats, m."""
+    """Root mean square of the measurement noise's length, m; None if neither file nor repeats give it."""
     structured: bool
     p_value: float
     hints: tuple[str, ...]
@@ -74,10 +74,10 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Trace:
-    """What `robacc trace` found."""
+    """Result of `robacc trace`."""
 
     robot: Robot
-    """With the findings written into it."""
+    """Robot file with the findings written into it."""
     verdict: Verdict
     declared: Fit
     final: Fit
@@ -88,24 +88,25 @@ class Trace:
     gain: Gain | None
     findings: tuple[Finding, ...]
     deflection: DeflectionChoice | None
-    """At which pose the moments of elastic effects are taken; None where none is fitted, or it was not asked."""
+    """Pose at which the torques of elastic effects are taken; None if no such effect is fitted or no choice was
+    made."""
     unexplained: Unexplained
     repeatability: Repeatability | None
-    """None where the poses show no scatter of the joints beside the noise."""
+    """Scatter of the joints; None if it is not significant beside the noise."""
     explained_share: float | None
     """Share of the baseline's held-out variance above noise and repeatability that the findings explain."""
     steps: tuple[SelectionStep, ...]
     missing: dict[str, str]
     detection: tuple[DetectionLimit, ...]
-    """What these poses could have shown beside the findings."""
+    """Detection limits of these poses, beside the findings."""
     n_folds: int
     next_poses: tuple[Advice, ...]
-    """What to measure to decide between a finding and its nearest rival."""
+    """Poses that distinguish a finding from its nearest rival."""
     warnings: tuple[str, ...]
     residuals: Residuals
-    """Of every pose, those left out as outliers too."""
+    """Residuals of every pose, outliers included."""
     holdout: Residuals | None
-    """Of the poses of ``holdout``, where there are such."""
+    """Residuals of the poses of ``holdout``, if given."""
 
 
 def trace(
@@ -116,57 +117,57 @@ def trace(
     seed: int = 0,
     holdout: Measurements | None = None,
     empirical: bool = True,
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress = lambda stage, done, total: None,
 ) -> Trace:
-    """Close the loop on measured poses.
+    """Search for effects on measured poses and report them with held-out errors.
 
-    ``model`` holds the robot and the declared effects. Held-out figures are by cross-fitting of the whole procedure, or
-    of ``holdout``, poses of their own.
+    ``model`` holds the robot and the declared effects. Held-out figures are by cross-validation of the complete search,
+    or of the poses ``holdout``.
 
     Raises:
-        InputError: the data hold a mistake that no effect should explain, or are too few.
-        UsageError: the data lack what a declared effect needs.
+        InputError: the data contain a mistake that no effect should explain, or are too few.
+        UsageError: the data lack a quantity that a declared effect needs.
     """
     refuse_mistake(model.arm.robot, data)
     progress("searching", 0, n_folds + 1)
-    whole = search(model, data, SEARCH, empirical=empirical)
-    held = cross_validate(whole, data, holdout, n_folds, seed, empirical, progress)
-    loop = _reproduced(whole, held, data)
-    held = reduced(held, whole, loop, data, holdout, n_folds, seed)
-    loop, held, withdrawn = _with_gain(loop, held, data, holdout, n_folds, seed)
+    search_result = search(model, data, SEARCH, empirical=empirical)
+    validation = cross_validate(search_result, data, holdout, n_folds, seed, empirical, progress)
+    loop = _reproduced(search_result, validation, data)
+    validation = reduced(validation, search_result, loop, data, holdout, n_folds, seed)
+    loop, validation, withdrawn = _with_gain(loop, validation, data, holdout, n_folds, seed)
     converged = dataclasses.replace(Options(), scatter=loop.options.scatter, misfit=loop.options.misfit)
     declared, form = choose_form(loop.declared, loop.declared.model, data, converged)
     final, form = _polished(loop, data, converged) if loop.effects else (declared, form)
     noise = lack_of_fit(final, data)
-    findings = tuple(describe_finding(loop, effect, final, held, data) for effect in loop.effects)
+    findings = tuple(describe_finding(loop, effect, final, validation, data) for effect in loop.effects)
     repeatability = None if loop.components is None else repeatability_of(final, loop.components, data)
     unexplained = _left(loop, final, noise, data, repeatability)
-    ends = None if held is None else (held.before, held.after)
-    shown = before_and_after(model.arm.robot, data, declared, final, ends, holdout)
+    ends = None if validation is None else (validation.before, validation.after)
+    stages = before_and_after(model.arm.robot, data, declared, final, ends, holdout)
     return Trace(
         robot=apply_fit(final),
         verdict=_verdict(findings, unexplained),
         declared=declared,
         final=final,
         noise=noise,
-        nominal=shown.nominal,
-        before=shown.before,
-        after=shown.after,
-        gain=shown.gain if findings else None,
+        nominal=stages.nominal,
+        before=stages.before,
+        after=stages.after,
+        gain=stages.gain if findings else None,
         findings=findings,
         deflection=form,
         unexplained=unexplained,
         repeatability=repeatability,
-        explained_share=_explained_share(shown.before, shown.after, noise, repeatability),
+        explained_share=_explained_share(stages.before, stages.after, noise, repeatability),
         steps=loop.steps,
-        missing=loop.scene.missing,
-        detection=_detection(loop, held),
-        n_folds=0 if held is None else held.folds,
+        missing=loop.candidates.missing,
+        detection=_detection(loop, validation),
+        n_folds=0 if validation is None else validation.folds,
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=(
             *data.warnings,
             *data.contradicted_ids(),
-            *([no_held_out_warning(data)] if held is None else []),
+            *([no_held_out_warning(data)] if validation is None else []),
             *_withdrawn_warning(withdrawn),
             *outliers_warning(final, data),
             *frames_warning(declared, data),
@@ -174,8 +175,8 @@ def trace(
             *weak_parameters_warning(final),
             *condition_warning(declared),
         ),
-        residuals=shown.residuals,
-        holdout=shown.holdout,
+        residuals=stages.residuals,
+        holdout=stages.holdout,
     )
 
 
@@ -183,22 +184,23 @@ def _withdrawn_warning(withdrawn: Sequence[str]) -> tuple[str, ...]:
     if not withdrawn:
         return ()
     names = ", ".join(withdrawn)
-    return (f"withdrawn, because the error of held-out poses is not lower with it than without: {names}",)
+    return (f"withdrawn, because the error of held-out poses is not lower with the effect than without: {names}",)
 
 
-def _reproduced(loop: SearchResult, held: CrossValidation | None, data: Measurements) -> SearchResult:
-    """The loop without findings that fewer than half of the folds chose again, and without what then has no need.
+def _reproduced(loop: SearchResult, validation: CrossValidation | None, data: Measurements) -> SearchResult:
+    """Return the search without findings that recur in fewer than half of the folds.
 
-    What most parts of the poses do not show is there by chance, or would predict other poses worse.
+    Such findings are accidental, or would increase the error of other poses. Findings that are superfluous without
+    them go too.
     """
     effects = loop.effects
-    if held is not None and held.folds:
-        effects = tuple(effect for effect in effects if 2 * held.chosen[effect.key()] >= held.folds)
+    if validation is not None and validation.folds:
+        effects = tuple(effect for effect in effects if 2 * validation.chosen[effect.key()] >= validation.folds)
     keys = {effect.search_key() for effect in effects}
-    chosen = [one for one in loop.selection.chosen if one.candidate.effect.search_key() in keys]
+    chosen = [choice for choice in loop.selection.chosen if choice.candidate.effect.search_key() in keys]
     selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
     selection.prune()
-    keys = {one.candidate.effect.search_key() for one in selection.chosen}
+    keys = {choice.candidate.effect.search_key() for choice in selection.chosen}
     effects = tuple(effect for effect in effects if effect.is_frame or effect.search_key() in keys)
     if len(effects) == len(loop.effects):
         return loop
@@ -210,7 +212,7 @@ def _reproduced(loop: SearchResult, held: CrossValidation | None, data: Measurem
 
 def _with_gain(
     loop: SearchResult,
-    held: CrossValidation | None,
+    validation: CrossValidation | None,
     data: Measurements,
     holdout: Measurements | None,
     n_folds: int,
@@ -218,35 +220,35 @@ def _with_gain(
 ) -> tuple[SearchResult, CrossValidation | None, tuple[str, ...]]:
     """Withdraw findings that do not lower the error of held-out poses by more than its uncertainty.
 
-    The weakest goes first and the others are judged anew; at the end all findings together must have a gain. Returns
-    what is left, its cross-validation, and the findings that were withdrawn, in words.
+    The weakest goes first and the others are tested again; at the end all findings together must have a gain. Return
+    the remaining search, its cross-validation, and the withdrawn findings as text.
     """
     withdrawn: list[str] = []
     judged = data if holdout is None else holdout
-    while held is not None and loop.effects:
+    while validation is not None and loop.effects:
         weight = loop.final.weight if holdout is None else None
         scores = {
-            effect: gain_score(held.without[effect.key()], held.after, judged, weight)
+            effect: gain_score(validation.without[effect.key()], validation.after, judged, weight)
             for effect in loop.effects
-            if effect.key() in held.without
+            if effect.key() in validation.without
         }
         weakest = min(scores, key=lambda effect: scores[effect], default=None)
         if weakest is not None and scores[weakest] < LEAST_GAIN:
             effects: tuple[Effect, ...] = tuple(effect for effect in loop.effects if effect != weakest)
             withdrawn.append(str(weakest))
-        elif gain_score(held.before, held.after, judged, weight) < LEAST_GAIN:
+        elif gain_score(validation.before, validation.after, judged, weight) < LEAST_GAIN:
             effects = ()
             withdrawn.extend(str(effect) for effect in loop.effects)
         else:
             break
-        kept = _with_effects(loop, effects, data)
-        held = reduced(held, loop, kept, data, holdout, n_folds, seed)
-        loop = kept
-    return loop, held, tuple(withdrawn)
+        remaining_search = _with_effects(loop, effects, data)
+        validation = reduced(validation, loop, remaining_search, data, holdout, n_folds, seed)
+        loop = remaining_search
+    return loop, validation, tuple(withdrawn)
 
 
 def _with_effects(loop: SearchResult, effects: tuple[Effect, ...], data: Measurements) -> SearchResult:
-    """Return the search with some of its findings only, fitted together."""
+    """Return the search with only ``effects`` of its findings, fitted together."""
     keys = {effect.search_key() for effect in effects}
     chosen = [choice for choice in loop.selection.chosen if choice.candidate.effect.search_key() in keys]
     selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
@@ -256,15 +258,15 @@ def _with_effects(loop: SearchResult, effects: tuple[Effect, ...], data: Measure
 
 
 def _polished(loop: SearchResult, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice | None]:
-    """The final fit to full convergence, elastic effects in the form that the data show.
+    """Return the final fit at full convergence, with elastic effects in the form that the data support.
 
-    Shrunk blocks, and with them the form, are left as the search found them.
+    A fit with shrunk blocks is returned unchanged.
     """
     if loop.final.group_stds:
         return loop.final, None
     model = loop.declared.model.with_free(*frames_first(loop.effects))
-    found = refit(loop.final, model.free, data, options)
-    return choose_form(found, model, data, options)
+    fit = refit(loop.final, model.free, data, options)
+    return choose_form(fit, model, data, options)
 
 
 def _advice(
@@ -275,16 +277,16 @@ def _advice(
         if finding.alternatives and loop.final.theta.size <= _MOST_TO_ADVISE:
             nearest = finding.alternatives[0]
             rival = rival_effect(nearest.effect, nearest.joints, nearest.settings)
-            one = advise(loop.declared, loop.effects, effect, rival, data, noise, seed)
-            if one is not None:
-                advice.append(one)
+            poses_to_measure = advise(loop.declared, loop.effects, effect, rival, data, noise, seed)
+            if poses_to_measure is not None:
+                advice.append(poses_to_measure)
     return tuple(advice)
 
 
-def _detection(loop: SearchResult, held: CrossValidation | None) -> tuple[DetectionLimit, ...]:
-    rows = loop.selection.field.rows
+def _detection(loop: SearchResult, validation: CrossValidation | None) -> tuple[DetectionLimit, ...]:
+    rows = loop.selection.scorer.rows
     share = rows.size / np.count_nonzero(loop.final.inliers)
-    folds = 0 if held is None else held.folds
+    folds = 0 if validation is None else validation.folds
     return tuple(detection_limits(loop.selection, loop.final.weight[:, rows], folds, share))
 
 
@@ -298,7 +300,7 @@ def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:
 def _explained_share(
     before: Stage, after: Stage, noise: LackOfFit, repeatability: Repeatability | None
 ) -> float | None:
-    """Return how much of the explainable held-out variance of the baseline the findings explain, 0 to 1."""
+    """Return the share of the explainable held-out variance of the baseline that the findings explain, 0 to 1."""
     if before.held_out is None or after.held_out is None:
         return None
     floor = 3.0 * noise.noise.position**2 + (0.0 if repeatability is None else repeatability.position**2)
@@ -310,15 +312,15 @@ def _explained_share(
 
 
 def _scatter_hints(repeatability: Repeatability | None) -> tuple[str, ...]:
-    """Say what scatter of the joints is too large, or too often the same, to be repeatability."""
+    """Return hints on scatter of the joints that is too large, or too repeatable, for repeatability."""
     if repeatability is None:
         return ()
     hints = []
     if repeatability.source == "residual" and repeatability.position > _MOST_REPEATABILITY:
         hints.append(
             f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
-            "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; repeated "
-            "visits of some poses would tell which"
+            "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
+            "measure some poses repeatedly to distinguish these"
         )
     if repeatability.pose_position > max(repeatability.position, _SMALL_POSE_ERROR):
         hints.append(
@@ -344,9 +346,9 @@ def _left(
                 f"--declared {','.join(absent)} besides what is declared may explain it"
             )
     structured = p_value <= FALSE_ALARM
-    for one in residual_correlations(final, data):
-        structured, p_value = True, min(p_value, one.p_value)
-        hints.append(one.text)
+    for correlation in residual_correlations(final, data):
+        structured, p_value = True, min(p_value, correlation.p_value)
+        hints.append(correlation.text)
     if scatter := _scatter_hints(repeatability):
         structured = True
         hints.extend(scatter)

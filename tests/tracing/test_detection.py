@@ -52,7 +52,7 @@ def test_at_the_limit_the_f_test_finds_every_second_one(name: str, n_folds: int)
     data, loop = clean(name)
     assert loop.effects == ()
     known = loop.final.identifiability.columns
-    priors = {candidate.key: candidate.log_prior for candidate in loop.selection.field.pool}
+    priors = {candidate.key: candidate.log_prior for candidate in loop.selection.scorer.pool}
     learnt = 1 - 1 / n_folds if n_folds else 1.0
     checked = 0
     for one in limits(loop, n_folds):

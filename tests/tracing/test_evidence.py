@@ -33,10 +33,10 @@ def scores(base: np.ndarray, candidate: np.ndarray, residual: np.ndarray, *, blo
     present = Conditioned(system, range(BASE), np.zeros(BASE))
     return judge(
         present.block(columns)[None],
-        present.moment[columns][None],
+        present.rhs[columns][None],
         np.diag(system.gram)[columns][None],
-        present.energy,
-        present.freedom,
+        present.cost,
+        present.dof,
         np.array([block]),
     )
 
@@ -70,8 +70,8 @@ def test_evidence_of_one_column_is_its_closed_form(size: float) -> None:
         best = max((n * share - 1) / (share * (n - 1)), 0.0)
         expected = -0.5 * n * np.log1p(-best * share) + 0.5 * np.log1p(-best)
         assert found.rank.tolist() == [1]
-        assert found.freedom == pytest.approx(n, rel=1e-12)
-        assert found.energy == pytest.approx(y @ y, rel=1e-10)
+        assert found.dof == pytest.approx(n, rel=1e-12)
+        assert found.cost == pytest.approx(y @ y, rel=1e-10)
         # Widths are tried on a grid of factors of 1.6: near the top that costs at most a few hundredths of a nat.
         assert expected - 0.03 <= found.evidence[0] <= expected + 1e-9
 
@@ -81,7 +81,7 @@ def test_evidence_of_several_columns_is_the_largest_marginal_likelihood(size: fl
     for seed in range(4):
         base, candidate, residual = problem(seed, 4, size)
         found = scores(base, candidate, residual)
-        at_own_width = direct_evidence(base, candidate, residual, found.width)
+        at_own_width = direct_evidence(base, candidate, residual, found.prior_var)
         assert found.evidence[0] == pytest.approx(max(at_own_width[0], 0.0), abs=1e-8)
         anywhere = direct_evidence(base, candidate, residual, np.geomspace(1e-6, 1e6, 200))
         # Half a step of the grid is 0.23 in log width: by the curvature of four coefficients, 0.23^2 nats at most.
@@ -154,9 +154,9 @@ def test_conditioning_with_a_prior_is_ridge_regression() -> None:
     padded = np.vstack((base, np.diag(np.sqrt(precision))))
     solution, *_ = np.linalg.lstsq(padded, np.concatenate((residual, np.zeros(BASE))), rcond=None)
     energy = np.sum(np.square(residual - base @ solution)) + precision @ np.square(solution)
-    assert found.energy == pytest.approx(energy, rel=1e-10)
+    assert found.cost == pytest.approx(energy, rel=1e-10)
     hat = base @ np.linalg.solve(base.T @ base + np.diag(precision), base.T)
     np.testing.assert_allclose(found.block(np.array([8, 9])), candidate.T @ (candidate - hat @ candidate), rtol=1e-9)
     np.testing.assert_allclose(found.blocks(np.array([[8, 9], [9, 8]]))[0], found.block(np.array([8, 9])), rtol=1e-12)
-    np.testing.assert_allclose(found.moment[8:], candidate.T @ (residual - hat @ residual), rtol=1e-9)
-    assert found.freedom == pytest.approx(ROWS - np.trace(hat), rel=1e-10)
+    np.testing.assert_allclose(found.rhs[8:], candidate.T @ (residual - hat @ residual), rtol=1e-9)
+    assert found.dof == pytest.approx(ROWS - np.trace(hat), rel=1e-10)

@@ -407,7 +407,7 @@ def test_what_the_other_findings_leave_no_need_of_is_not_reported() -> None:
     loop = search(model, data)
     idle = build(parse_requests("gear_ratio[j3]"), arm("puma560"), data)
     both = (*loop.effects, *idle)
-    loop.selection.start_with(next(one for one in loop.scene.pool if one.effect.key() == idle[0].key()))
+    loop.selection.start_with(next(one for one in loop.candidates.pool if one.effect.key() == idle[0].key()))
     final = refit(loop.final, (*model.free, *both), data, SEARCH)
     residual = final.residual
     held = CrossValidation(residual, residual, {}, {effect.key(): 5 for effect in both}, 5)

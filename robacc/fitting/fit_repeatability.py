@@ -17,14 +17,14 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 
 SIGNIFICANT = 12.0
-"""Twice the restricted log-likelihood that scatter of the joints must gain before it is used: one joint's scatter alone
-gains as much by chance once in some 4,000 data sets, any of six once in some 500 (chi-square mixture of 0 and 1)."""
+"""Smallest gain of twice the restricted log-likelihood for which the joints' scatter is used. By chance, a given joint
+gains as much in 1 of about 4,000 data sets, any of six joints in 1 of about 500 (chi-square mixture of 0 and 1)."""
 _RESOLVED = 0.5
-"""Relative standard error up to which a joint's scatter is reported."""
+"""Largest relative standard error for which a joint's scatter is reported."""
 _FEWEST = 20
-"""Visits below which no scatter is estimated."""
+"""Smallest number of visits for which scatter is estimated."""
 _SAME = 0.1
-"""Relative change of the scatter at the target by which two estimates are the same."""
+"""Largest relative difference of two estimates that count as equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,24 +32,24 @@ class Repeatability:
     """Intrinsic repeatability of an arm, apart from the measurement noise."""
 
     joints: tuple[tuple[str, float | None], ...]
-    """Standard deviation of each joint's scatter, rad or m; None where these poses do not show it."""
+    """Standard deviation of each joint's scatter, rad or m; None where it is not identifiable."""
     position: float
     """Root mean square of the scatter's length at the target, m."""
     source: Literal["repeated visits", "several targets", "residual"]
-    """What separates it from the noise; of ``residual``, an effect outside the catalogue would look the same."""
+    """Source that separates it from the noise; with ``residual``, an effect outside the catalogue looks the same."""
     pose_position: float
     """Root mean square of the error that all visits of a pose share and no effect explains, m."""
 
 
 def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Repeatability:
-    """Return the repeatability that ``components``, estimated at ``fit``, mean for the poses of ``data``."""
+    """Return the repeatability over the poses of ``data``, from ``components`` estimated at ``fit``."""
     arm = fit.model.arm
     joints = Model(arm, fit.model.known, (JointOffset(arm.names),))
     rows = _thinned(data, np.flatnonzero(fit.inliers))
     _, columns = joints.bind(data.subset(rows)).linearise(np.zeros(len(arm.names)))
     lever = np.mean(np.sum(np.square(columns[:3]), axis=0), axis=1)
     stds = components.scatter.visit_std
-    shown = components.visit_std_error <= _RESOLVED * stds
+    identifiable = components.visit_std_error <= _RESOLVED * stds
     visits, poses = visit_numbers(data), data.groups()
     source: Literal["repeated visits", "several targets", "residual"] = "residual"
     if np.unique(visits).size > np.unique(poses).size:
@@ -57,7 +57,10 @@ def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Re
     elif np.unique(visits).size < data.n:
         source = "several targets"
     return Repeatability(
-        tuple((name, float(std) if known else None) for name, std, known in zip(arm.names, stds, shown, strict=True)),
+        tuple(
+            (name, float(std) if reported else None)
+            for name, std, reported in zip(arm.names, stds, identifiable, strict=True)
+        ),
         float(np.sqrt(lever @ np.square(stds))),
         source,
         float(np.sqrt(lever @ np.square(components.scatter.pose_std))),
@@ -65,7 +68,7 @@ def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Re
 
 
 def components_of(fit: Fit, data: Measurements) -> Components | None:
-    """Estimate the joints' scatter and the noise from the residual of a fit; None where there are too few visits."""
+    """Estimate the joints' scatter and the noise from the residual of a fit; None if there are too few visits."""
     rows = _thinned(data, np.flatnonzero(fit.inliers))
     part = data.subset(rows)
     visits, poses = visit_numbers(part), part.groups()
@@ -94,7 +97,7 @@ def with_scatter(options: Options, components: Components) -> Options:
 
 
 def is_same(options: Options, components: Components) -> bool:
-    """Return whether the estimate agrees with the scatter that ``options`` have already."""
+    """Return whether the estimate equals the scatter in ``options`` within the tolerance."""
     if options.scatter is None or options.misfit is None:
         return False
     old = np.concatenate((options.scatter.visit_std, options.scatter.pose_std, options.misfit[:1]))
@@ -103,15 +106,15 @@ def is_same(options: Options, components: Components) -> bool:
 
 
 def _thinned(data: Measurements, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rows, or as many whole commanded poses as make :data:`MOST_ROWS` of them."""
+    """Return the rows, or the rows of random commanded poses, about :data:`MOST_ROWS` in all."""
     if rows.size <= MOST_ROWS:
         return rows
     groups = data.groups()[rows]
-    draw = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
-    order = np.argsort(draw, kind="stable")
-    last = draw[order[MOST_ROWS - 1]]
-    chosen: NDArray[np.int64] = rows[draw < last]
-    return chosen if chosen.size else rows[draw <= last]
+    rank = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
+    order = np.argsort(rank, kind="stable")
+    last = rank[order[MOST_ROWS - 1]]
+    chosen: NDArray[np.int64] = rows[rank < last]
+    return chosen if chosen.size else rows[rank <= last]
 
 
 def _known_variance(data: Measurements, components: int) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ each variance is improved by the minorise-maximise step
 
 which never lowers the restricted likelihood and never leaves the positive numbers (H. Zhou, L. Hu, J. Zhou, K. Lange,
 "MM algorithms for variance components models", J. Comput. Graph. Stat. 28 (2019) 350-361). Independent observations are
-visits: three targets measured at one arrival share one draw of a joint's scatter.
+visits: three targets measured at one arrival share the same scatter of each joint.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.fitting.whitening import Block, Scatter, Whitening, blocks_of, whitening
+from robacc.fitting.whitening import BlockFactor, Scatter, Whitening, blocks_of, whitening
 from robacc.geometry import Array
 
 MOST_ROWS = 1200
-"""Rows that variances are estimated from at most."""
+"""Largest number of rows that variances are estimated from."""
 _ROUNDS = 80
 _SETTLED = 1e-3
-"""Change of the restricted log-likelihood by which a round is the last."""
+"""Change of the restricted log-likelihood below which the iteration stops."""
 _NEGLIGIBLE = 1e-4
-"""Share of the largest variance at the target below which a joint's scatter is nothing."""
+"""Share of the largest variance at the target below which a joint's scatter is set to zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class Components:
-    """Estimated variances, with what they explain."""
+    """Estimated variance components and their gain in likelihood."""
 
     scatter: Scatter
     noise: tuple[float, float]
     """Standard deviation of position (m) and orientation (rad) beyond the stated measurement uncertainty."""
     gain: float
-    """Twice the restricted log-likelihood more than without any scatter."""
+    """Twice the gain in restricted log-likelihood over a model without scatter."""
     visit_std_error: Array
-    """``(J,)`` standard error of each ``visit_std``, from the expected information; inf where the data show none."""
+    """``(J,)`` standard error of each ``visit_std``, from the expected information; inf where it is zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class _Data:
     residual: Array
     """``(M, N)``"""
     design: Array
-    """``(M, K, N)`` columns of what is fitted."""
+    """``(M, K, N)`` Jacobian of the fitted coefficients."""
     columns: Array
-    """``(M, J, N)`` columns of the joint variables."""
+    """``(M, J, N)`` Jacobian of the joint variables."""
     known_var: Array
     """``(M, N)`` variance of the stated measurement uncertainty."""
     visits: NDArray[np.int64]
@@ -65,10 +65,10 @@ def estimate(
     poses: NDArray[np.int64],
     prior_precision: Array | None = None,
 ) -> Components:
-    """Estimate the joints' scatter and the noise beyond what is known.
+    """Estimate the joints' scatter and the noise beyond the stated measurement uncertainty.
 
     Args:
-        residual: ``(M, N)`` m and rad, of rows that take part.
+        residual: ``(M, N)`` m and rad, inliers only.
         design: ``(M, K, N)`` Jacobian of the fitted coefficients.
         joint_columns: ``(M, J, N)`` Jacobian of the joint variables.
         known_var: ``(M, N)`` variance of the stated measurement uncertainty; zero where none is stated.
@@ -79,16 +79,15 @@ def estimate(
     data = _Data(residual, design, joint_columns, known_var, visits, poses)
     repeated = np.unique(poses).size < np.unique(visits).size
     prior = np.zeros(design.shape[1]) if prior_precision is None else prior_precision
-    none = Scatter(np.zeros(joint_columns.shape[1]), np.zeros(joint_columns.shape[1]))
+    zero = Scatter(np.zeros(joint_columns.shape[1]), np.zeros(joint_columns.shape[1]))
     start = _start(data)
-    noise, _, alone = _ascend(data, prior, none, start, repeated=False)
-    first = np.full(joint_columns.shape[1], 1.0)
+    noise, _, null_likelihood = _ascend(data, prior, zero, start, repeated=False)
     size = np.sqrt(np.mean(np.sum(np.square(joint_columns[:3]), axis=0), axis=1))
-    first = np.where(size > 0, noise[0] / np.maximum(size, 1e-12) / 2.0, 0.0)
-    begin = Scatter(first, first if repeated else np.zeros_like(first))
-    noise, scatter, likelihood = _ascend(data, prior, begin, noise, repeated=repeated)
+    initial_std = np.where(size > 0, noise[0] / np.maximum(size, 1e-12) / 2.0, 0.0)
+    initial = Scatter(initial_std, initial_std if repeated else np.zeros_like(initial_std))
+    noise, scatter, likelihood = _ascend(data, prior, initial, noise, repeated=repeated)
     scatter = _without_negligible(scatter, size)
-    return Components(scatter, noise, 2.0 * (likelihood - alone), _standard_errors(data, scatter, noise))
+    return Components(scatter, noise, 2.0 * (likelihood - null_likelihood), _standard_errors(data, scatter, noise))
 
 
 def _start(data: _Data) -> tuple[float, float]:
@@ -106,7 +105,7 @@ def _weight(data: _Data, noise: tuple[float, float]) -> Array:
 def _ascend(
     data: _Data, prior: Array, scatter: Scatter, noise: tuple[float, float], *, repeated: bool
 ) -> tuple[tuple[float, float], Scatter, float]:
-    """Improve all variances until the restricted likelihood stands still."""
+    """Improve all variances until the restricted likelihood converges."""
     previous = -np.inf
     likelihood = -np.inf
     for _ in range(_ROUNDS):
@@ -125,7 +124,7 @@ def _ascend(
 
 @dataclass(frozen=True)
 class _Step:
-    """What one linear solve at given variances says."""
+    """Linear solve at given variances, with its restricted likelihood."""
 
     data: _Data
     white: Whitening
@@ -135,7 +134,7 @@ class _Step:
     """``(M, K, N)`` R^-1 X"""
     covariance: Array
     """``(K, K)`` inverse of X^T R^-1 X"""
-    inverse: tuple[Block, ...]
+    inverse: tuple[BlockFactor, ...]
     """Blocks of R^-1, in units of the data."""
     likelihood: float
 
@@ -149,9 +148,9 @@ class _Step:
         matrix = gram * scale[:, None] * scale
         covariance = np.linalg.pinv(matrix, hermitian=True) * scale[:, None] * scale
         theta = covariance @ (flat @ residual.ravel())
-        left = residual - np.tensordot(theta, design, axes=1)
+        remainder = residual - np.tensordot(theta, design, axes=1)
         # W is symmetric on scaled values, so applying its transpose once more gives R^-1.
-        score = _transposed(white, left)
+        score = _transposed(white, remainder)
         solved = np.moveaxis(_transposed(white, design), 0, 1)
         sign, logdet = np.linalg.slogdet(matrix)
         logdet = float(logdet) - 2.0 * float(np.log(scale).sum()) if sign > 0 else 0.0
@@ -159,12 +158,12 @@ class _Step:
         inverse = []
         for block in white.blocks:
             determinant -= 2.0 * float(np.linalg.slogdet(block.factor)[1].sum())
-            inverse.append(Block(block.rows, block.factor @ block.factor))
-        cost = float(np.sum(np.square(left))) + float(prior @ np.square(theta))
+            inverse.append(BlockFactor(block.rows, block.factor @ block.factor))
+        cost = float(np.sum(np.square(remainder))) + float(prior @ np.square(theta))
         return _Step(data, white, score, solved, covariance, tuple(inverse), -0.5 * (determinant + logdet + cost))
 
     def ratio(self, groups: NDArray[np.int64]) -> Array:
-        """``(J,)`` |B^T P r|^2 over tr(P B B^T) of each joint, its scatter shared by the rows of a group."""
+        """Return ``(J,)`` |B^T P r|^2 over tr(P B B^T) of each joint; the rows of a group share its scatter."""
         number = np.unique(groups, return_inverse=True)[1]
         columns = self.data.columns
         count = int(number.max(initial=-1)) + 1
@@ -178,12 +177,12 @@ class _Step:
             numerator[j] = float(shared @ shared)
             model = np.einsum("mn,mkn->kn", column, self.solved)[:, order]
             model = np.add.reduceat(model, first, axis=1)
-            trace[j] = self._own(column, number) - float(np.sum((self.covariance @ model) * model))
+            trace[j] = self._trace(column, number) - float(np.sum((self.covariance @ model) * model))
         good = trace > 1e-12 * np.maximum(np.abs(numerator), 1e-300)
         return np.where(good, numerator / np.where(good, trace, 1.0), 0.0)
 
-    def _own(self, column: Array, number: NDArray[np.int64]) -> float:
-        """tr(R^-1 B B^T) of one joint."""
+    def _trace(self, column: Array, number: NDArray[np.int64]) -> float:
+        """Return tr(R^-1 B B^T) of a joint."""
         scaled = column * self.white.weight
         if not self.inverse:
             total = 0.0
@@ -202,7 +201,7 @@ class _Step:
         return total
 
     def noise(self, noise: tuple[float, float]) -> tuple[float, float]:
-        """Improve the noise beyond what is known."""
+        """Return the improved noise beyond the stated measurement uncertainty."""
         result = []
         trace = np.square(self.white.weight)
         for block in self.inverse:
@@ -214,9 +213,11 @@ class _Step:
             if size == 0.0 or self.score[part].size == 0:
                 result.append(size)
                 continue
-            below = float(np.sum(trace[part] - used[part]))
-            above = float(np.sum(np.square(self.score[part])))
-            result.append(size * float(np.sqrt(np.sqrt(above / below))) if below > 0 and above > 0 else 1e-9)
+            denominator = float(np.sum(trace[part] - used[part]))
+            numerator = float(np.sum(np.square(self.score[part])))
+            result.append(
+                size * float(np.sqrt(np.sqrt(numerator / denominator))) if numerator > 0 and denominator > 0 else 1e-9
+            )
         return result[0], result[1]
 
 
@@ -228,7 +229,7 @@ def _transposed(white: Whitening, values: Array) -> Array:
 
 
 def _without_negligible(scatter: Scatter, size: Array) -> Scatter:
-    """Set to zero what moves the target by nothing beside the largest."""
+    """Return the scatter without joints whose effect at the target is negligible next to the largest."""
     at_target = np.maximum(scatter.visit_std, scatter.pose_std) * size
     largest = float(at_target.max(initial=0.0))
     keep_visit = np.square(scatter.visit_std * size) > _NEGLIGIBLE * largest**2
@@ -237,9 +238,8 @@ def _without_negligible(scatter: Scatter, size: Array) -> Scatter:
 
 
 def _standard_errors(data: _Data, scatter: Scatter, noise: tuple[float, float]) -> Array:
-    """``(J,)`` standard errors of ``visit_std`` from the information 1/2 tr(R^-1 B_i R^-1 B_j), noise included."""
+    """Return ``(J,)`` standard errors of ``visit_std`` from the information 1/2 tr(R^-1 B_i R^-1 B_j), with noise."""
     weight = _weight(data, noise)
-    white = whitening(weight, data.columns, scatter, data.visits, data.poses)
     joints = data.columns.shape[1]
     information = np.zeros((joints + 1, joints + 1))
     for rows in blocks_of(data.visits):
@@ -253,12 +253,10 @@ def _standard_errors(data: _Data, scatter: Scatter, noise: tuple[float, float]) 
         information[:joints, :joints] += 0.5 * np.sum(np.square(cross), axis=0)
         squared = np.moveaxis(np.square(weight)[:, rows], 1, 0).reshape(count, 1, components * n)
         half = inverse * squared  # R^-1 D' with D' the derivative by the noise variance, in scaled units
-        both = np.einsum("vij,vji->", half, half)
-        information[joints, joints] += 0.5 * float(both)
+        information[joints, joints] += 0.5 * float(np.einsum("vij,vji->", half, half))
         mixed = np.einsum("vaj,vab,vbj->j", columns, inverse @ (inverse * squared), columns)
         information[joints, :joints] += 0.5 * mixed
         information[:joints, joints] += 0.5 * mixed
-    del white
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     covariance = np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-10, hermitian=True)
     variance_error = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * scale

@@ -1,4 +1,4 @@
-"""Visits: arrivals of the arm, each of which may be measured in several rows (several targets)."""
+"""Visits: arrivals of the arm, each measured in a row per target."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from robacc.measurements import Measurements
 def visit_numbers(data: Measurements) -> NDArray[np.int64]:
     """Return ``(N,)`` the number of the visit of each row, from 0.
 
-    Rows of one commanded pose and one cycle are one visit. Where no cycle is given, each repetition of a target at a
-    pose is a visit of its own.
+    Rows with the same commanded pose and cycle are a visit. Without cycles, each repetition of a target at a pose is a
+    separate visit.
     """
     if data.target is None:
         return np.arange(data.n)

@@ -1,4 +1,4 @@
-"""Whitening of residuals whose rows share scatter: rows of one visit share the arm's, rows of one pose its own error.
+"""Whitening of residuals with shared scatter: rows of a visit share the arm's scatter, rows of a pose its error.
 
 The covariance of the rows of a block (one commanded pose, or one visit where each pose is visited once) is
 
@@ -25,19 +25,19 @@ class Scatter:
     """Standard deviations of the joints' scatter, rad or m."""
 
     visit_std: Array
-    """``(J,)`` drawn anew at each arrival: intrinsic repeatability."""
+    """``(J,)`` scatter from visit to visit: intrinsic repeatability."""
     pose_std: Array
-    """``(J,)`` common to all visits of a commanded pose; zero where no pose was visited twice."""
+    """``(J,)`` error common to all visits of a commanded pose; zero if no pose was visited twice."""
 
     @property
     def is_none(self) -> bool:
-        """Return whether there is no scatter at all."""
+        """Return whether all standard deviations are zero."""
         return not (self.visit_std.any() or self.pose_std.any())
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
-    """Blocks with the same number of rows."""
+class BlockFactor:
+    """Whitening factors of the blocks with a given number of rows."""
 
     rows: NDArray[np.int64]
     """``(V, n)`` numbers of the rows."""
@@ -47,17 +47,17 @@ class Block:
 
 @dataclass(frozen=True)
 class Whitening:
-    """Linear map that gives residuals unit covariance; a row of weight zero takes no part."""
+    """Linear map that gives residuals unit covariance; rows of weight zero are ignored."""
 
     weight: Array
     """``(M, N)`` reciprocal standard deviations of the measurement."""
-    blocks: tuple[Block, ...] = ()
+    blocks: tuple[BlockFactor, ...] = ()
     marginal_weight: Array | None = None
-    """``(M, N)`` reciprocal standard deviations of measurement and scatter together; None where there is no scatter."""
+    """``(M, N)`` reciprocal standard deviations of measurement and scatter together; None without scatter."""
 
     @property
     def row_weight(self) -> Array:
-        """``(M, N)`` reciprocal standard deviation of each component, correlations aside."""
+        """``(M, N)`` reciprocal standard deviation of each component, without correlations."""
         return self.weight if self.marginal_weight is None else self.marginal_weight
 
     def apply(self, values: Array) -> Array:
@@ -78,15 +78,15 @@ class Whitening:
         return scaled
 
     def subset(self, rows: NDArray[np.int64]) -> Whitening:
-        """Return the map of some rows; blocks must be in or out as a whole."""
+        """Return the map of the given rows; each block must be included or excluded as a whole."""
         place = np.full(self.weight.shape[1], -1, dtype=np.int64)
         place[rows] = np.arange(rows.size)
         blocks = []
         for block in self.blocks:
             inside = place[block.rows]
-            whole = (inside >= 0).all(axis=1)
-            if whole.any():
-                blocks.append(Block(inside[whole], block.factor[whole]))
+            included = (inside >= 0).all(axis=1)
+            if included.any():
+                blocks.append(BlockFactor(inside[included], block.factor[included]))
         marginal = None if self.marginal_weight is None else self.marginal_weight[:, rows]
         return Whitening(self.weight[:, rows], tuple(blocks), marginal)
 
@@ -97,11 +97,11 @@ def whitening(
     """Build the map from the measurement's weights and the scatter of the joints.
 
     Args:
-        weight: ``(M, N)`` reciprocal standard deviations, zero for rows that take no part.
-        joint_columns: ``(M, J, N)`` what a unit of each joint variable does to a row.
+        weight: ``(M, N)`` reciprocal standard deviations, zero for rows that are ignored.
+        joint_columns: ``(M, J, N)`` Jacobian of the joint variables.
         scatter: Standard deviations of the joints.
         visits: ``(N,)`` number of the visit of each row.
-        poses: ``(N,)`` number of the commanded pose of each row; rows of one visit have one.
+        poses: ``(N,)`` number of the commanded pose of each row; all rows of a visit share it.
     """
     if scatter.is_none:
         return Whitening(weight)
@@ -111,20 +111,20 @@ def whitening(
         covariance = _covariance(scaled, rows, scatter, visits)
         values, vectors = np.linalg.eigh(covariance)
         factor = (vectors / np.sqrt(1.0 + np.maximum(values, 0.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-        blocks.append(Block(rows, factor))
+        blocks.append(BlockFactor(rows, factor))
     variance = np.einsum("mjn,j->mn", np.square(scaled), np.square(scatter.visit_std) + np.square(scatter.pose_std))
     return Whitening(weight, tuple(blocks), weight / np.sqrt(1.0 + variance))
 
 
 def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return rows ``(V, n)`` of equal numbers, blocks of one size together."""
+    """Return the blocks of rows with equal numbers, ``(V, n)`` for each block size n."""
     order = np.argsort(numbers, kind="stable")
     _, first, counts = np.unique(numbers[order], return_index=True, return_counts=True)
     return [order[first[counts == n][:, None] + np.arange(n)].astype(np.int64) for n in np.unique(counts).tolist()]
 
 
 def _covariance(scaled: Array, rows: NDArray[np.int64], scatter: Scatter, visits: NDArray[np.int64]) -> Array:
-    """``(V, M n, M n)`` scatter of the scaled rows of each block."""
+    """Return ``(V, M n, M n)`` scatter covariance of the scaled rows of each block."""
     count, n = rows.shape
     components, joints = scaled.shape[:2]
     columns = np.moveaxis(scaled[:, :, rows], (2, 0, 3, 1), (0, 1, 2, 3)).reshape(count, components * n, joints)

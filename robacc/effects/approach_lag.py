@@ -15,7 +15,7 @@ class ApproachLag(Effect):
     """Joint variable shifted by the signed speed of its last motion."""
 
     name = "approach_lag"
-    missing_reasons = ("no speed_q columns, and rows not said to be in the order measured",)
+    missing_reasons = ("no speed_q columns, and `ordered` is not set",)
     about = About(
         summary="the pose was read before the joint had settled, or the clocks differ: the last motion's speed shows",
         equation="theta_j + c s_j, s_j the last motion's speed as a signed fraction of full speed",
@@ -23,7 +23,7 @@ class ApproachLag(Effect):
         usual_size="1e-5 to 1e-3 rad at full speed; negative where the joint lags behind",
         usual_range=(1e-05, 0.001),
         needs="speed_q1 … speed_qN, or `ordered`",
-        confused_with="backlash where speeds are much alike",
+        confused_with="backlash where all speeds are similar",
         source="a parameter times a regressor, as every effect here",
         example="{effect: approach_lag, joints: [j1], values: {j1: -2e-4}}",
     )
@@ -41,7 +41,7 @@ class ApproachLag(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term a joint."""
-        speed = needed(data.speed, "speed_q1 … (or rows in the order measured)", self.name)
+        speed = needed(data.speed, "speed_q1 … (or `ordered`)", self.name)
         return tuple(
             Term(
                 f"{self.name}.{joint}",

@@ -23,7 +23,7 @@ class Backlash(Effect):
     by: Literal["approach", "gravity"] = "approach"
 
     name = "backlash"
-    missing_reasons = ("no dir_q columns, rows not said to be in the order measured, and no masses in the robot file",)
+    missing_reasons = ("no dir_q columns, `ordered` is not set, and no masses in the robot file",)
     about = About(
         summary="play in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
         equation="theta_j + c sign(approach_j); where the approach is unknown, the sign of the gravity torque",
@@ -31,7 +31,7 @@ class Backlash(Effect):
         usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
         usual_range=(1e-05, 0.0005),
         needs="dir_q1 … dir_qN, or `ordered`; else masses",
-        confused_with="approach_lag where speeds are much alike, joint_compliance where gravity decides",
+        confused_with="approach_lag where all speeds are similar, joint_compliance where gravity decides",
         source="a parameter times a regressor, as every effect here; Ruderman, Hoffmann, Bertram 2009 for the shape",
         example="{effect: backlash, joints: [j2], values: {j2: -1e-4}}",
     )
@@ -87,8 +87,8 @@ class Backlash(Effect):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``by: approach`` or ``by: gravity``."""
-        rest = dict(settings)
-        by = rest.pop("by", "approach")
-        if rest or by not in ("approach", "gravity"):
+        unknown = dict(settings)
+        by = unknown.pop("by", "approach")
+        if unknown or by not in ("approach", "gravity"):
             raise ValueError(f"{cls.name} knows the setting by: approach or gravity, found {dict(settings)!r}")
         return cls(joints=joints, by=by)

@@ -1,4 +1,4 @@
-"""`robacc calibrate`: fit the effects that are named, with honest figures before and after."""
+"""Calibration: fit the named effects and report the error before and after, on held-out poses too."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ from robacc.tracing.cross_validation import Progress
 from robacc.tracing.loop import search
 
 _CONSTANTS = ("joint_offset", "link_geometry")
-"""Effects that the robot file has a value of, for each of their coefficients."""
-_OVERFIT = 1.5
-"""Held-out rms over the fitted one beyond which a warning says so."""
-_LEVERAGE = 0.5
-"""A pose that decides more than this share of its own prediction is named."""
+"""Effects whose coefficients all have a nominal value in the robot file."""
+_OVERFIT_RATIO = 1.5
+"""Ratio of the held-out RMS error to the fitted RMS error above which a warning is given."""
+_HIGH_LEVERAGE = 0.5
+"""Share of a row in its own prediction above which the row is reported."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated robot and how well it predicts."""
+    """Calibrated robot, its fit and its error before and after."""
 
     robot: Robot
     effects: tuple[Effect, ...]
@@ -60,27 +60,27 @@ class Calibration:
     noise: LackOfFit
     nominal: Stage
     before: Stage
-    """With base and tool registered, where they are among what is fitted; else as delivered."""
+    """Baseline: the model with base and tool registered if the fit includes them, else the nominal model."""
     after: Stage
     gain: Gain | None
     parameters: tuple[FittedParameter, ...]
-    """Standard errors are of the data alone, drawn or not."""
+    """Coefficients; their standard errors come from the data alone, with or without shrinkage."""
     shrunk: tuple[ShrunkKind, ...]
-    """Constants drawn to the robot file's values."""
+    """Constants with shrinkage to the nominal values, by kind."""
     deflection: DeflectionChoice | None
-    """At which pose the moments of elastic effects are taken; None where none is fitted."""
+    """Model of the torques behind elastic effects; None if no elastic effect is fitted."""
     correlations: tuple[Correlation, ...]
     identifiability: Identifiability
     leverage: tuple[tuple[int, float], ...]
-    """Rows of high leverage: index and share."""
+    """Rows with high leverage: index and share."""
     n_folds: int
     warnings: tuple[str, ...]
     residuals: Residuals
-    """Of every pose, those left out as outliers too."""
+    """Residuals of all poses, outliers included."""
     holdout: Residuals | None
-    """Of the poses of ``holdout``, where there are such."""
+    """Residuals of the validation poses ``holdout``; None without them."""
     partial_residuals: tuple[tuple[Effect, PartialResidual], ...]
-    """For each effect that is no constant, the residual along it over what drives it, without and with it."""
+    """Partial residual over its driver of each effect that is not a constant."""
 
 
 def calibrate(
@@ -94,70 +94,73 @@ def calibrate(
     n_folds: int = 5,
     seed: int = 0,
     holdout: Measurements | None = None,
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress = lambda step, done, total: None,
 ) -> Calibration:
-    """Fit what ``requests`` name.
+    """Fit the effects that ``requests`` name.
 
-    An effect that acts joint by joint and is named without joints is fitted on the joints where the data show it, by
-    the evidence that `trace` uses; with joints in brackets, exactly there. ``priors`` are standard deviations about
-    zero by coefficient name, SI (:func:`tolerance_priors`); without them, ``shrink`` draws constants of the arm that
-    are named without joints to the robot file's values where most of them do not differ
-    (:mod:`robacc.fitting.sparse_prior`).
+    A per-joint effect that is requested without joints is fitted on the joints where the evidence supports it, as in
+    `trace`; with joints in brackets, it is fitted on exactly those. ``priors`` are standard deviations about zero by
+    coefficient name, in SI units (:func:`tolerance_priors`). Without them, ``shrink`` applies shrinkage to nominal to
+    constants of the arm that are requested without joints (:mod:`robacc.fitting.sparse_prior`).
 
     Raises:
-        InputError: the data hold a mistake, or are too few.
-        UsageError: an effect cannot be fitted to this robot and these data.
+        InputError: The data contain a mistake, or there are too few poses.
+        UsageError: An effect cannot be fitted to this robot and these data.
     """
     refuse_mistake(robot, data)
     options = options or Options()
     plan = _Plan(robot, data, requests, options, priors or {}, shrink)
     progress("fitting", 0, n_folds + 1)
     effects = plan.effects(data)
-    found, kinds, deflection = _fitted(plan, effects, data, options)
-    effects = found.model.free
+    final_fit, shrunk, deflection = _fitted(plan, effects, data, options)
+    effects = final_fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
-    held = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
-    told = before_and_after(robot, data, registered, found, held, holdout)
-    noise = lack_of_fit(found, data)
+    held_out_residuals = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
+    comparison = before_and_after(robot, data, registered, final_fit, held_out_residuals, holdout)
+    noise = lack_of_fit(final_fit, data)
     return Calibration(
-        robot=apply_fit(found),
+        robot=apply_fit(final_fit),
         effects=effects,
-        fit=found,
+        fit=final_fit,
         noise=noise,
-        nominal=told.nominal,
-        before=told.before,
-        after=told.after,
-        gain=told.gain,
-        parameters=parameters(found),
-        shrunk=kinds,
+        nominal=comparison.nominal,
+        before=comparison.before,
+        after=comparison.after,
+        gain=comparison.gain,
+        parameters=parameters(final_fit),
+        shrunk=shrunk,
         deflection=deflection,
-        correlations=correlations(found),
-        identifiability=found.identifiability,
-        leverage=_leverage(found, data),
-        n_folds=0 if held is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
-        warnings=_warnings(found, data, told.after, noise),
-        residuals=told.residuals,
-        holdout=told.holdout,
+        correlations=correlations(final_fit),
+        identifiability=final_fit.identifiability,
+        leverage=_leverage(final_fit, data),
+        n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
+        warnings=_warnings(final_fit, data, comparison.after, noise),
+        residuals=comparison.residuals,
+        holdout=comparison.holdout,
         partial_residuals=tuple(
-            (e, curve) for e in effects if not e.is_constant for curve in partial_residuals(e, found, data)
+            (effect, curve)
+            for effect in effects
+            if not effect.is_constant
+            for curve in partial_residuals(effect, final_fit, data)
         ),
     )
 
 
 def tolerance_priors(robot: Robot) -> dict[str, float]:
-    """The robot file's tolerances as priors of joint offsets and link geometry."""
+    """Return the robot file's tolerances as prior standard deviations, by coefficient name."""
     priors = {}
     for joint in robot.joints:
         for label, deviation in joint.tolerance.items():
-            own = label == joint.offset_parameter
-            priors[f"joint_offset.{joint.name}" if own else f"link_geometry.{joint.name}.{label}"] = deviation
+            is_offset = label == joint.offset_parameter
+            name = f"joint_offset.{joint.name}" if is_offset else f"link_geometry.{joint.name}.{label}"
+            priors[name] = deviation
     return priors
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is fitted: some effects as they stand, others where the data show them."""
+    """Requested effects: fixed effects are fitted as given, searched effects on the joints with evidence."""
 
     robot: Robot
     data: Measurements
@@ -167,19 +170,19 @@ class _Plan:
     shrink: bool
 
     def effects(self, data: Measurements) -> tuple[Effect, ...]:
-        """The effects for these poses, in the catalogue's order."""
+        """Return the effects for these poses: the fixed effects, then the searched effects."""
         model = Model.of(self.robot)
-        fixed = [request for request in self.requests if not _searched(request)]
-        searched = [request.name for request in self.requests if _searched(request)]
+        fixed = [request for request in self.requests if not _is_searched(request)]
+        searched = [request for request in self.requests if _is_searched(request)]
         effects = build(fixed, model.arm, data)
         if searched:
-            build([request for request in self.requests if _searched(request)], model.arm, data)
-            loop = search(Model.of(self.robot, effects), data, only=searched)
+            build(searched, model.arm, data)
+            loop = search(Model.of(self.robot, effects), data, only=[request.name for request in searched])
             effects = (*effects, *loop.effects)
         return effects
 
     def with_priors(self, options: Options, effects: Sequence[Effect], data: Measurements) -> Options:
-        """``options`` with the priors of the coefficients that have one."""
+        """Return ``options`` with the priors, infinite for coefficients without a prior."""
         if not self.priors:
             return options
         arm = Arm.of(self.robot)
@@ -187,27 +190,30 @@ class _Plan:
         return dataclasses.replace(options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
 
     @property
-    def whole(self) -> tuple[str, ...]:
-        """Constants asked for without saying which."""
-        return tuple(one.name for one in self.requests if one.name in _CONSTANTS and one.joints is None)
+    def all_joint_constants(self) -> tuple[str, ...]:
+        """Names of constants that are requested for all joints."""
+        return tuple(request.name for request in self.requests if request.name in _CONSTANTS and request.joints is None)
 
 
 def _fitted(
     plan: _Plan, effects: tuple[Effect, ...], data: Measurements, options: Options
 ) -> tuple[Fit, tuple[ShrunkKind, ...], DeflectionChoice | None]:
-    """The fit of all effects, elastic ones in the form that the data show.
+    """Fit all effects, with the torque model of elastic effects that the data support.
 
-    With priors as they stand, else without what is idle in the arm's constants.
+    Without explicit priors, idle rotations are removed and constants are shrunk to nominal as the plan says.
     """
     model, options = Model.of(plan.robot, effects), plan.with_priors(options, effects, data)
-    found, model, form = choose_deflection(fit(model, data, options), model, data, options)
+    chosen, model, deflection = choose_deflection(fit(model, data, options), model, data, options)
     if plan.priors:
-        return found, (), form
-    found = without_idle_rotations(found, model, data, options)
-    return (*shrink_to_nominal(found, data, options, plan.whole), form) if plan.shrink else (found, (), form)
+        return chosen, (), deflection
+    chosen = without_idle_rotations(chosen, model, data, options)
+    if not plan.shrink:
+        return chosen, (), deflection
+    return (*shrink_to_nominal(chosen, data, options, plan.all_joint_constants), deflection)
 
 
-def _searched(request: Request) -> bool:
+def _is_searched(request: Request) -> bool:
+    """Return whether the joints of the requested effect are chosen by evidence."""
     cls = effect_class(request.name)
     return request.joints is None and cls.per_joint and not cls.is_constant
 
@@ -222,57 +228,67 @@ def _hold_out(
     seed: int,
     progress: Progress,
 ) -> tuple[Array, Array] | None:
-    """Residuals of poses held out, with frames alone and with everything; what is searched is searched again."""
-    search = Options(robust=plan.options.robust, tolerance=1e-6)
+    """Return the residuals of held-out poses, with frames only and with all effects; None if there are too few poses.
+
+    Searched effects are chosen anew in each fold.
+    """
+    fold_options = Options(robust=plan.options.robust, tolerance=1e-6)
     if holdout is not None:
-        alone = fit(Model.of(plan.robot, frames), data, search)
-        whole = _fitted(plan, effects, data, search)[0]
-        return held_out(alone, holdout), held_out(whole, holdout)
+        baseline = fit(Model.of(plan.robot, frames), data, fold_options)
+        extended = _fitted(plan, effects, data, fold_options)[0]
+        return held_out(baseline, holdout), held_out(extended, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:
         return None
-    rows = 3 if data.rotation is None else 6
-    before, after = np.empty((rows, data.n)), np.empty((rows, data.n))
-    again = any(_searched(request) for request in plan.requests)
+    components = 3 if data.rotation is None else 6
+    before, after = np.empty((components, data.n)), np.empty((components, data.n))
+    has_search = any(_is_searched(request) for request in plan.requests)
     try:
-        for number, (learn, rest) in enumerate(parts(assigned), 1):
+        for number, (training, test) in enumerate(parts(assigned), 1):
             progress("cross-fitting", number, n_folds + 1)
-            train, test = data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(rest))
-            chosen = plan.effects(train) if again else with_deflection(effects, "equilibrium")
-            before[:, rest] = held_out(fit(Model.of(plan.robot, frames), train, search), test)
-            after[:, rest] = held_out(_fitted(plan, chosen, train, search)[0], test)
+            train_data, test_data = data.subset(np.flatnonzero(training)), data.subset(np.flatnonzero(test))
+            chosen = plan.effects(train_data) if has_search else with_deflection(effects, "equilibrium")
+            before[:, test] = held_out(fit(Model.of(plan.robot, frames), train_data, fold_options), test_data)
+            after[:, test] = held_out(_fitted(plan, chosen, train_data, fold_options)[0], test_data)
     except InputError:
-        # What is left to learn from without a fold is too little for what is fitted.
+        # The poses outside a fold are too few for the fitted coefficients.
         return None
     return before, after
 
 
-def _leverage(found: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
-    """Rows whose prediction they decide themselves: mean of the hat matrix over their components."""
-    kept = found.identifiability.columns
-    if kept.size == 0:
+def _leverage(final_fit: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
+    """Return the rows with high leverage: index and mean diagonal of the hat matrix over the components."""
+    identifiable = final_fit.identifiability.columns
+    if identifiable.size == 0:
         return ()
-    inverse = posterior(found.gram, found.precision)
+    inverse = posterior(final_fit.gram, final_fit.precision)
     share = np.empty(data.n)
     for start in range(0, data.n, BLOCK):
         block = slice(start, start + BLOCK)
-        _, jacobian = found.model.bind(data.subset(block)).linearise(found.theta, kept)
-        columns = jacobian[: found.residual.shape[0]] * found.weight[:, None, block]
-        share[block] = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / found.residual.shape[0]
-    high = np.flatnonzero((share > _LEVERAGE) & found.inliers)
-    return tuple((int(i), float(share[i])) for i in high[np.argsort(-share[high])])
+        _, jacobian = final_fit.model.bind(data.subset(block)).linearise(final_fit.theta, identifiable)
+        columns = jacobian[: final_fit.residual.shape[0]] * final_fit.weight[:, None, block]
+        share[block] = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / final_fit.residual.shape[0]
+    high = np.flatnonzero((share > _HIGH_LEVERAGE) & final_fit.inliers)
+    return tuple((int(row), float(share[row])) for row in high[np.argsort(-share[high])])
 
 
-def _warnings(found: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
-    warnings = [*data.warnings, *data.contradicted_ids(), *outliers_warning(found, data), *frames_warning(found, data)]
-    warnings.extend((*sigma_warning(noise), *weak_parameters_warning(found)))
-    count = int(found.identifiability.columns.size)
-    spare = int(np.count_nonzero(found.inliers)) * found.residual.shape[0] - count
-    if spare < count:
-        warnings.append(f"only {spare} more numbers measured than coefficients fitted: measure more poses")
-    warnings.extend(condition_warning(found))
-    if after.held_out is not None and after.held_out.position.rms > _OVERFIT * after.fitted.position.rms:
-        warnings.append("poses held out are predicted much worse than those fitted: fewer effects or more poses")
+def _warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
+    warnings = [
+        *data.warnings,
+        *data.contradicted_ids(),
+        *outliers_warning(final_fit, data),
+        *frames_warning(final_fit, data),
+    ]
+    warnings.extend((*sigma_warning(noise), *weak_parameters_warning(final_fit)))
+    n_coefficients = int(final_fit.identifiability.columns.size)
+    surplus = int(np.count_nonzero(final_fit.inliers)) * final_fit.residual.shape[0] - n_coefficients
+    if surplus < n_coefficients:
+        warnings.append(f"only {surplus} more measured values than fitted coefficients: measure more poses")
+    warnings.extend(condition_warning(final_fit))
+    if after.held_out is not None and after.held_out.position.rms > _OVERFIT_RATIO * after.fitted.position.rms:
+        warnings.append(
+            "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more poses"
+        )
     if after.held_out is None:
         warnings.append(no_held_out_warning(data))
     return tuple(warnings)

@@ -307,3 +307,10 @@ def test_switches_and_options_of_the_command_line() -> None:
 
 def test_the_same_result_gives_the_same_page() -> None:
     assert render([results.document("iso9283")], ["iso9283"]) == page("iso9283")
+
+
+def test_parameter_names_in_notes_are_shown_as_options() -> None:
+    document = results.document("iso9283")
+    document["notes"] = ["give `robot` or `ordered=True`"]
+    text = parsed(render([document], ["iso9283"])).text
+    assert "give --robot or --ordered" in text

@@ -25,6 +25,7 @@ from robacc.render.plots.catalogue import charts_of
 from robacc.render.plots.chart import Chart, ChartTable, Document
 from robacc.render.plots.optional_dependencies import need
 from robacc.render.plots.palette import DARK, LIGHT, css_variables
+from robacc.render.text.parameter_names import as_options
 from robacc.version import __version__
 
 _SECTIONS: dict[str, Callable[[Document], Iterator[ReportSection]]] = {
@@ -93,6 +94,7 @@ def page_of(results: Sequence[ResultSection], documents: Sequence[Document], nam
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["options"] = as_options
     library = _library() if interactive else ""
     script = environment.get_template("scenes.js").render() if interactive else ""
     is_multiple = len(results) > 1

@@ -13,6 +13,7 @@ from xml.sax.saxutils import escape, quoteattr
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.outcomes import FileOutcome
 from robacc.render.text.gate_text import OUTCOME_LABELS, sentence, title
+from robacc.render.text.parameter_names import as_options
 
 _NO_TIME = "1970-01-01T00:00:00"
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -100,5 +101,5 @@ def _text(value: str) -> str:
 
 
 def _clean(value: str) -> str:
-    """Replace the characters that XML does not allow."""
-    return _NOT_XML.sub("\ufffd", value)
+    """Replace parameter names by options, and the characters that XML does not allow."""
+    return _NOT_XML.sub("\ufffd", as_options(value))

@@ -344,9 +344,7 @@ WRONG_CALLS: dict[str, Callable[[], object]] = {
         ROBOT, poses=3, noise=float("nan")
     ),
     "`poses`: expected a number between 1 and 1e+06, found 0": lambda: robacc.simulate(ROBOT, poses=0),
-    "`payload`: expected masses of at least 0 kg, found -1": lambda: robacc.simulate(
-        ROBOT, poses=3, payload=(1, -1)
-    ),
+    "`payload`: expected masses of at least 0 kg, found -1": lambda: robacc.simulate(ROBOT, poses=3, payload=(1, -1)),
     "`temperature`: expected finite numbers": lambda: robacc.simulate(ROBOT, poses=3, temperature=float("inf")),
     "`time_step`: expected a number of at least 0, found -2": lambda: robacc.simulate(ROBOT, poses=3, time_step=-2),
     "standard input can be read only once, but - is given more than once": lambda: robacc.iso9283("-", "-"),

@@ -212,7 +212,7 @@ def test_the_table(files: Path) -> None:
     for part in (
         "Calibration from 50 measured poses",
         "Before and after",
-        "as delivered",
+        "nominal model",
         "base and tool",
         "calibrated",
     ):

@@ -228,7 +228,7 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     assert both["frame_drift"] == "no time_s column that varies"
     assert both["backlash"] is None
     no_motion = ("--robot", SAMPLES / "robot.yaml", "--poses", SAMPLES / "poses.csv")
-    assert offers(*no_motion)["approach_lag"] == "no speed_q columns, and rows not said to be in the order measured"
+    assert offers(*no_motion)["approach_lag"] == "no speed_q columns, and `ordered` is not set"
     assert offers(*no_motion, "--ordered")["approach_lag"] is None
     text = run("effects", "--robot", SCARA).stdout
     assert "not applicable: no masses in the robot file" in text

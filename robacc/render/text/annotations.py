@@ -8,7 +8,6 @@ from typing import Literal
 from robacc.gates.decision_rules import Outcome
 from robacc.gates.evaluate import GateOutcome
 from robacc.render.text.gate_text import OUTCOME_LABELS, sentence, title
-from robacc.render.text.parameter_names import as_options
 
 _LEVELS: dict[Outcome, Literal["error", "warning", "notice"]] = {
     "pass": "notice",
@@ -46,7 +45,6 @@ def _lines(command: str, table: str, outcome: GateOutcome | None, warnings: tupl
 
 def annotation(level: str, head: str, text: str) -> str:
     """Return ``::level title=HEAD::TEXT``, escaped as actions/toolkit does."""
-    text = as_options(text)
     for sign, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
         head, text = head.replace(sign, code), text.replace(sign, code)
     head = head.replace(":", "%3A").replace(",", "%2C")

@@ -7,6 +7,7 @@ import math
 from robacc.gates.decision_rules import ASSURANCE, Outcome
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.render.text.numbers import three_digits
+from robacc.render.text.parameter_names import as_options
 
 OUTCOME_LABELS: dict[Outcome, str] = {
     "pass": "pass",
@@ -111,5 +112,10 @@ def sentence(evaluation: CriterionEvaluation) -> str:
         parts.append(f"margin {amount(evaluation.decision.margin, evaluation.dimension)}")
     if (chance := probability(evaluation)) is not None:
         parts.append(f"conforms with probability {chance}")
-    parts += [text for text in (evaluation.decision.why, poses_needed(evaluation)) if text]
-    return "; ".join(parts)
+    return "; ".join([*parts, *explanations(evaluation)])
+
+
+def explanations(evaluation: CriterionEvaluation) -> list[str]:
+    """Return the reason for the decision and the number of poses that would decide, as far as known."""
+    why = None if evaluation.decision.why is None else as_options(evaluation.decision.why)
+    return [text for text in (why, poses_needed(evaluation)) if text]

@@ -52,9 +52,9 @@ def _suite(command: str, number: int, name: str, outcome: GateOutcome) -> Iterat
 def _failed(command: str, number: int, outcome: FileOutcome) -> Iterator[str]:
     yield _opening(command, number, outcome.name, 1, 0, 1)
     yield f"    <testcase{_attributes(name=command, classname=f'robacc.{command}.{outcome.name}', time='0')}>"
-    yield f"      <error{_attributes(message=outcome.problems[0].message, type='no result')}/>"
+    yield f"      <error{_attributes(message=as_options(outcome.problems[0].message), type='no result')}/>"
     yield "    </testcase>"
-    yield from _closing("", "\n".join(str(problem) for problem in outcome.problems))
+    yield from _closing("", "\n".join(as_options(str(problem)) for problem in outcome.problems))
 
 
 def _opening(command: str, number: int, name: str, tests: int, failures: int, errors: int) -> str:
@@ -101,5 +101,5 @@ def _text(value: str) -> str:
 
 
 def _clean(value: str) -> str:
-    """Replace parameter names by options, and the characters that XML does not allow."""
-    return _NOT_XML.sub("\ufffd", as_options(value))
+    """Replace the characters that XML does not allow."""
+    return _NOT_XML.sub("\ufffd", value)

@@ -12,6 +12,7 @@ from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.gate_text import OUTCOME_LABELS, sentence, title
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import three_digits
+from robacc.render.text.parameter_names import as_options
 
 _IN_MM = 1e3
 _IN_DEGREES = 180.0 / math.pi
@@ -93,7 +94,7 @@ def reason(outcome: FileOutcome) -> str:
     counted = next((f"{name} {number}" for name, number in (("line", first.line), ("row", first.row)) if number), "")
     place = ", ".join(part for part in (counted, first.column) if part)
     others = f" (and {outcome.n_problems - 1} more)" if outcome.n_problems > 1 else ""
-    return f"failed: {f'{place}: ' if place else ''}{first.message}{others}"
+    return f"failed: {f'{place}: ' if place else ''}{as_options(first.message)}{others}"
 
 
 def many_annotations(outcomes: Sequence[FileOutcome]) -> str:

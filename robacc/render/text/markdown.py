@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 from robacc.gates.decision_rules import Outcome
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
-from robacc.render.text.gate_text import OUTCOME_LABELS, amount, bounds, limit, poses_needed, probability, title, value
-from robacc.render.text.parameter_names import as_options
+from robacc.render.text.gate_text import OUTCOME_LABELS, amount, bounds, explanations, limit, probability, title, value
 
 _SIGNS: dict[Outcome, str] = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not_evaluated": "⚠️"}
 _HEADER = ("", "criterion", "key", "value", "limit", "bounds", "margin", "conforms")
@@ -48,7 +47,7 @@ def _gate(outcome: GateOutcome) -> Iterator[str]:
     for evaluation in outcome.evaluations:
         parts = [
             OUTCOME_LABELS[evaluation.outcome],
-            *(text for text in (evaluation.decision.why, poses_needed(evaluation)) if text),
+            *explanations(evaluation),
         ]
         criterion = evaluation.criterion
         yield f"- **{_text(criterion.name)}**: {_text('; '.join(parts))}. Reason: {_text(criterion.reason)}"
@@ -74,4 +73,4 @@ def _row(cells: list[str] | tuple[str, ...]) -> str:
 
 def _text(text: str) -> str:
     """Return the text escaped for Markdown and its tables."""
-    return re.sub(r"([\\`*_\[\]<>|#~])", r"\\\1", " ".join(as_options(text).split()))
+    return re.sub(r"([\\`*_\[\]<>|#~])", r"\\\1", " ".join(text.split()))

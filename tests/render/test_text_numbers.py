@@ -82,8 +82,8 @@ def test_rounding_a_value_costs_less_than_a_twentieth_of_its_error(value: float,
     assert float(its_error) == pytest.approx(error, rel=0.051)
 
 
-def test_odds_are_those_of_the_rival() -> None:
-    assert [odds(lag) for lag in (0.0, math.log(5), -math.log(20), 800.0)] == [
+def test_odds_are_those_of_the_alternative() -> None:
+    assert [odds(difference) for difference in (0.0, math.log(5), -math.log(20), 800.0)] == [
         "1 to 1",
         "1 to 5",
         "20 to 1",

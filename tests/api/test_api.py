@@ -367,7 +367,7 @@ def test_result_that_is_none_of_its_command_is_bad_input(tmp_path: Path) -> None
     document = json.loads((Path(FOLDER) / "a.json").read_text(encoding="utf-8"))
     document["poses"]["group"] = ["a"] * 60
     (tmp_path / "bad.json").write_text(json.dumps(document), encoding="utf-8")
-    with pytest.raises(robacc.InputError, match=r"is a result of robacc estimate, but is not as expected"):
+    with pytest.raises(robacc.InputError, match=r"is a result of robacc estimate, but has an unexpected value"):
         robacc.check(tmp_path / "bad.json", f"{FOLDER}/gate.yaml")
 
 

@@ -93,9 +93,9 @@ def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
         page = tmp_path / f"{name}.html"
         run("estimate", POSES, "--robot", robot, "--report", str(page))
         pages.append(page.read_text(encoding="utf-8"))
-    assert "The model misses where the arm came by" in pages[0]
+    assert "The measured positions differ from the model&#39;s predictions by" in pages[0]
     assert WARNING in pages[0]
-    assert "The arm misses where it was sent by" in pages[1]
+    assert "The measured positions differ from the commanded positions by" in pages[1]
 
 
 def test_a_digest_that_is_none_is_named() -> None:

@@ -338,12 +338,12 @@ def _left(
     p_value = 1.0 if best is None else best.p_value
     hints = []
     if best is not None and p_value <= FALSE_ALARM:
-        hints.append(f"what is left depends on what {best.candidate.effect} describes, yet that does not explain it")
+        hints.append(f"the remaining error follows {best.candidate.effect}, which does not explain it")
         absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in loop.declared.model.free)]
         if absent:
             hints.append(
                 f"every arm deviates in {' and '.join(absent)} too, which were not declared: "
-                f"--declared {','.join(absent)} besides what is declared may explain it"
+                f"`declared={','.join(absent)}` beside the declared effects may explain it"
             )
     structured = p_value <= FALSE_ALARM
     for correlation in residual_correlations(final, data):
@@ -361,7 +361,7 @@ def _left(
         structured = True
         p_value = min(p_value, noise.p_value)
         hints.append(
-            f"the residual is {noise.ratio:.3g} times the measuring noise (known from "
+            f"the residual is {noise.ratio:.3g} times the measurement noise (known from "
             f"{'repeats' if noise.noise.source == 'repeats' else 'the file'})"
         )
         if best is not None and best.p_value > FALSE_ALARM:

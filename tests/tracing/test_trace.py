@@ -321,7 +321,7 @@ def test_noise_beyond_what_the_file_says_is_unexplained_and_not_an_effect() -> N
     assert found.unexplained.noise_rms == pytest.approx(np.sqrt(3) * NOISE)
     assert found.noise.noise.source == "file"
     assert found.noise.ratio == pytest.approx(5, rel=0.2)
-    assert any("times the measuring noise (known from the file)" in hint for hint in found.unexplained.hints)
+    assert any("times the measurement noise (known from the file)" in hint for hint in found.unexplained.hints)
 
 
 def test_noise_is_known_from_repeats() -> None:

@@ -27,8 +27,6 @@ SHOWS_COMMANDS = {
     "render/plots/palette.py",
     "render/text/parameter_names.py",
 }
-TO_CONVERT = {"documents/read_result.py", "tracing/trace.py"}
-"""Files whose messages still have options; nothing is added to this list."""
 
 
 def library_files() -> Iterator[tuple[str, Path]]:
@@ -53,7 +51,7 @@ def test_no_text_of_the_library_has_an_option():
         for name, path in library_files()
         if name not in SHOWS_COMMANDS and any(OPTION.search(text) for text in texts(path))
     }
-    assert with_options <= TO_CONVERT
+    assert with_options == set()
 
 
 def test_every_marked_name_is_a_parameter_of_a_call():

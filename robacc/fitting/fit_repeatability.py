@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.joint_offset import JointOffset
+from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.repeatability import MOST_ROWS, Components, estimate
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
 
 SIGNIFICANT = 12.0
 """Smallest gain of twice the restricted log-likelihood for which the joints' scatter is used. By chance, a given joint
@@ -44,9 +43,8 @@ class Repeatability:
 def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Repeatability:
     """Return the repeatability over the poses of ``data``, from ``components`` estimated at ``fit``."""
     arm = fit.model.arm
-    joints = Model(arm, fit.model.known, (JointOffset(arm.names),))
     rows = _thinned(data, np.flatnonzero(fit.inliers))
-    _, columns = joints.bind(data.subset(rows)).linearise(np.zeros(len(arm.names)))
+    columns = joint_columns(fit.model, data.subset(rows))
     lever = np.mean(np.sum(np.square(columns[:3]), axis=0), axis=1)
     stds = components.scatter.visit_std
     identifiable = components.visit_std_error <= _RESOLVED * stds
@@ -77,13 +75,10 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
     components = fit.residual.shape[0]
     columns = fit.identifiability.columns
     _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)
-    arm = fit.model.arm
-    joints = Model(arm, fit.model.known, (JointOffset(arm.names),))
-    _, joint_columns = joints.bind(part).linearise(np.zeros(len(arm.names)))
     return estimate(
         fit.residual[:, rows],
         jacobian[:components],
-        joint_columns[:components],
+        joint_columns(fit.model, part)[:components],
         _known_variance(part, components),
         visits,
         poses,

@@ -166,9 +166,14 @@ class PoseEquations:
 
     def joint_columns(self, model: Model) -> Array:
         """Return ``(M, J, N)`` columns of the joint variables at the model's own robot."""
-        joints = Model(model.arm, model.known, (JointOffset(model.arm.names),))
-        parts = [joints.bind(block).linearise(np.zeros(len(model.arm.names)))[1][: self.rows] for block in self._parts]
+        parts = [joint_columns(model, block)[: self.rows] for block in self._parts]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
+
+
+def joint_columns(model: Model, data: Measurements) -> Array:
+    """Return ``(6, J, N)`` Jacobian of the joint variables at the model's robot, without its free effects."""
+    joints = Model(model.arm, model.known, (JointOffset(model.arm.names),))
+    return joints.bind(data).linearise(np.zeros(len(model.arm.names)))[1]
 
 
 def _concatenated(parts: list[Array]) -> Array:

@@ -110,7 +110,7 @@ def _ascend(
     likelihood = -np.inf
     for _ in range(_ROUNDS):
         weight = _weight(data, noise)
-        step = _Step.of(data, prior, whitening(weight, data.columns, scatter, data.visits, data.poses), scatter)
+        step = _Step.of(data, prior, whitening(weight, data.columns, scatter, data.visits, data.poses))
         likelihood = step.likelihood
         if likelihood - previous < _SETTLED:
             break
@@ -139,7 +139,7 @@ class _Step:
     likelihood: float
 
     @staticmethod
-    def of(data: _Data, prior: Array, white: Whitening, scatter: Scatter) -> _Step:
+    def of(data: _Data, prior: Array, white: Whitening) -> _Step:
         design = white.apply(np.moveaxis(data.design, 1, 0))
         residual = white.apply(data.residual)
         flat = design.reshape(design.shape[0], -1)
@@ -185,10 +185,7 @@ class _Step:
         """Return tr(R^-1 B B^T) of a joint."""
         scaled = column * self.white.weight
         if not self.inverse:
-            total = 0.0
-            for rows in blocks_of(number):
-                total += float(np.sum(np.square(scaled[:, rows])))
-            return total
+            return float(np.sum(np.square(scaled)))
         total = 0.0
         components = column.shape[0]
         for block in self.inverse:

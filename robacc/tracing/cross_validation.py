@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +22,7 @@ from robacc.fitting.solver import Fit, Options
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
+from robacc.parallel import fork_map
 from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.loop import SEARCH, SearchResult, choose, frames_first, refit
 from robacc.tracing.rivals import rivals
@@ -201,34 +200,10 @@ def _reported(fold: _Fold, number: int, count: int, progress: Progress) -> _Fold
     return fold
 
 
-_shared: Callable[[int], _Fold] | None = None
-"""Work of a pool's processes, which inherit it by fork: nothing of it is copied or pickled."""
-
-
 def _in_parallel(work: Callable[[int], _Fold], numbers: Sequence[int], n: int) -> Iterator[_Fold]:
     """Yield the result of each fold in turn; two processes share the work if there are many poses."""
-    serial = "fork" not in multiprocessing.get_all_start_methods() or (os.cpu_count() or 1) < 2
-    if serial or n < _PARALLEL_POSES:
-        yield from map(work, numbers)
-        return
-    global _shared
-    _shared = work
-    try:
-        with multiprocessing.get_context("fork").Pool(2, initializer=_ignore_signals) as pool:
-            yield from pool.imap(_shared_fold, numbers)
-    finally:
-        _shared = None
-
-
-def _ignore_signals() -> None:
-    """Ignore signals in a helper process: its parent handles them and ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _shared_fold(number: int) -> _Fold:
-    assert _shared is not None
-    return _shared(number)
+    processes = min(2, os.cpu_count() or 1) if n >= _PARALLEL_POSES else 1
+    return fork_map(work, numbers, processes)
 
 
 def _fold(work: _Work, number: int) -> _Fold:

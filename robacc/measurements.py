@@ -55,6 +55,8 @@ class Measurements:
     cycle: NDArray[Any] | None = None
     target: NDArray[Any] | None = None
     """``(N,)`` name of the measured target, text."""
+    visit: NDArray[Any] | None = None
+    """``(N,)`` number or name of the arm's arrival, text: rows with the same visit were measured in one arrival."""
     time: Array | None = None
     """``(N,)`` s"""
     temperature: Array | None = None

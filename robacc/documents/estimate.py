@@ -79,7 +79,8 @@ def _noise(data: Measurements) -> dict[str, Any] | None:
 def per_pose_csv(result: EstimateResult, data: Measurements) -> str:
     """Return a CSV row for each pose: its line, its ids, the error vector and its length, in m and rad."""
     columns: dict[str, Iterable[str]] = {"line": (str(data.line(i)) for i in range(data.n))}
-    for name, ids in (("pose", data.pose), ("cycle", data.cycle), ("target", data.target)):
+    for name in ("pose", "cycle", "visit", "target"):
+        ids = getattr(data, name)
         if ids is not None:
             columns[name] = (_quoted(str(value)) for value in ids)
     columns |= _error_columns(("dx_m", "dy_m", "dz_m", "error_m"), result.errors.position)

@@ -14,7 +14,8 @@ from robacc.geometry import Array, Poses
 from robacc.iso_9283.cube import PREFERRED_EDGES, CubeFit, fit_cube
 from robacc.iso_9283.records import Characteristic, Condition, Status
 from robacc.iso_9283.visits import CommandedPose
-from robacc.measurements import Measurements, motion_between_rows
+from robacc.measurements import Measurements
+from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.description import Robot
 
 CYCLES = 30
@@ -138,7 +139,8 @@ def _from_order(data: Measurements) -> bool:
     """Return True if the speeds are derived from the rows' order, which makes them relative."""
     if data.speed is None or data.q is None:
         return False
-    return bool(np.allclose(data.speed, motion_between_rows(data.q)[1], atol=1e-9))
+    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+    return bool(np.allclose(data.speed, motion_between_visits(data.q, visits)[1], atol=1e-9))
 
 
 def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> tuple[Status, str]:

@@ -28,7 +28,7 @@ ROTATION_VECTOR = ("rx", "ry", "rz")
 RPY = ("roll", "pitch", "yaw")
 ORIENTATIONS = (QUATERNION, ROTATION_VECTOR, RPY)
 SIGMAS = tuple(f"sigma_{axis}" for axis in AXES)
-TEXTS = ("pose", "cycle", "target")
+TEXTS = ("pose", "cycle", "visit", "target")
 CIRCUMSTANCES = ("time_s", "temperature_c", "payload_kg")
 
 

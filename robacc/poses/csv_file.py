@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robacc.errors import Counted
 from robacc.geometry import Array, exp_so3, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.open_table import Table, open_table
-from robacc.measurements import Measurements, motion_between_rows
+from robacc.measurements import Measurements
 from robacc.poses.checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values
 from robacc.poses.columns import (
     AXES,
@@ -29,6 +29,7 @@ from robacc.poses.columns import (
 )
 from robacc.poses.duplicate_rows import duplicate_row_warnings
 from robacc.poses.layout import Layout, listing, read_layout
+from robacc.poses.motion import check_visits, motion_of
 from robacc.poses.plausibility import lengths_too_large
 
 _CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
@@ -61,9 +62,9 @@ def read_poses(
         limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
         target_names: The targets of the robot file, empty for a robot with one tool; None: no robot is known, and any
             name is valid.
-        ordered: Rows are in the order measured, and the robot moved straight from each to the next: direction and
-            speed are derived for the joints whose columns are missing. They are 0 for the first row, whose approach is
-            unknown, and for a row that repeats the joints of the row before.
+        ordered: Rows are in the order measured, and the robot moved straight from each visit to the next: direction
+            and speed are derived for the joints whose columns are missing. All rows of a visit have its motion. It is 0
+            for the first visit, whose approach is unknown, and for a visit that repeats the joints of the one before.
         units_check: Raise an error for bare columns whose values look like degrees or millimetres.
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
 
@@ -81,6 +82,7 @@ def read_poses(
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
         wrong_joints = units.run(limits) if units_check else frozenset()
         rows.run(limits, target_names, wrong_joints)
+        check_visits(values, ordered, log)
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted)
         motion_warnings = (f"{reader.file}: {text}" for text in data.warnings)
@@ -122,7 +124,7 @@ def _measurements(values: Values, ordered: bool, counted: Counted) -> Measuremen
     position = values.column_set(AXES)
     if position is None:  # planned poses; for measured ones the log reported the missing columns
         position = np.zeros((3, values.lines.size))
-    motion, warnings = _motion(values, ordered, counted)
+    motion, warnings = motion_of(values, ordered, counted)
     return Measurements(
         position=position,
         rotation=_rotation(values, layout.orientation),
@@ -134,6 +136,7 @@ def _measurements(values: Values, ordered: bool, counted: Counted) -> Measuremen
         pose=values.texts.get("pose"),
         cycle=values.texts.get("cycle"),
         target=values.texts.get("target"),
+        visit=values.texts.get("visit"),
         time=values.column("time_s"),
         temperature=values.column("temperature_c"),
         payload=values.column("payload_kg"),
@@ -142,7 +145,7 @@ def _measurements(values: Values, ordered: bool, counted: Counted) -> Measuremen
         rows=values.lines,
         counted=counted,
         ordered=ordered,
-        warnings=tuple(warnings),
+        warnings=warnings,
     )
 
 
@@ -155,47 +158,6 @@ def _rotation(values: Values, keys: tuple[str, ...] | None) -> Array | None:
     for start in range(0, columns.shape[1], _BLOCK):
         result[..., start : start + _BLOCK] = convert(columns[:, start : start + _BLOCK])
     return result
-
-
-def _motion(values: Values, ordered: bool, counted: Counted) -> tuple[tuple[Array | None, Array | None], list[str]]:
-    """Return direction and speed ``(J, N)``: as given, derived from the order of rows, or 0 with a warning."""
-    layout = values.layout
-    q = values.column_set(layout.joints())
-    warnings: list[str] = []
-    derived: tuple[Array, Array] | None = None
-    if ordered and q is not None:
-        derived = motion_between_rows(q)
-    elif ordered:
-        warnings.append("the file has no joint columns, so the order of rows does not give the joints' directions")
-    if ordered and (time := values.column("time_s")) is not None and np.any(np.diff(time) < 0):
-        line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
-        warnings.append(f"rows should be in the order measured, but time_s decreases at {counted} {line}")
-    result: list[Array | None] = []
-    for number, prefix in enumerate(("dir_", "speed_")):
-        keys = layout.joints(prefix)
-        missing = [key for key in keys if key not in values.row_index]
-        if not missing and keys:
-            result.append(values.column_set(keys))
-        elif derived is None and len(missing) == len(keys):
-            result.append(None)
-        else:
-            table = np.zeros((len(keys), values.lines.size)) if derived is None else derived[number]
-            for i, key in enumerate(keys):
-                if (column := values.column(key)) is not None:
-                    table[i] = column
-            result.append(table)
-            if derived is None:
-                warnings.append(f"no column {listing(missing)}: 0 (not moving) is assumed")
-    return (result[0], result[1]), [*warnings, *_opposite_sign_warnings(values, counted)]
-
-
-def _opposite_sign_warnings(values: Values, counted: Counted) -> Iterator[str]:
-    """Yield a warning for each joint whose given direction and speed have opposite signs."""
-    for keys in zip(values.layout.joints("dir_"), values.layout.joints("speed_"), strict=True):
-        direction, speed = (values.column(key) for key in keys)
-        if direction is not None and speed is not None and (opposite := direction * speed < 0).any():
-            place = f"{counted} {values.lines[np.argmax(opposite)]}"
-            yield f"{' and '.join(keys)} have opposite signs at {place}: one of them is wrong"
 
 
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:
@@ -256,8 +218,8 @@ def _columns(
             columns.append((f"dir_{name}", [str(int(value)) for value in row]))
     _add(columns, [f"speed_{name}" for name in joints], measurements.speed)
     # Text goes last: an id that begins with # would make a comment of its row.
-    for name, texts in zip(TEXTS, (measurements.pose, measurements.cycle, measurements.target), strict=True):
-        if texts is not None:
+    for name in TEXTS:
+        if (texts := getattr(measurements, name)) is not None:
             columns.append((name, [str(text) for text in texts]))
     return columns
 

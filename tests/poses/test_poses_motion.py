@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from pose_files import Reader
+import pytest
+from pose_files import Reader, problem_texts
 
+from robacc.fitting.visits import visit_numbers
 from robacc.measurements import motion_between_rows
 
 
@@ -62,3 +64,65 @@ def test_a_direction_and_a_speed_that_contradict_each_other_are_warned_of(read: 
     assert read(head).warnings == ()
     (warning,) = read(head + "0,1,2,6,-1,0.5\n").warnings
     assert "dir_q1 and speed_q1 have opposite signs at line 5: one of them is wrong" in warning
+
+
+SMRS = "q1,q2,x,y,z,target\n"
+ROWS = (("0,0", "ab"), ("0.5,-0.25", "ab"), ("0.5,0.75", "abab"), ("0,0", "ba"))
+"""Joints of each arrival, and the targets measured there in turn: the third pose is measured twice."""
+
+
+def test_every_target_of_a_visit_has_the_motion_of_the_visit(read: Reader) -> None:
+    text = SMRS + "".join(
+        f"{q},1,2,{i}.{j},{target}\n" for i, (q, ts) in enumerate(ROWS) for j, target in enumerate(ts)
+    )
+    data = read(text, ordered=True)
+    assert data.direction is not None
+    assert data.speed is not None
+    # The second reading of both targets at the third pose is a visit that the arm did not move to.
+    assert data.direction.tolist() == [[0, 0, 1, 1, 0, 0, 0, 0, -1, -1], [0, 0, -1, -1, 1, 1, 0, 0, -1, -1]]
+    np.testing.assert_allclose(data.speed[1], [0, 0, -0.5, -0.5, 1, 1, 0, 0, -1, -1])
+    # The last arrival is at the joints of the first: consecutive rows alone are a visit.
+    assert visit_numbers(data).tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows"),
+    [
+        ("visit,q1", "7,0 7,0.0002 8,1 8,1 9,1 9,1 3,0 3,0"),
+        ("pose,cycle,q1", "a,1,0 a,1,0.0002 b,1,1 b,1,1 b,2,1 b,2,1 a,2,0 a,2,0"),
+        ("pose,target,q1", "a,s,0 a,t,0.0002 b,s,1 b,t,1 b,s,1 b,t,1 a,s,0 a,t,0"),
+    ],
+)
+def test_visits_are_named_by_their_column_or_by_pose_and_cycle_or_by_targets(
+    read: Reader, columns: str, rows: str
+) -> None:
+    text = f"{columns},x,y,z\n" + "".join(f"{row},1,2,{i}\n" for i, row in enumerate(rows.split()))
+    data = read(text, ordered=True)
+    assert data.direction is not None
+    assert data.direction[0].tolist() == [0, 0, 1, 1, 0, 0, -1, -1]
+    numbers = visit_numbers(data)
+    pairs = numbers.reshape(4, 2)
+    assert (pairs[:, 0] == pairs[:, 1]).all()
+    assert np.unique(numbers).size == 4
+
+
+def test_motion_of_a_file_with_one_row_a_visit_is_that_of_its_rows(read: Reader) -> None:
+    q = np.random.default_rng(5).normal(size=(2, 40))
+    q[:, 10] = q[:, 9]
+    rows = [f"{v},{a!r},{b!r},1,2,{v}" for v, (a, b) in enumerate(q.T.tolist())]
+    with_visits = read("\n".join(["visit,q1,q2,x,y,z", *rows]), ordered=True)
+    direction, speed = motion_between_rows(q)
+    np.testing.assert_array_equal(with_visits.direction, direction)
+    np.testing.assert_array_equal(with_visits.speed, speed)
+
+
+def test_rows_that_contradict_their_visit_are_refused(read: Reader) -> None:
+    text = "visit,q1,x,y,z\n1,0,1,2,3\n2,0.5,1,2,4\n1,0.5,1,2,5\n"
+    (problem,) = problem_texts(read, text)
+    assert problem == (
+        "4, visit: visit '1' has another command than on line 2; a visit is one arrival of the arm, so number each "
+        "arrival differently"
+    )
+    (problem,) = problem_texts(read, text.replace("1,0.5,1,2,5", "1,0,1,2,5"), ordered=True)
+    assert problem.startswith("4, visit: visit '1' continues after another visit began, although rows are said to be")
+    assert read(text.replace("1,0.5,1,2,5", "1,0,1,2,5")).visit.tolist() == ["1", "2", "1"]  # type: ignore[union-attr]

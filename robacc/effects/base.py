@@ -167,6 +167,11 @@ class Effect(abc.ABC):
         raise TypeError(f"{self.name} is not constant")
 
     @classmethod
+    def covering(cls, effects: Sequence[Effect]) -> Effect:
+        """Return one effect that has every coefficient of ``effects``, of this class; only of constant effects."""
+        return effects[0] if len(effects) == 1 else cls(tuple(dict.fromkeys(j for e in effects for j in e.joints)))
+
+    @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Return the inverse of :meth:`settings`.
 

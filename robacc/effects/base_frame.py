@@ -13,9 +13,10 @@ from robacc.effects.base import About, Effect, Part, Term, register
 from robacc.geometry import Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+from robacc.robots.assembly import TURN_OF_ANGLE
 from robacc.robots.description import Frame, Robot
 
-FRAME_LABELS = {"x": "x", "y": "y", "z": "z", "roll": "turn_x", "pitch": "turn_y", "yaw": "turn_z"}
+FRAME_LABELS = {"x": "x", "y": "y", "z": "z", **TURN_OF_ANGLE}
 """Term to motion. Roll, pitch and yaw here are turns about the frame's own x, y, z: no gimbal lock anywhere."""
 
 
@@ -29,13 +30,16 @@ def frame_terms(arm: Arm, owner: int, prefix: str, factor: float | np.ndarray = 
 
 
 def moved_frame(frame: Frame, values: Mapping[str, float], prefix: str) -> Frame:
-    """Return the frame with fitted terms added: exactly the product of the chain's motions."""
-    xyz = np.array(frame.xyz) + [values.get(f"{prefix}.{label}", 0.0) for label in "xyz"]
+    """Return the frame with fitted terms added: the product of the chain's motions; unturned, its angles stay."""
+    x, y, z = (value + values.get(f"{prefix}.{label}", 0.0) for value, label in zip(frame.xyz, "xyz", strict=True))
+    turns = [values.get(f"{prefix}.{label}", 0.0) for label in TURN_OF_ANGLE]
+    if not any(turns):
+        return Frame((x, y, z), frame.rpy)
     rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation
-    for axis, label in enumerate(("roll", "pitch", "yaw")):
-        rotation = rotation @ rotation_about(axis, values.get(f"{prefix}.{label}", 0.0))
-    rpy = rpy_from_rotation(rotation)
-    return Frame((float(xyz[0]), float(xyz[1]), float(xyz[2])), (float(rpy[0]), float(rpy[1]), float(rpy[2])))
+    for axis, turn in enumerate(turns):
+        rotation = rotation @ rotation_about(axis, turn)
+    roll, pitch, yaw = (float(angle) for angle in rpy_from_rotation(rotation))
+    return Frame((x, y, z), (roll, pitch, yaw))
 
 
 @register

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.effects.base_frame import FRAME_LABELS, moved_frame
 from robacc.effects.joint_offset import with_parameters
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Joint, Robot
+from robacc.robots.description import Frame, Joint, Robot
 
 _DH = ("d", "a", "alpha", "beta")
 _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -38,7 +40,8 @@ class LinkGeometry(Effect):
     is_constant = True
     about = About(
         summary="link lengths, offsets and twists differ from the table",
-        equation="d_j, a_j, alpha_j + c, and beta_j (Hayati's turn about y) + c; a URDF's joint origin + c",
+        equation="d_j, a_j, alpha_j + c, and beta_j (Hayati's turn about y) + c; a URDF's joint origin "
+        "x, y, z + c, then turned about its own x, y, z by roll, pitch, yaw",
         unit="m, rad",
         usual_size="1e-4 to 1e-3 m, 1e-4 to 1e-3 rad",
         usual_range=(0.0001, 0.001),
@@ -78,9 +81,10 @@ class LinkGeometry(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the constants of each joint's row; the fit finds those that are not identifiable."""
         terms = []
+        is_urdf = arm.robot.convention == "urdf"
         for joint in self.joints:
             for label in self._labels(arm, joint):
-                motion = arm.motion(joint, label)
+                motion = arm.motion(joint, FRAME_LABELS[label] if is_urdf else label)
                 unit = arm.chain.motions[motion].unit
                 terms.append(Term(f"{self.name}.{joint}.{label}", unit, 1e-3, (Part(motion),)))
         # Hayati's rotations last: a rotation is identifiable only if the table's own numbers cannot describe it.
@@ -88,8 +92,25 @@ class LinkGeometry(Effect):
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
         """Return the robot with its table changed."""
+        if arm.robot.convention == "urdf":
+            return self._with_moved_origins(arm, values)
         changes = {}
         for joint in self.joints:
             for label in self._labels(arm, joint):
                 changes[arm.owners[arm.number(joint)], label] = values.get(f"{self.name}.{joint}.{label}", 0.0)
         return with_parameters(arm, changes)
+
+    def _with_moved_origins(self, arm: Arm, values: Mapping[str, float]) -> Robot:
+        """Return the URDF's robot with the origins of its joints moved, then turned about their own axes."""
+        joints = list(arm.robot.joints)
+        for name in self.joints:
+            owner = arm.owners[arm.number(name)]
+            parameters = joints[owner].parameters
+            x, y, z, roll, pitch, yaw = (parameters[label] for label in _ORIGIN)
+            prefix = f"{self.name}.{name}"
+            names = [f"{prefix}.{label}" for label in self._labels(arm, name)]
+            corrections = {name: values.get(name, 0.0) for name in names}
+            moved = moved_frame(Frame((x, y, z), (roll, pitch, yaw)), corrections, prefix)
+            coordinates = dict(zip(_ORIGIN, (*moved.xyz, *moved.rpy), strict=True))
+            joints[owner] = dataclasses.replace(joints[owner], parameters={**parameters, **coordinates})
+        return dataclasses.replace(arm.robot, joints=tuple(joints))

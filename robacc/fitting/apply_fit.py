@@ -26,13 +26,14 @@ def apply_fit(fit: Fit) -> Robot:
 
 def apply_values(model: Model, values: Sequence[Mapping[str, float]]) -> Robot:
     """Return the robot with coefficients given by name, for each of the model's free effects."""
-    robot = model.arm.robot
-    listed = [Known(known.effect, dict(known.values)) for known in model.known]
+    constant = [Known(effect, v) for effect, v in zip(model.free, values, strict=True) if effect.is_constant]
+    classes = {type(known.effect) for known in constant}
+    # Listed constants that add to fitted ones are absorbed with them: turns of one frame do not commute.
+    constant += [known for known in model.known if type(known.effect) in classes]
+    robot = _with_constants(model.arm.robot, constant)
+    listed = [Known(k.effect, dict(k.values)) for k in model.known if type(k.effect) not in classes]
     for effect, coefficients in zip(model.free, values, strict=True):
-        # Base and tool terms refer to the robot's present frames, so each effect is applied to the last result.
-        arm = Arm.of(robot)
         if effect.is_constant:
-            robot = effect.apply(arm, coefficients)
             continue
         nonzero = {name: value for name, value in coefficients.items() if value != 0}
         place = next((i for i, known in enumerate(listed) if known.effect.key() == effect.key()), None)
@@ -52,10 +53,20 @@ def absorb_constants(robot: Robot) -> Robot:
     Raises:
         InputError: the file's ``effects:`` cannot be read.
     """
-    entries = []
-    for known in known_effects(robot):
-        if known.effect.is_constant:
-            robot = known.effect.apply(Arm.of(robot), known.values)
-        else:
-            entries.append(entry_of(known.effect, known.values))
+    known = known_effects(robot)
+    entries = [entry_of(k.effect, k.values) for k in known if not k.effect.is_constant]
+    robot = _with_constants(robot, [k for k in known if k.effect.is_constant])
     return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))
+
+
+def _with_constants(robot: Robot, constants: Sequence[Known]) -> Robot:
+    """Return the robot with constants written into its numbers: all of one class at once, as the chain adds them."""
+    classes = dict.fromkeys(type(known.effect) for known in constants)
+    for cls in classes:
+        of_class = [known for known in constants if type(known.effect) is cls]
+        sums: dict[str, float] = {}
+        for known in of_class:
+            for name, value in known.values.items():
+                sums[name] = sums.get(name, 0.0) + value
+        robot = cls.covering([known.effect for known in of_class]).apply(Arm.of(robot), sums)
+    return robot

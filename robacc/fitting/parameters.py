@@ -13,6 +13,8 @@ from robacc.geometry import Array
 from robacc.robots.description import Frame, Robot
 
 _COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
+_POLE = 1e-3
+"""Cosine of the pitch below which roll and yaw turn about the same axis: the poses determine their sum alone."""
 CORRELATED = 0.9
 """Correlation above which two coefficients are listed."""
 
@@ -48,11 +50,17 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     }
     dropped = {missing.name: missing.why for missing in fit.dropped}
     stds = _stds(_coordinate_covariance(fit, fitted))
+    at_pole = {
+        f"{prefix}.{label}": "the pitch is 90 degrees, where roll and yaw turn about the same axis"
+        for prefix, frame in fitted.items()
+        if _is_at_pole(frame)
+        for label in ("roll", "yaw")
+    }
     result = []
     for i, (name, term) in enumerate(zip(fit.names, fit.terms, strict=True)):
         value = frames.get(name, float(fit.theta[i]))
         known = bool(np.isfinite(stds[i]))
-        why = None if known else dropped.get(name, "not identifiable")
+        why = None if known else dropped.get(name, at_pole.get(name, "not identifiable"))
         result.append(FittedParameter(name, value, float(stds[i]) if known else None, term.unit, why))
     return tuple(result)
 
@@ -85,16 +93,32 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
     """``(P, P)`` covariance with roll, pitch and yaw of frames in place of the turns about their own axes.
 
     A frame's turns w are the rates of its angles times a matrix of roll and pitch, which is the identity only where
-    these are zero. A turn that is not identifiable stands still.
+    these are zero. A turn that is not identifiable stands still. At a pitch of 90 degrees roll and yaw have no
+    variance of their own.
     """
     covariance = fit.covariance.copy()
     for prefix, frame in frames.items():
         angles = [fit.names.index(f"{prefix}.{label}") for label in _COORDINATES[3:]]
+        if _is_at_pole(frame):
+            roll, pitch, yaw = angles
+            covariance[pitch, pitch] = _pitch_variance(covariance[np.ix_(angles, angles)], frame)
+            covariance[[roll, yaw], [roll, yaw]] = np.nan
+            continue
         block = np.nan_to_num(covariance[np.ix_(angles, angles)])
         (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
         rates = np.linalg.inv([[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]])
         covariance[angles, angles] = np.diag(rates @ block @ rates.T) + 0.0 * covariance[angles, angles]  # NaN stays
     return covariance
+
+
+def _is_at_pole(frame: Frame) -> bool:
+    return abs(float(np.cos(frame.rpy[1]))) < _POLE
+
+
+def _pitch_variance(turns: Array, frame: Frame) -> float:
+    """Return the variance of the pitch: the turn about the second axis before the roll, NaN if not identifiable."""
+    sine, cosine = np.sin(frame.rpy[0]), np.cos(frame.rpy[0])
+    return float(np.array([0.0, cosine, -sine]) @ turns @ np.array([0.0, cosine, -sine]))
 
 
 def _frames(fit: Fit) -> dict[str, Frame]:

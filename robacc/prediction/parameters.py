@@ -9,6 +9,7 @@ from typing import Literal
 from robacc.chain import BASE, TOOL
 from robacc.errors import InputError, Problem
 from robacc.robots.arm import Arm
+from robacc.robots.assembly import TURN_OF_ANGLE
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Joint, Robot
 
 Distribution = Literal["normal", "uniform", "limits"]
@@ -106,7 +107,7 @@ _DH_EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
 def _frame_parameters(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[ToleranceParameter]:
     return [
         ToleranceParameter(
-            f"{frame}.{kind}", None, kind, frame, arm.chain.index(owner, kind), _unit(arm, owner, kind), sds[kind]
+            f"{frame}.{kind}", None, kind, frame, _motion(arm, owner, kind), _unit(arm, owner, kind), sds[kind]
         )
         for kind in FRAME_PARAMETERS
         if sds.get(kind, 0.0) > 0.0
@@ -122,7 +123,7 @@ def _joint_parameters(arm: Arm, joint: Joint, owner: int, tolerances: Tolerances
             joint.name,
             kind,
             _COMPONENTS[kind],
-            arm.chain.index(owner, kind),
+            _motion(arm, owner, kind),
             _unit(arm, owner, kind),
             sds[kind],
         )
@@ -131,8 +132,13 @@ def _joint_parameters(arm: Arm, joint: Joint, owner: int, tolerances: Tolerances
     ]
 
 
+def _motion(arm: Arm, owner: int, kind: str) -> int:
+    """Return the motion of an error: an angle of a frame turns it about its own axis, at any pitch."""
+    return arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
+
+
 def _unit(arm: Arm, owner: int, kind: str) -> str:
-    return arm.chain.motions[arm.chain.index(owner, kind)].unit
+    return arm.chain.motions[_motion(arm, owner, kind)].unit
 
 
 def lengths_of(joint: Joint, convention: str) -> frozenset[str]:

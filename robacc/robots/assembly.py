@@ -32,7 +32,10 @@ _AXIS_OF = {
 _LENGTHS = frozenset({"x", "y", "z", "d", "a"})
 
 TURNS = ("turn_x", "turn_y", "turn_z")
-"""Zero-valued rotations after those of the base and the tool: corrections without gimbal lock."""
+"""Zero-valued rotations after those of the base, of the tool and of a URDF's origins: corrections about the frame's own
+axes, which have full rank at any pitch."""
+TURN_OF_ANGLE = dict(zip(("roll", "pitch", "yaw"), TURNS, strict=True))
+"""Motion that a correction or an error called roll, pitch or yaw moves."""
 FLEXURES = ("flex_x", "flex_y")
 """Zero-valued rotations across each joint's axis, in front of it: the bending of a bearing."""
 
@@ -93,7 +96,7 @@ def _joint_motions(joint: Joint, owner: int, convention: str) -> Iterable[Motion
         return table(*FLEXURES, "theta", "d", "a", "alpha", "beta")
     if convention == "modified":
         return table("alpha", "a", "beta", *FLEXURES, "theta", "d")
-    origin = table(*_FRAME_ORDER)
+    origin = table(*_FRAME_ORDER, *TURNS)
     if joint.type == "fixed":
         return origin
     kind = "rotation" if joint.type == "revolute" else "translation"

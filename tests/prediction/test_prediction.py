@@ -79,8 +79,11 @@ def turn(axis: str, angle: object) -> np.ndarray:
 
 def frame(value: Frame, errors: Mapping[str, np.ndarray]) -> np.ndarray:
     x, y, z = (value.xyz[i] + errors.get(name, 0.0) for i, name in enumerate("xyz"))
-    roll, pitch, yaw = (value.rpy[i] + errors.get(name, 0.0) for i, name in enumerate(("roll", "pitch", "yaw")))
-    return homogeneous(None, (x, y, z)) @ turn("z", yaw) @ turn("y", pitch) @ turn("x", roll)
+    roll, pitch, yaw = value.rpy
+    nominal = homogeneous(None, (x, y, z)) @ turn("z", yaw) @ turn("y", pitch) @ turn("x", roll)
+    for axis, name in zip("xyz", ("roll", "pitch", "yaw"), strict=True):
+        nominal = nominal @ turn(axis, errors.get(name, 0.0))
+    return nominal
 
 
 def link(joint: Joint, convention: str, q: float, errors: Mapping[str, np.ndarray]) -> np.ndarray:

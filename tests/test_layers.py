@@ -19,6 +19,7 @@ LAYERS = (
     ("robacc.chain", "robacc.measurements", "robacc.statistics"),
     ("robacc.poses",),
     ("robacc.robots",),
+    ("robacc.programs",),
     ("robacc.gravity",),
     ("robacc.effects",),
     ("robacc.modelling",),
@@ -46,6 +47,7 @@ OPENS_FILES = (
     "robacc.documents.many",
     "robacc.documents.read_result",
     "robacc.modelling.robot_file",
+    "robacc.programs.reading",
     "robacc.api.",
     "robacc.cli.",
 )

@@ -1,0 +1,1 @@
+"""Robot programs: the targets in them, and the same programs with other numbers, everything else byte for byte."""

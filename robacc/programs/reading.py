@@ -1,0 +1,102 @@
+"""Reader of robot programs: recognises the dialect and reads the files that belong to a program."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path, PurePath
+
+from robacc.errors import InputError, Problem
+from robacc.io.files import read_bytes
+from robacc.programs.program import Dialect, Program
+from robacc.programs.source import PROGRAM_LIMIT, ProgramSource
+
+SUFFIXES = {
+    ".src": Dialect.krl,
+    ".dat": Dialect.krl,
+    ".sub": Dialect.krl,
+    ".mod": Dialect.rapid,
+    ".modx": Dialect.rapid,
+    ".sys": Dialect.rapid,
+    ".sysx": Dialect.rapid,
+    ".prg": Dialect.rapid,
+    ".ls": Dialect.fanuc,
+    ".script": Dialect.urscript,
+    ".urscript": Dialect.urscript,
+}
+"""Suffixes of program files."""
+_BINARY = {
+    ".tp": ("is a binary TP program", "write it as text first: kconvars/PrintTP, or Save As ASCII on the pendant"),
+    ".urp": ("is a PolyScope program, whose script is not in it as text", "give the .script file beside it"),
+    ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
+}
+_SIGNS = (
+    (Dialect.krl, re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+\w)", re.I | re.M)),
+    (Dialect.fanuc, re.compile(r"^/PROG\b", re.M)),
+    (Dialect.rapid, re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)),
+    (Dialect.urscript, re.compile(r"\b(?:movej|movel|movep|movec)\s*\(")),
+)
+
+
+def is_program(path: str | os.PathLike[str]) -> bool:
+    """Return whether the name of a file is that of a robot program."""
+    suffix = PurePath(os.fspath(path)).suffix.lower()
+    return suffix in SUFFIXES or suffix in _BINARY
+
+
+def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLike[str]] = ()) -> Program:
+    """Read a robot program and the targets in it.
+
+    Args:
+        path: Program: KUKA ``.src``, ``.dat``; ABB ``.mod``, ``.modx``, ``.sys``, ``.prg``; FANUC ``.ls``; URScript
+            ``.script``. A KUKA file is read together with the file of the same name and the other suffix.
+        frames: Further files of the same dialect that define tools and bases, such as ``$config.dat``.
+
+    Raises:
+        InputError: A file cannot be read, is no robot program, is truncated, or mixes encodings.
+    """
+    name = os.fspath(path)
+    suffix = PurePath(name).suffix.lower()
+    if suffix in _BINARY:
+        message, fix = _BINARY[suffix]
+        raise InputError(Problem(message, name, fix=fix))
+    source = _source(name)
+    dialect = dialect_of(source)
+    others = [_source(os.fspath(other)) for other in frames]
+    if dialect is Dialect.krl:
+        from robacc.programs.krl import parse_krl
+
+        return parse_krl(source, [*_companions(name), *others])
+    raise InputError(Problem("is a robot program that is not read yet", name))
+
+
+def dialect_of(source: ProgramSource) -> Dialect:
+    """Return the dialect of a program by its text, or by its suffix where the text is no proof.
+
+    Raises:
+        InputError: Neither suffix nor text is that of a robot program.
+    """
+    for dialect, sign in _SIGNS:
+        if sign.search(source.text):
+            return dialect
+    dialect_by_suffix = SUFFIXES.get(PurePath(source.file).suffix.lower())
+    if dialect_by_suffix is None:
+        fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls or URScript .script"
+        raise source.error("is no robot program that robacc reads", fix=fix)
+    return dialect_by_suffix
+
+
+def _source(name: str) -> ProgramSource:
+    return ProgramSource.of(read_bytes(name, PROGRAM_LIMIT), name)
+
+
+def _companions(name: str) -> list[ProgramSource]:
+    """Return the ``.dat`` of a ``.src`` or the ``.src`` of a ``.dat``, where it exists."""
+    path = Path(name)
+    wanted = ".dat" if path.suffix.lower() == ".src" else ".src"
+    for suffix in (wanted, wanted.upper(), wanted.capitalize()):
+        other = path.with_suffix(suffix)
+        if other.is_file():
+            return [_source(os.fspath(other))]
+    return []

@@ -84,3 +84,10 @@ class InputError(RobaccError):
 
 class EquilibriumError(InputError):
     """The arm has no elastic equilibrium under its weight, because a compliance is too large."""
+
+
+def install_advice(extra: str) -> str:
+    """Return how to install an extra; robacc comes from a checkout or a Git URL, not from an index."""
+    return (
+        f"pip install '.[{extra}]' in a checkout, or pip install 'robacc[{extra}] @ git+URL' with the repository's URL"
+    )

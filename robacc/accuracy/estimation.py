@@ -25,8 +25,10 @@ from robacc.accuracy.pose_errors import (
     commanded_poses,
     lengths,
     pose_errors,
+    registered_poses,
     rms_length,
 )
+from robacc.accuracy.registering import register, too_far, unregistered_warning
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -40,9 +42,6 @@ if TYPE_CHECKING:
 N_WORST = 5
 """Number of the worst poses that are listed."""
 
-_FAR = 0.05
-"""Position error relative to the extent of the poses above which the cause is a frame or a unit, not the arm (whose
-errors are some mm on a reach of a metre)."""
 _STILL = 1e-6
 """rad or m; commanded poses that differ by less are equal."""
 _TURNED = np.deg2rad(5.0)
@@ -125,16 +124,14 @@ def estimate(
         UsageError: The arguments do not fit the data or each other.
         InputError: The data lack columns that the call needs.
     """
-    check_call(robot, align, confidence)
+    check_confidence(confidence)
     commanded = commanded_poses(data, robot)
     chosen = _choose_frame(frame, commanded)
     alignment, unaligned = None, None
-    if robot is not None and align:
-        from robacc.fitting import registration
-
-        alignment = registration.align(robot, data, align)
+    if align:
+        alignment = register(data, robot, align)
         unaligned = pose_errors(data, commanded, chosen).metrics()
-        commanded = commanded_poses(data, alignment.robot)
+        commanded = registered_poses(data, robot, alignment)
     errors = pose_errors(data, commanded, chosen)
     repetitions = data.repetitions()
     groups = None if repetitions is None else repetitions.repeated
@@ -182,10 +179,8 @@ def _statistics(
     return position, statistics(errors.rotation, "rad", removing == "tool_frame" and removing in aligned)
 
 
-def check_call(robot: Robot | None, align: Sequence[str], confidence: float) -> None:
-    """Raise UsageError if an alignment has no robot, or the confidence is not in [0.5, 1)."""
-    if align and robot is None:
-        raise UsageError("`align` fits the base and tool frames of a robot, so it needs `robot`")
+def check_confidence(confidence: float) -> None:
+    """Raise UsageError if the confidence is not in [0.5, 1)."""
     if not 0.5 <= confidence < 1.0:
         raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
 
@@ -288,12 +283,6 @@ def _corrections_outside_range(data: Measurements, robot: Robot | None) -> tuple
 
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:
     """Warn of errors that are too large for an arm."""
-    extent = rms_length(data.position - data.position.mean(axis=1, keepdims=True))
-    far = _moves(data) and rms_length(errors.position) > _FAR * extent
+    far = _moves(data) and too_far(rms_length(errors.position), data.position)
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
-    if not (far or turned):
-        return ()
-    if alignment is not None:
-        return ("the errors are too large for an arm: check the units, the joint signs and the order of the joints",)
-    advice = 'register the frames with `align="base_frame,tool_frame"`'
-    return (f"the errors are too large for an arm and suggest frames that are not registered; {advice}",)
+    return (unregistered_warning(alignment is not None),) if far or turned else ()

@@ -25,6 +25,7 @@ from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
     from robacc.accuracy.metrics import PoseMetrics
+    from robacc.fitting.registration import Alignment
     from robacc.robots.description import Robot
 
 ErrorFrame = Literal["tool", "base"]
@@ -87,6 +88,16 @@ def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
     if data.commanded_position is None:
         raise UsageError("the poses have no commanded positions: give `robot`, or columns cmd_x, cmd_y, cmd_z")
     return Commanded.at(data.commanded_position, data.commanded_rotation, "file")
+
+
+def registered_poses(data: Measurements, robot: Robot | None, alignment: Alignment | None) -> Commanded:
+    """Return the commanded poses after an alignment, or those of :func:`commanded_poses` without."""
+    if alignment is None:
+        return commanded_poses(data, robot)
+    if alignment.commanded is None:
+        return commanded_poses(data, alignment.robot)
+    oriented = data.commanded_rotation is not None
+    return Commanded.at(alignment.commanded.translation, alignment.commanded.rotation if oriented else None, "file")
 
 
 def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:

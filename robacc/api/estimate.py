@@ -37,11 +37,10 @@ class Estimate(Result, EstimateResult):
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
         from robacc.accuracy.error_frames import position_statistics
-        from robacc.accuracy.pose_errors import commanded_poses
+        from robacc.accuracy.pose_errors import registered_poses
         from robacc.documents.estimate import payload, pose_payload
 
-        aligned = self.robot if self.alignment is None else self.alignment.robot
-        statistics = position_statistics(self.data, commanded_poses(self.data, aligned))
+        statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
         return {**payload(self), **pose_payload(self.data, self.robot, statistics)}
 
     def per_pose_csv(self) -> str:
@@ -72,7 +71,8 @@ def estimate(
     Args:
         poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
         robot: Robot file (YAML), URDF, or a robot read before.
-        align: Frames that are fitted to the poses first: ``base_frame``, ``tool_frame`` or both.
+        align: Frames that are fitted to the poses first: ``base_frame``, ``tool_frame`` or both; of the robot, or
+            without ``robot`` of the commanded poses.
         frame: Axes of the errors: ``tool`` of the commanded target, ``base`` of the measuring frame. None is ``tool``
             if the commanded orientation is known, else ``base``.
         scale: Grade scale (YAML); None for the scale of the package.

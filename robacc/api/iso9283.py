@@ -55,7 +55,8 @@ def iso9283(
     Args:
         poses: CSV of measured poses (``-`` is standard input), or poses read before; one file or object for each robot.
         robot: Robot file (YAML), URDF, or a robot read before.
-        align: Frames that are fitted to the poses of each file first: ``base_frame``, ``tool_frame`` or both.
+        align: Frames that are fitted to the poses of each file first: ``base_frame``, ``tool_frame`` or both; of the
+            robot, or without ``robot`` of the commanded poses.
         rated_load: Rated load, kg, which the payload of the poses is compared with.
         drift_windows: Number of windows of the run for drift; None for windows of ten visits.
         confidence: Confidence level of every interval.

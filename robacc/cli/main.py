@@ -117,7 +117,8 @@ def robacc(
 
 
 for _name, _summary in COMMANDS.items():
-    app.command(_name, help=_summary)(_placeholder())
+    # click cuts a help at 45 characters; a short help is wrapped.
+    app.command(_name, help=_summary, short_help=_summary)(_placeholder())
 
 
 def main() -> None:

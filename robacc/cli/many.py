@@ -79,7 +79,7 @@ def estimate_each(
 
 def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | None) -> None:
     """Raise an error that concerns every file once, before the first file is read."""
-    from robacc.accuracy.estimation import check_call
+    from robacc.accuracy.estimation import check_confidence
     from robacc.api.inputs import load_grade_scale, load_optional_robot
 
     if "-" in paths:
@@ -89,8 +89,8 @@ def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | 
         raise UsageError(f"{repeated} is given twice; give each file once")
     if per_pose is not None and _folder(per_pose) is None:
         raise UsageError(f"--per-pose {per_pose}: several files need a folder; name one that ends with /")
-    arm, _ = load_optional_robot(options.robot, options.base_link, options.tip_link)
-    check_call(arm, options.align, options.confidence)
+    load_optional_robot(options.robot, options.base_link, options.tip_link)
+    check_confidence(options.confidence)
     load_grade_scale(options.scale)
 
 

@@ -36,6 +36,14 @@ BaseLinkOption = Annotated[
 TipLinkOption = Annotated[
     str | None, typer.Option("--tip-link", metavar="NAME", help="Last link of the chain in a URDF.")
 ]
+AlignOption = Annotated[
+    str | None,
+    typer.Option(
+        "--align",
+        metavar="FRAME,…",
+        help="Frames to fit to the poses of each file first: base_frame, tool_frame or both.",
+    ),
+]
 OrderedOption = Annotated[
     bool,
     typer.Option("--ordered", help="Rows are in the order measured; directions and speeds are derived from it."),

@@ -90,6 +90,10 @@ def conclude(
         warnings=(*warnings, *outcome.warnings),
     )
     if outcome.exit_status:
+        if outlets.form is Format.json or outlets.output != "-":
+            from robacc.render.text.gate import say_gate
+
+            say_gate(outcome)
         raise typer.Exit(outcome.exit_status)
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog, clip
 from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody
@@ -49,7 +49,7 @@ class ParquetReader:
         try:
             import pyarrow.parquet  # noqa: F401
         except ImportError as error:
-            message = f"{file} is Parquet, which needs an optional package: pip install 'robacc[parquet]'"
+            message = f"{file} is Parquet, which needs an optional package; run {install_advice('parquet')}"
             raise UsageError(message) from error
         self.file = file
         self.log = ProblemLog(file, "row")

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robacc.accuracy.estimation import check_call
-from robacc.accuracy.pose_errors import Commanded, commanded_poses
+from robacc.accuracy.estimation import check_confidence
+from robacc.accuracy.pose_errors import Commanded, commanded_poses, registered_poses
+from robacc.accuracy.registering import register, too_far, unregistered_warning
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
@@ -18,7 +19,7 @@ from robacc.iso_9283.protocol import protocol
 from robacc.iso_9283.records import Characteristic, Iso9283Result
 from robacc.iso_9283.visits import CommandedPose, shifting_commands, visits_of
 from robacc.measurements import Measurements
-from robacc.robots.description import Robot
+from robacc.robots.description import Frame, Robot
 from robacc.statistics.multivariate import assumption_tests
 
 _HEAVY_TAIL_P_VALUE = 0.01
@@ -53,7 +54,7 @@ def iso9283(
         UsageError: The arguments contradict each other or the data.
         InputError: The data lack something that the call needs.
     """
-    check_call(robot, align, confidence)
+    check_confidence(confidence)
     _check_arguments(files, windows, rated_load)
     sources = _file_names(files)
     commands = [_commanded_of(data, robot) for data in files]
@@ -63,7 +64,7 @@ def iso9283(
     poses_by_file = nominal_poses
     if alignments:
         registered_commands = [
-            commanded_poses(data, alignment.robot) for data, alignment in zip(files, alignments, strict=True)
+            registered_poses(data, robot, alignment) for data, alignment in zip(files, alignments, strict=True)
         ]
         poses_by_file = [visits_of(data, registered_commands[i], sources[i], i) for i, data in enumerate(files)]
     poses = tuple(pose for file_poses in poses_by_file for pose in file_poses)
@@ -92,7 +93,7 @@ def iso9283(
         unaligned=np.array([_largest_accuracy(file_poses) for file_poses in nominal_poses]) if alignments else None,
         confidence=confidence,
         notes=_notes(poses, alignments, robot, files, shift),
-        warnings=_warnings(files, poses),
+        warnings=_warnings(files, poses_by_file, bool(alignments)),
     )
 
 
@@ -139,11 +140,13 @@ def _check_count(poses_by_file: Sequence[Sequence[CommandedPose]]) -> None:
 
 def _alignments(files: Sequence[Measurements], robot: Robot | None, align: Sequence[str]) -> list[Alignment]:
     """Return the registration of each file, or an empty list if no frame is fitted."""
-    if robot is None or not align:
+    if not align:
         return []
-    from robacc.fitting import registration
-
-    return [registration.align(robot, data, align) for data in files]
+    if robot is None and any(data.commanded_position is None for data in files):
+        raise UsageError(
+            "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z"
+        )
+    return [register(data, robot, align) for data in files]
 
 
 def _largest_accuracy(poses: Sequence[CommandedPose]) -> float:
@@ -158,13 +161,13 @@ def _positions_in_shared_frame(
 
     Registered robots were measured in different frames, so positions move from the registered to the nominal base.
     """
-    if robot is None or not alignments:
+    if not alignments:
         return [[pose.attained for pose in poses] for poses in poses_by_file]
-    nominal = _base_pose(robot)
+    nominal = _base_pose(robot.base if robot is not None else Frame())
     positions = []
     for poses, alignment in zip(poses_by_file, alignments, strict=True):
-        rotation = nominal.rotation @ _base_pose(alignment.robot).rotation.T
-        registered_base = _base_pose(alignment.robot)
+        rotation = nominal.rotation @ _base_pose(alignment.robot.base).rotation.T
+        registered_base = _base_pose(alignment.robot.base)
         positions.append(
             [
                 rotation @ (pose.attained - registered_base.translation[:, None]) + nominal.translation[:, None]
@@ -174,8 +177,8 @@ def _positions_in_shared_frame(
     return positions
 
 
-def _base_pose(robot: Robot) -> Poses:
-    return Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
+def _base_pose(base: Frame) -> Poses:
+    return Poses.from_xyz_rpy(np.array(base.xyz), np.array(base.rpy))
 
 
 def _notes(
@@ -232,8 +235,20 @@ def _heavy_tails(poses: Sequence[CommandedPose]) -> str | None:
     )
 
 
-def _warnings(files: Sequence[Measurements], poses: Sequence[CommandedPose]) -> tuple[str, ...]:
+def _warnings(
+    files: Sequence[Measurements], poses_by_file: Sequence[Sequence[CommandedPose]], registered: bool
+) -> tuple[str, ...]:
     warnings = [warning for data in files for warning in data.warnings]
+    poses = [pose for file_poses in poses_by_file for pose in file_poses]
     if (shifting := shifting_commands(poses)) is not None:
         warnings.append(shifting)
+    if any(_too_far(file_poses) for file_poses in poses_by_file):
+        warnings.append(unregistered_warning(registered))
     return tuple(dict.fromkeys(warnings))
+
+
+def _too_far(poses: Sequence[CommandedPose]) -> bool:
+    """Return whether the accuracy of one robot is too bad for an arm; a single pose does not show it."""
+    if len(poses) < 2 or any(pose.deviation is None for pose in poses):
+        return False
+    return too_far(_largest_accuracy(poses), np.column_stack([pose.attained.mean(axis=1) for pose in poses]))

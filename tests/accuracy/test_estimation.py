@@ -223,8 +223,10 @@ def test_usage_errors() -> None:
         estimate(Measurements(position=np.zeros((3, 2))))
     with pytest.raises(UsageError, match="cannot align backlash; choose among base_frame, tool_frame"):
         estimate(dataclasses.replace(data, q=np.zeros((3, 2))), dh_robot(), align=("backlash",))
-    with pytest.raises(UsageError, match="so it needs `robot`"):
-        estimate(data, align=("base_frame",))
+    with pytest.raises(UsageError, match=r"add the columns cmd_qw.*or use `align` with base_frame alone"):
+        estimate(data, align=("base_frame", "tool_frame"))
+    with pytest.raises(UsageError, match="cannot align backlash"):
+        estimate(data, align=("backlash",))
     for wrong in (0.3, 1.0, float("nan")):
         with pytest.raises(UsageError, match=r"at least 0\.5 and less than 1"):
             estimate(data, confidence=wrong)

@@ -91,7 +91,7 @@ def test_without_the_extra_the_way_to_it_is_said(
     more = ("--kind", "poses") if command == "plot" else ()
     done = results.run(command, str(stored), *more, "-o", str(tmp_path / "x.png"))
     assert done.exit_code == 2
-    assert "pip install 'robacc[report]'" in " ".join(done.stderr.split())
+    assert "pip install '.[report]' in a checkout" in " ".join(done.stderr.split())
     # Said before anything is computed, too.
     done = results.run("estimate", "no such file", "--report", str(tmp_path / "x.html"))
     assert done.exit_code == 2

@@ -7,10 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 from arms import arm
+from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
 from robacc.fitting.closed_form import register_frames
-from robacc.fitting.registration import align
+from robacc.fitting.registration import align, align_commands
 from robacc.geometry import exp_so3, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
@@ -179,3 +180,63 @@ def test_too_few_poses_are_refused() -> None:
         align(robot, data.subset(np.arange(2)), BOTH)
     with pytest.raises(InputError, match=r"9 numbers measured \(3 poses\), too few for 9 coefficients"):
         align(robot, data.subset(np.arange(3)), BOTH)
+
+
+def commanded_poses(seed: int, *, orientation: bool, n: int = 30) -> tuple[Measurements, Rotation, np.ndarray]:
+    """Poses measured as B C G for commanded poses C, with B metres away and G off the commanded point."""
+    rng = np.random.default_rng(seed)
+    base, tool = Rotation.random(random_state=rng), Rotation.from_rotvec(rng.normal(size=3))
+    shift, offset = rng.uniform(-5, 5, 3), rng.uniform(-0.2, 0.2, 3)
+    position, turn = rng.uniform(-1, 1, (n, 3)), Rotation.random(n, random_state=rng)
+    measured_position = base.apply(position + turn.apply(offset)) + shift + rng.normal(scale=NOISE, size=(n, 3))
+    matrices = [np.moveaxis((rotation).as_matrix(), 0, -1) for rotation in (base * turn * tool, turn)]
+    data = Measurements(
+        measured_position.T,
+        matrices[0] if orientation else None,
+        commanded_position=position.T,
+        commanded_rotation=matrices[1],
+    )
+    return data, base, offset
+
+
+@pytest.mark.parametrize("orientation", [True, False])
+def test_commanded_poses_are_registered_without_a_robot(orientation: bool) -> None:
+    data, base, offset = commanded_poses(3, orientation=orientation)
+    alignment = align_commands(data, BOTH)
+    assert alignment.commanded is not None
+    errors = data.position - alignment.commanded.translation
+    # The noise along three axes, of which 9 or 12 coordinates took a part.
+    assert np.sqrt(np.mean(np.sum(errors**2, axis=0))) < 2.0 * NOISE
+    np.testing.assert_allclose(alignment.robot.tool.xyz, offset, atol=NOISE)
+    turned = Rotation.from_euler("xyz", alignment.robot.base.rpy)
+    assert (turned.inv() * base).magnitude() < NOISE
+    if orientation:
+        np.testing.assert_allclose(alignment.commanded.rotation, data.rotation, atol=1e-4)
+
+
+def test_commanded_positions_alone_register_the_base_as_points_do() -> None:
+    data, *_ = commanded_poses(4, orientation=False)
+    positions = dataclasses.replace(data, commanded_rotation=None)
+    alignment = align_commands(positions, ("base_frame",))
+    assert alignment.commanded is not None
+    assert positions.commanded_position is not None
+    # Kabsch's solution is the least squares of points; scipy has it too.
+    centred = [x - x.mean(axis=1, keepdims=True) for x in (positions.position, positions.commanded_position)]
+    best, residual = Rotation.align_vectors(centred[0].T, centred[1].T)
+    assert np.linalg.norm(positions.position - alignment.commanded.translation) == pytest.approx(residual, rel=1e-6)
+    turned = Rotation.from_euler("xyz", alignment.robot.base.rpy)
+    assert (turned.inv() * best).magnitude() < 1e-6
+    with pytest.raises(UsageError, match="add the columns cmd_qw"):
+        align_commands(positions, BOTH)
+
+
+def test_the_robot_and_its_commanded_poses_are_registered_alike() -> None:
+    data = measured("puma560", 5, orientation=True, noise=NOISE)
+    robot = arm("puma560").robot
+    nominal = predict(robot, data)
+    commanded = dataclasses.replace(
+        data, q=None, commanded_position=nominal.translation, commanded_rotation=nominal.rotation
+    )
+    by_robot, by_commands = align(robot, data, BOTH), align_commands(commanded, BOTH)
+    assert by_commands.commanded is not None
+    np.testing.assert_allclose(predict(by_robot.robot, data).translation, by_commands.commanded.translation, atol=1e-9)

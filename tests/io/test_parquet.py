@@ -260,6 +260,6 @@ def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path, monkeypatch: py
     path = written(tmp_path / "p.parquet", PLAIN)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    expected = r"is Parquet, which needs an optional package: pip install 'robacc\[parquet\]'"
+    expected = r"is Parquet, which needs an optional package; run pip install '\.\[parquet\]' in a checkout"
     with pytest.raises(UsageError, match=expected):
         read_poses(path)

@@ -418,7 +418,7 @@ def test_a_note_reports_long_tails() -> None:
     [
         ({"windows": 1}, "`drift_windows` is at least 2, not 1"),
         ({"rated_load": 0.0}, "`rated_load` is above 0 kg, not 0"),
-        ({"align": ("base_frame",)}, "so it needs `robot`"),
+        ({"align": ("backlash",)}, "cannot align backlash"),
         ({"confidence": 1.0}, "at least 0.5 and less than 1"),
     ],
 )
@@ -464,3 +464,30 @@ def test_rows_in_another_order_change_nothing_but_places() -> None:
         assert ordered_characteristic.position.interval.upper == pytest.approx(
             shuffled_characteristic.position.interval.upper, rel=1e-4
         )
+
+
+def test_unregistered_data_give_a_warning_and_are_registered_without_a_robot() -> None:
+    here = random_cycles(2)
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 2.0])
+    assert here.rotation is not None
+    elsewhere = dataclasses.replace(
+        here,
+        position=turn.as_matrix() @ here.position + np.array([[3.0], [-2.0], [0.4]]),
+        rotation=np.einsum("ij,jkn->ikn", turn.as_matrix(), here.rotation),
+    )
+    plain = iso9283([elsewhere])
+    accuracy = plain.characteristic("AP").position.value
+    assert accuracy is not None
+    assert accuracy > 2.0
+    assert any("too large for an arm and suggest frames that are not registered" in text for text in plain.warnings)
+    assert not iso9283([here]).warnings
+    registered = iso9283([elsewhere], align=("base_frame", "tool_frame"))
+    figures = [result.characteristic("AP").position.value for result in (registered, iso9283([here]))]
+    assert not registered.warnings
+    assert registered.commanded == "file"
+    # The offset of 0.52 mm at every pose goes into the frames.
+    assert figures[0] is not None
+    assert figures[1] is not None
+    assert figures[0] < figures[1]
+    before, after = (result.characteristic("RP").position.value for result in (plain, registered))
+    assert after == pytest.approx(before, rel=1e-6)

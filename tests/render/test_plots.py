@@ -14,8 +14,10 @@ from matplotlib.figure import Figure
 from robacc.errors import UsageError
 from robacc.render.plots.canvas import as_file, as_part
 from robacc.render.plots.catalogue import chart_of, charts_of
+from robacc.render.plots.comparison import comparison_charts
 from robacc.render.plots.distribution import _scale
 from robacc.render.plots.ellipsoids import SHARES
+from robacc.render.plots.gate import operating_curve_charts
 from robacc.render.plots.labels import short
 from robacc.render.plots.optional_dependencies import need
 from robacc.render.plots.palette import DARK, LIGHT
@@ -154,7 +156,9 @@ def test_an_unknown_chart_lists_the_charts_of_the_result() -> None:
 
 
 def test_a_missing_library_is_named_with_the_command_that_installs_it() -> None:
-    with pytest.raises(UsageError, match=r"need no_such_library, .*; run pip install 'robacc\[report\]'"):
+    with pytest.raises(
+        UsageError, match=r"need no_such_library, .*; run pip install '\.\[report\]' in a checkout, or .*git\+URL"
+    ):
         need("matplotlib", "no_such_library")
 
 
@@ -198,3 +202,45 @@ def test_bars_of_candidates_follow_their_evidence() -> None:
     assert evidence == sorted(evidence, reverse=True)
     assert f"{chosen['effect']} [{', '.join(chosen['joints'])}], which has a higher prior, was added" in first.caption
     assert "It was added" in chart_of(results.document("trace"), "candidates").caption
+
+
+def test_the_operating_curve_of_a_largest_error_is_over_the_share_within_the_limit() -> None:
+    criterion: dict[str, Any] = {
+        "name": "c",
+        "key": "position.max",
+        "unit": "m",
+        "limit": 1e-3,
+        "value": 0.8e-3,
+        "share": 0.95,
+        "at_least": False,
+        "rule_text": "rule",
+        "n_poses": 100,
+        "operating_curve_over": "share_within_limit",
+        "operating_curve": [[1.0 - k * 0.01, (1.0 - k * 0.01) ** 100] for k in range(21)],
+    }
+    (chart,) = operating_curve_charts({"gate": {"criteria": [criterion]}})
+    assert chart.table.rows[0] == ["100 %", "100.0 %"]
+    assert all(row[0].endswith(" %") for row in chart.table.rows)
+    figure = Figure()
+    chart.draw(figure)
+    (axes,) = figure.axes
+    assert axes.get_xlim()[0] > 75.0
+    assert axes.get_xlabel() == "share of all poses with position within 1.00 mm, %"
+
+
+def test_a_comparison_of_signed_figures_keeps_what_is_below_zero() -> None:
+    values = [
+        {"name": name, "value": value, "lower": value - 2e-4, "upper": value + 2e-4, "confidence": 0.95}
+        for name, value in (("a", -1e-3), ("b", 5e-4))
+    ]
+    document = {
+        "command": "compare",
+        "baseline": None,
+        "ranking": {"by": "iso9283.AD.max"},
+        "statistics": [{"key": "iso9283.AD.max", "unit": "m", "values": values}],
+    }
+    (chart,) = comparison_charts(document)
+    figure = Figure()
+    chart.draw(figure)
+    assert figure.axes[0].get_xlim()[0] < -1.2
+    assert "smallest in magnitude is b" in chart.caption

@@ -8,6 +8,7 @@ from typing import Annotated, TextIO
 import typer
 
 from robacc.cli.options import (
+    AlignOption,
     BaseLinkOption,
     ConfidenceOption,
     Format,
@@ -37,12 +38,7 @@ def estimate(
         typer.Argument(metavar="POSES [POSES …]", help="CSV or Parquet of measured poses; - reads standard input."),
     ],
     robot: RobotOption = None,
-    align: Annotated[
-        str | None,
-        typer.Option(
-            "--align", metavar="EFFECT,…", help="Frames to fit to the poses first: base_frame, tool_frame or both."
-        ),
-    ] = None,
+    align: AlignOption = None,
     frame: Annotated[
         FrameName | None,
         typer.Option(

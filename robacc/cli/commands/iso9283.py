@@ -7,6 +7,7 @@ from typing import Annotated, TextIO
 import typer
 
 from robacc.cli.options import (
+    AlignOption,
     BaseLinkOption,
     ConfidenceOption,
     Format,
@@ -31,14 +32,7 @@ def iso9283(
         ),
     ],
     robot: RobotOption = None,
-    align: Annotated[
-        str | None,
-        typer.Option(
-            "--align",
-            metavar="EFFECT,…",
-            help="Frames to fit to the poses of each file first: base_frame, tool_frame or both.",
-        ),
-    ] = None,
+    align: AlignOption = None,
     rated_load: Annotated[
         float | None,
         typer.Option("--rated-load", metavar="KG", help="Rated load of the robot, compared with payload_kg."),

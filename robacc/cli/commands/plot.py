@@ -28,7 +28,8 @@ def plot(
 ) -> None:
     """Write a chart of a stored result as SVG, PNG or PDF.
 
-    The chart is the one in the report. Needs an extra: pip install 'robacc[report]'.
+    The chart is the one in the report. Needs an extra: pip install '.[report]'
+    in a checkout, or pip install 'robacc[report] @ git+URL' with the repository's URL.
 
     Example: robacc plot trace.json --kind effect --number 2 --output backlash.pdf
     """

@@ -16,7 +16,8 @@ def report(
 ) -> None:
     """Write stored results as an HTML page with charts and tables, to read, print and sign.
 
-    The page is a single file that needs no network and prints on A4. Needs an extra: pip install 'robacc[report]'.
+    The page is a single file that needs no network and prints on A4. Needs an extra: pip install '.[report]'
+    in a checkout, or pip install 'robacc[report] @ git+URL' with the repository's URL.
 
     Example: robacc report result.json --output report.html
     """

@@ -37,20 +37,23 @@ def comparison_charts(document: Document) -> Iterator[Chart]:
 def _chart(
     statistic: Mapping[str, Any], values: Sequence[Mapping[str, Any]], baseline: str | None, ranks: bool
 ) -> Chart:
-    unit = error_unit(statistic["unit"], max(value["value"] for value in values))
-    best = min(values, key=lambda value: float(value["value"]))
+    ends = [value[name] for value in values for name in ("value", "lower", "upper") if value[name] is not None]
+    signed = min(ends) < 0.0
+    unit = error_unit(statistic["unit"], *(value["value"] for value in values))
+    best = min(values, key=lambda value: abs(float(value["value"])))
     confidence = next((value["confidence"] for value in values if value["confidence"] is not None), 0.95)
     first = "The ranking uses this statistic. " if ranks else ""
     baseline_note = f" The hollow mark is the baseline, {baseline}." if baseline is not None else ""
     return Chart(
         "comparison",
         f"{statistic['key']} of each result",
-        f"{first}Each result's {statistic['key']} with its {100 * confidence:g} % interval; the smallest is "
-        f"{best['name']}, {unit.text(best['value'])}.{baseline_note} The tables test the differences: results with "
+        f"{first}Each result's {statistic['key']} with its {100 * confidence:g} % interval; the smallest"
+        f"{' in magnitude' * signed} is {best['name']}, {unit.text(best['value'])}.{baseline_note} "
+        "The tables test the differences: results with "
         "overlapping intervals can still differ significantly.",
         f"Points with intervals in {unit.name}: "
         + "; ".join(f"{value['name']} {unit.text(value['value'])}" for value in values),
-        lambda figure: _draw(figure, statistic["key"], values, baseline, unit),
+        lambda figure: _draw(figure, statistic["key"], values, baseline, unit, signed),
         ChartTable(
             ("result", "value", "from", "to"),
             [[v["name"], unit.text(v["value"]), unit.text(v["lower"]), unit.text(v["upper"])] for v in values],
@@ -59,7 +62,9 @@ def _chart(
     )
 
 
-def _draw(figure: Figure, key: str, values: Sequence[Mapping[str, Any]], baseline: str | None, unit: Unit) -> None:
+def _draw(
+    figure: Figure, key: str, values: Sequence[Mapping[str, Any]], baseline: str | None, unit: Unit, signed: bool
+) -> None:
     axes = figure.add_subplot()
     for row, value in enumerate(values):
         x = value["value"] * unit.factor
@@ -73,6 +78,9 @@ def _draw(figure: Figure, key: str, values: Sequence[Mapping[str, Any]], baselin
         axes.errorbar([x], [row], xerr=reach, fmt="o", ms=6, mew=1.4, capsize=3, linewidth=1.4, **looks)
     axes.set_yticks(range(len(values)), [short(str(value["name"])) for value in values])
     axes.set_ylim(len(values) - 0.5, -0.5)
-    axes.set_xlim(left=0)
+    if signed:
+        axes.axvline(0, color=LIGHT["limit"], linewidth=0.9)
+    else:
+        axes.set_xlim(left=0)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"{key}, {unit.name}")

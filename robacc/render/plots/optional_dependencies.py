@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from robacc.errors import UsageError
+from robacc.errors import UsageError, install_advice
 
 
 def need(*libraries: str) -> None:
@@ -16,5 +16,5 @@ def need(*libraries: str) -> None:
     missing = [name for name in libraries if find_spec(name) is None]
     if missing:
         raise UsageError(
-            f"charts and reports need {' and '.join(missing)}, which is not installed; run pip install 'robacc[report]'"
+            f"charts and reports need {' and '.join(missing)}, which is not installed; run {install_advice('report')}"
         )

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 _SPACES = frozenset("\u00a0\u2002\u2003\u2007\u2009\u202f\u3000")
 """Spaces that Python counts as unprintable, and that do no more than a space."""
-_RED, _YELLOW, _DIM, _RESET = "\033[31m", "\033[33m", "\033[2m", "\033[0m"
+GREEN, RED, YELLOW = "\033[32m", "\033[31m", "\033[33m"
+_DIM, _RESET = "\033[2m", "\033[0m"
 
 PLAIN_WIDTH = 80
 """Columns of a table written to a file or a pipe; fits a mail, a ticket and a printed page."""
@@ -56,13 +57,13 @@ def say(text: str, colour: str = "") -> None:
 def say_error(error: RobaccError) -> None:
     """Write a red line for each problem, then the tips."""
     if not isinstance(error, InputError):
-        say(f"error: {error}", _RED)
+        say(f"error: {error}", RED)
         return
     for problem in error.problems:
         where = f"{problem.place}: " if problem.place else ""
-        say(f"error: {where}{problem.message}", _RED)
+        say(f"error: {where}{problem.message}", RED)
     if error.total > len(error.problems):
-        say(f"error: … and {error.total - len(error.problems)} more problems", _RED)
+        say(f"error: … and {error.total - len(error.problems)} more problems", RED)
     for fix in dict.fromkeys(problem.fix for problem in error.problems if problem.fix):
         say(f"  tip: {fix}")
 
@@ -70,7 +71,7 @@ def say_error(error: RobaccError) -> None:
 def say_warnings(warnings: Iterable[str]) -> None:
     """Write a yellow line for each warning."""
     for warning in warnings:
-        say(f"warning: {warning}", _YELLOW)
+        say(f"warning: {warning}", YELLOW)
 
 
 def say_interrupted(done: str = "nothing was written") -> None:

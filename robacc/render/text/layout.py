@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from typing import Literal, NamedTuple
 
-Style = Literal["", "bold", "dim"]
+Style = Literal["", "bold", "dim", "green", "bold red", "bold yellow"]
 
 
 class TextLine(NamedTuple):

@@ -1,0 +1,35 @@
+"""Registration of the commanded poses before errors are judged, and the sign that it is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from robacc.accuracy.pose_errors import rms_length
+from robacc.fitting.registration import Alignment
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.description import Robot
+
+_FAR = 0.05
+"""Position error relative to the extent of the poses above which the cause is a frame or a unit, not the arm (whose
+errors are some mm on a reach of a metre)."""
+
+
+def register(data: Measurements, robot: Robot | None, frames: Sequence[str]) -> Alignment:
+    """Fit ``frames`` of the robot, or without a robot of the commanded poses, to the measured poses."""
+    from robacc.fitting import registration
+
+    return registration.align_commands(data, frames) if robot is None else registration.align(robot, data, frames)
+
+
+def too_far(error: float, position: Array) -> bool:
+    """Return whether an error in m is too large for an arm that moved between the positions ``(3, N)``."""
+    return error > _FAR * rms_length(position - position.mean(axis=1, keepdims=True))
+
+
+def unregistered_warning(registered: bool) -> str:
+    """Return the warning of errors that are too large for an arm."""
+    if registered:
+        return "the errors are too large for an arm: check the units, the joint signs and the order of the joints"
+    advice = 'register the frames with `align="base_frame,tool_frame"`'
+    return f"the errors are too large for an arm and suggest frames that are not registered; {advice}"

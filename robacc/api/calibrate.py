@@ -53,6 +53,7 @@ def calibrate(
     folds: int = 5,
     holdout: StrPath | Measurements | None = None,
     ordered: bool = False,
+    ignore_limits: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -74,6 +75,8 @@ def calibrate(
         folds: Number of folds of cross-validation; each is held out in turn.
         holdout: Separate validation poses, in place of cross-validation.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
+            limit by more than 0.05 degree or 0.5 mm.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers.
@@ -100,7 +103,7 @@ def calibrate(
     arguments = locals()
     check_range("folds", folds, 2, 50)
     check_range("seed", seed, 0)
-    inputs = load_fit_inputs(poses, robot, holdout, ordered, base_link, tip_link)
+    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link)
     requests = parse_requests(joined(fit))
     if not requests:
         raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")

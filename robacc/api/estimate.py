@@ -59,6 +59,7 @@ def estimate(
     scale: StrPath | None = None,
     confidence: float = 0.95,
     ordered: bool = False,
+    ignore_limits: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -78,6 +79,8 @@ def estimate(
         scale: Grade scale (YAML); None for the scale of the package.
         confidence: Confidence level of every interval.
         ordered: The rows of the file are in the order measured; directions and speeds are derived from it.
+        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
+            limit by more than 0.05 degree or 0.5 mm.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers, bootstrap included.
@@ -103,7 +106,7 @@ def estimate(
     check_range("seed", seed, 0)
     check_choice("frame", frame, ("tool", "base", None))
     arm, arm_record = load_optional_robot(robot, base_link, tip_link)
-    data, record = load_poses(poses, arm, ordered=ordered)
+    data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
     grades, scale_record = load_grade_scale(scale)
     aligned = effect_names(align)
     body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)

@@ -65,6 +65,7 @@ def load_fit_inputs(
     robot: StrPath | Robot,
     holdout: StrPath | Measurements | None,
     ordered: bool,
+    ignore_limits: bool,
     base_link: str | None,
     tip_link: str | None,
 ) -> FitInputs:
@@ -77,7 +78,7 @@ def load_fit_inputs(
     arm, arm_record = load_robot(robot, base_link, tip_link)
 
     def read(source: StrPath | Measurements, kind: str) -> tuple[Measurements, InputFile]:
-        data, record = load_poses(source, arm, ordered=ordered, kind=kind)
+        data, record = load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind)
         if data.q is None:
             name = path_of(source) or data.source or "the poses"
             raise UsageError(f"{name} has no joint columns q1 … q{len(arm.variables)}, which a fit needs")

@@ -88,6 +88,7 @@ def load_poses(
     robot: Robot | None,
     *,
     ordered: bool = False,
+    ignore_limits: bool = False,
     kind: str = "poses",
     attained: bool = True,
 ) -> tuple[Measurements, InputFile]:
@@ -97,6 +98,7 @@ def load_poses(
         source: Path, ``-`` for standard input, or poses that were read or made before.
         robot: Robot whose joints, limits and targets apply to the poses.
         ordered: The rows of the file are in the order measured; poses read before carry this themselves.
+        ignore_limits: Joints of the file outside their limits are a warning, not an error.
         kind: Kind of the input in the record.
         attained: The poses were measured; planned poses may lack x, y, z.
 
@@ -119,7 +121,7 @@ def load_poses(
 
         data = read_poses(path, ordered=ordered)
     else:
-        data = read_robot_poses(path, robot, ordered=ordered, attained=attained)
+        data = read_robot_poses(path, robot, ordered=ordered, ignore_limits=ignore_limits, attained=attained)
     return require_poses(data), InputFile.at(path, data.sha256 or "", kind)
 
 

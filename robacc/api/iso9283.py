@@ -43,6 +43,7 @@ def iso9283(
     drift_windows: int | None = None,
     confidence: float = 0.95,
     ordered: bool = False,
+    ignore_limits: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -61,6 +62,8 @@ def iso9283(
         drift_windows: Number of windows of the run for drift; None for windows of ten visits.
         confidence: Confidence level of every interval.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
+            limit by more than 0.05 degree or 0.5 mm.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the bootstrap.
@@ -83,7 +86,7 @@ def iso9283(
     if [path_of(source) for source in poses].count(STDIN) > 1:
         raise UsageError("standard input can be read only once, but - is given more than once")
     arm, arm_record = load_optional_robot(robot, base_link, tip_link)
-    loaded = [load_poses(source, arm, ordered=ordered) for source in poses]
+    loaded = [load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits) for source in poses]
     records = [record for _, record in loaded]
     aligned = effect_names(align)
     body = evaluate_criteria(

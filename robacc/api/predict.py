@@ -82,6 +82,7 @@ def predict(
     noise: str | Noise | None = None,
     confidence: float = 0.95,
     ordered: bool = False,
+    ignore_limits: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -104,6 +105,8 @@ def predict(
             ``(m, rad)``.
         confidence: Confidence level of every interval.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
+            limit by more than 0.05 degree or 0.5 mm.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers.
@@ -132,8 +135,8 @@ def predict(
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
     parameters = uncertain_parameters(arm, read_tolerances)
-    planned, planned_record = _poses(poses, arm, ordered, "poses")
-    measured, measured_record = _poses(against, arm, ordered, "against")
+    planned, planned_record = _poses(poses, arm, ordered, ignore_limits, "poses")
+    measured, measured_record = _poses(against, arm, ordered, ignore_limits, "against")
     configurations = _configurations(arm, planned or measured, samples, seed, target)
     meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
     prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
@@ -214,14 +217,15 @@ def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tu
 
 
 def _poses(
-    source: StrPath | Measurements | Array | None, arm: Robot, ordered: bool, kind: str
+    source: StrPath | Measurements | Array | None, arm: Robot, ordered: bool, ignore_limits: bool, kind: str
 ) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     if source is None:
         return None, ()
     if isinstance(source, np.ndarray):
         source = Measurements(position=np.zeros((3, source.shape[-1])), q=source.copy())
     # A prediction needs joints only; poses to compare with are measured.
-    data, record = load_poses(source, arm, ordered=ordered, kind=kind, attained=kind == "against")
+    attained = kind == "against"
+    data, record = load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind, attained=attained)
     return data, (record,)
 
 

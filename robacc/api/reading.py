@@ -14,7 +14,9 @@ from robacc.robots.description import Robot
 __all__ = ["read_poses", "read_result", "read_robot", "write_poses", "write_robot"]
 
 
-def read_poses(path: StrPath, *, robot: Robot | None = None, ordered: bool = False) -> Measurements:
+def read_poses(
+    path: StrPath, *, robot: Robot | None = None, ordered: bool = False, ignore_limits: bool = False
+) -> Measurements:
     """Read and check the measured poses of a CSV file.
 
     Args:
@@ -22,6 +24,8 @@ def read_poses(path: StrPath, *, robot: Robot | None = None, ordered: bool = Fal
         robot: Robot whose joints, limits and targets apply to the columns; None for no robot.
         ordered: The rows are in the order measured, and the robot moved directly from each pose to the next;
             directions and speeds are derived from it.
+        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
+            limit by more than 0.05 degree or 0.5 mm.
 
     Returns:
         Arrays in SI units, components first and poses last: ``position`` is ``(3, N)``, ``q`` is ``(J, N)``.
@@ -35,7 +39,7 @@ def read_poses(path: StrPath, *, robot: Robot | None = None, ordered: bool = Fal
         >>> data.n, data.position.shape
         (60, (3, 60))
     """
-    return load_poses(os.fspath(path), robot, ordered=ordered)[0]
+    return load_poses(os.fspath(path), robot, ordered=ordered, ignore_limits=ignore_limits)[0]
 
 
 def write_poses(path: StrPath, data: Measurements) -> None:

@@ -88,6 +88,7 @@ def simulate(
     *,
     poses: int | None = None,
     at: StrPath | Measurements | None = None,
+    ignore_limits: bool = False,
     seed: int = 0,
     cycles: int = 1,
     sampling: Literal["even", "random"] = "even",
@@ -111,6 +112,8 @@ def simulate(
         robot: Robot file (YAML), URDF, or a robot read before.
         poses: Number of commanded poses to sample; give either this or ``at``.
         at: CSV of commanded poses, or poses read before, in the order visited.
+        ignore_limits: Joint values of ``at`` outside the limits are a warning; by default they are an error where they
+            exceed a limit by more than 0.05 degree or 0.5 mm.
         seed: Seed of the random numbers.
         cycles: Number of visits to every commanded pose.
         sampling: ``even`` for a low-discrepancy sequence of joint variables, ``random`` for a uniform distribution.
@@ -164,7 +167,7 @@ def simulate(
     )
     _check(plan, poses)
     arm, arm_record = load_robot(robot, base_link, tip_link)
-    planned, records = _planned(at, arm)
+    planned, records = _planned(at, arm, ignore_limits)
     try:
         body = simulate_poses(arm, plan, planned)
     except MissingColumnError as error:
@@ -203,7 +206,9 @@ def _temperature_range(temperature: float | tuple[float, float] | None) -> tuple
     return float(start), float(end)
 
 
-def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurements | None, tuple[InputFile, ...]]:
+def _planned(
+    at: StrPath | Measurements | None, arm: Robot, ignore_limits: bool
+) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     if at is None:
         return None, ()
     if isinstance(at, Measurements):
@@ -215,6 +220,7 @@ def _planned(at: StrPath | Measurements | None, arm: Robot) -> tuple[Measurement
             joint_names=arm.variable_names,
             joint_types=[joint.type for joint in arm.variables],
             limits=[joint.limits for joint in arm.variables],
+            ignore_limits=ignore_limits,
             attained=False,
         )
     return require_poses(data), (record_of(data, "poses"),)

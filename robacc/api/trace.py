@@ -51,6 +51,7 @@ def trace(
     holdout: StrPath | Measurements | None = None,
     empirical: bool = True,
     ordered: bool = False,
+    ignore_limits: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -66,6 +67,8 @@ def trace(
         holdout: Separate validation poses, in place of cross-validation.
         empirical: Allow empirical corrections after the named effects.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
+        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
+            limit by more than 0.05 degree or 0.5 mm.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers.
@@ -93,7 +96,7 @@ def trace(
     arguments = locals()
     check_range("folds", folds, 2, 50)
     check_range("seed", seed, 0)
-    inputs = load_fit_inputs(poses, robot, holdout, ordered, base_link, tip_link)
+    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link)
     effects = build(parse_requests(joined(declared)), Arm.of(inputs.robot), inputs.data)
     body = trace_effects(
         Model.of(inputs.robot, effects),

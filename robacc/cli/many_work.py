@@ -26,6 +26,7 @@ class EstimateOptions(NamedTuple):
     scale: str | None
     confidence: float
     ordered: bool
+    ignore_limits: bool
     base_link: str | None
     tip_link: str | None
     seed: int

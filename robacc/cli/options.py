@@ -48,6 +48,13 @@ OrderedOption = Annotated[
     bool,
     typer.Option("--ordered", help="Rows are in the order measured; directions and speeds are derived from it."),
 ]
+IgnoreLimitsOption = Annotated[
+    bool,
+    typer.Option(
+        "--ignore-limits",
+        help="Joint values outside the limits are a warning; by default an error beyond 0.05 deg or 0.5 mm.",
+    ),
+]
 FormatOption = Annotated[
     Format,
     typer.Option("--format", help="Form of the output: github writes annotations of a run, markdown a job summary."),

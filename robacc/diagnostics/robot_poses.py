@@ -17,7 +17,12 @@ _SCALE_SAMPLE = 2000
 
 
 def read_robot_poses(
-    path: str | os.PathLike[str], robot: Robot, *, ordered: bool = False, attained: bool = True
+    path: str | os.PathLike[str],
+    robot: Robot,
+    *,
+    ordered: bool = False,
+    ignore_limits: bool = False,
+    attained: bool = True,
 ) -> Measurements:
     """Return the validated poses of a CSV file that ``robot`` was commanded to.
 
@@ -25,6 +30,7 @@ def read_robot_poses(
         path: File to read; ``-`` is standard input.
         robot: Robot whose joints' names, types and limits and whose targets apply to the columns.
         ordered: As in :func:`robacc.poses.csv_file.read_poses`.
+        ignore_limits: As in :func:`robacc.poses.csv_file.read_poses`.
         attained: As in :func:`robacc.poses.csv_file.read_poses`.
 
     Raises:
@@ -38,6 +44,7 @@ def read_robot_poses(
         limits=[joint.limits for joint in robot.variables],
         target_names=tuple(robot.targets),
         ordered=ordered,
+        ignore_limits=ignore_limits,
         attained=attained,
     )
     if attained and data.q is not None and data.n > 1:

@@ -30,13 +30,21 @@ class ProblemLog:
             self._problems.append(self._problem(message, line, column, fix))
 
     def add_rows(
-        self, bad: NDArray[np.bool_], lines: NDArray[np.int64], column: str, describe: Callable[[int], str]
+        self,
+        bad: NDArray[np.bool_],
+        lines: NDArray[np.int64],
+        column: str,
+        describe: Callable[[int], str],
+        fix: str | None = None,
     ) -> None:
-        """Add a problem for each True of ``bad`` ``(N,)``; ``describe(i)`` returns the message of row i."""
+        """Add a problem for each True of ``bad`` ``(N,)``; ``describe(i)`` returns the message of row i.
+
+        The first of them has the ``fix``.
+        """
         rows = np.flatnonzero(bad)
         self.total += rows.size
         for i in rows[:MAX_PROBLEMS]:
-            self._problems.append(self._problem(describe(int(i)), int(lines[i]), column))
+            self._problems.append(self._problem(describe(int(i)), int(lines[i]), column, fix if i == rows[0] else None))
 
     def raise_if_any(self) -> None:
         """Raise an error where there is a problem.

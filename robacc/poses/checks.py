@@ -13,9 +13,11 @@ from robacc.io.problem_log import ProblemLog, clip
 from robacc.poses.columns import AXES, QUATERNION, SIGMAS
 from robacc.poses.layout import Layout, listing
 from robacc.poses.plausibility import (
+    EXCESS_TOLERANCE,
     angle_beyond_turn,
     degrees_likely,
     doubtful_sigma,
+    excess_beyond_limits,
     lengths_too_large,
     outside_limits,
     thousandfold,
@@ -66,12 +68,14 @@ class Values:
 
 
 class RowChecks:
-    """Checks of each row's values; the log collects problems."""
+    """Checks of each row's values; problems go to the log, small excesses of limits to :attr:`warnings`."""
 
-    def __init__(self, values: Values, log: ProblemLog) -> None:
-        """Check ``values`` and report problems to ``log``."""
+    def __init__(self, values: Values, log: ProblemLog, *, ignore_limits: bool = False) -> None:
+        """Check ``values`` and report problems to ``log``; ``ignore_limits`` makes warnings of all excesses."""
         self.values = values
         self.log = log
+        self.ignore_limits = ignore_limits
+        self.warnings: list[str] = []
 
     def run(self, limits: Limits | None, target_names: Sequence[str] | None, skip_limits: frozenset[str]) -> None:
         """Run every check but that of :meth:`check_magnitudes`.
@@ -125,10 +129,35 @@ class RowChecks:
         column = self.values.layout.columns.get(key)
         if column is None:
             return
+        value = self.values.column(key)
+        if value is None:
+            return
         unit = f" {column.unit}" if column.unit else ""
         low, high = (limit * column.divisor for limit in limits)
-        expected = f"expected a value within the joint's limits {low:.6g} to {high:.6g}{unit}"
-        self._column(key, lambda v: outside_limits(v, limits), expected)
+        limits_text = f"{low:.6g} to {high:.6g}{unit}"
+        tolerance = np.inf if self.ignore_limits else EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
+        excess = excess_beyond_limits(value, limits)
+        small = (excess > 0) & (excess <= tolerance)
+        if small.any():
+            self._warn_of_excess(column.name, limits_text, f"{excess[small].max() * column.divisor:.3g}{unit}", small)
+        self.log.add_rows(
+            excess > tolerance,
+            self.values.lines,
+            column.name,
+            lambda i: (
+                f"found {value[i] * column.divisor:.10g}{unit}, expected a value within the joint's limits "
+                f"{limits_text}"
+            ),
+            "`ignore_limits` uses these rows all the same",
+        )
+
+    def _warn_of_excess(self, name: str, limits_text: str, excess_text: str, rows: NDArray[np.bool_]) -> None:
+        count = int(np.count_nonzero(rows))
+        first = int(self.values.lines[np.argmax(rows)])
+        self.warnings.append(
+            f"{self.log.at(first)}: {name} exceeds the joint's limits {limits_text} by at most {excess_text} "
+            f"in {count} {'row' if count == 1 else 'rows'}, which {'is' if count == 1 else 'are'} used"
+        )
 
     def _column(self, key: str, test: Callable[[Array], NDArray[np.bool_]], expected: str) -> None:
         value = self.values.column(key)

@@ -50,6 +50,7 @@ def read_poses(
     limits: Limits | None = None,
     target_names: Sequence[str] | None = None,
     ordered: bool = False,
+    ignore_limits: bool = False,
     units_check: bool = True,
     attained: bool = True,
 ) -> Measurements:
@@ -65,6 +66,8 @@ def read_poses(
         ordered: Rows are in the order measured, and the robot moved straight from each visit to the next: direction
             and speed are derived for the joints whose columns are missing. All rows of a visit have its motion. It is 0
             for the first visit, whose approach is unknown, and for a visit that repeats the joints of the one before.
+        ignore_limits: A joint outside its limits is a warning, however far; by default it is an error where it is
+            outside by more than 0.05 degree or 0.5 mm, and a warning below.
         units_check: Raise an error for bare columns whose values look like degrees or millimetres.
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
 
@@ -77,7 +80,7 @@ def read_poses(
         layout = read_layout(header, log, joint_names, joint_types, attained)
         values = _read_values(reader, layout)
         _check_target_column(layout, target_names or (), reader, header.line)
-        rows = RowChecks(values, log)
+        rows = RowChecks(values, log, ignore_limits=ignore_limits)
         rows.check_magnitudes()
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
         wrong_joints = units.run(limits) if units_check else frozenset()
@@ -87,7 +90,7 @@ def read_poses(
         data = _measurements(values, ordered, log.counted)
         motion_warnings = (f"{reader.file}: {text}" for text in data.warnings)
         duplicates = duplicate_row_warnings(values, reader.file, log.counted)
-        warnings = (*layout.warnings, *units.warnings, *motion_warnings, *duplicates)
+        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *motion_warnings, *duplicates)
         return dataclasses.replace(data, source=reader.file, sha256=reader.sha256, warnings=warnings)
 
 

@@ -22,6 +22,9 @@ _FREQUENT = 0.2
 """Share of poses beyond one turn: no joint of an arm reaches it, angles in degrees exceed it at once."""
 LIMIT_TOLERANCE = 1e-9
 """rad or m; rounding of a limit and a joint variable that are written in other units or fewer digits."""
+EXCESS_TOLERANCE = {"length": 5e-4, "angle": math.radians(0.05)}
+"""m and rad; a limit exceeded by less is a warning: controllers log positions beyond a limit by their following error,
+and data sheets round limits."""
 _RANGE = 50.0
 """m; no arm on any track covers more; in mm the smallest cell does."""
 _DISTANCE = 200.0
@@ -56,6 +59,12 @@ def outside_limits(q: Array, limits: tuple[float, float]) -> NDArray[np.bool_]:
     """Return ``(N,)``: True where a joint's value is outside its limits by more than rounding (1e-9 rad or m)."""
     outside: NDArray[np.bool_] = (q < limits[0] - LIMIT_TOLERANCE) | (q > limits[1] + LIMIT_TOLERANCE)
     return outside
+
+
+def excess_beyond_limits(q: Array, limits: tuple[float, float]) -> Array:
+    """Return ``(N,)``: how far a joint's value is outside its limits, rad or m; 0 within them or by rounding."""
+    excess: Array = np.maximum(np.maximum(limits[0] - q, q - limits[1]), 0.0)
+    return np.where(excess > LIMIT_TOLERANCE, excess, 0.0)
 
 
 def angle_beyond_turn(values: Array) -> bool:

@@ -50,6 +50,8 @@ class Joint:
     axis: Vector = (0.0, 0.0, 1.0)
     """Unit vector in the joint's frame; other than z only in a URDF's joint."""
     limits: tuple[float, float] | None = None
+    is_continuous: bool = False
+    """True for a revolute joint that turns without end; without limits alone, the file does not say."""
     sign: Literal[1, -1] = 1
     gear_ratio: float | None = None
     mass: float | None = None

@@ -192,6 +192,7 @@ def _read_joint(tree: _Tree, joint: Any) -> Joint:
         parameters=_read_origin(element),
         axis=(0.0, 0.0, 1.0) if joint.type == "fixed" else _read_axis(document, element, joint),
         limits=None if joint.type in ("fixed", "continuous") else _read_limits(document, element, joint),
+        is_continuous=joint.type == "continuous",
         mass=mass,
         com=com,
         mimic=None if joint.mimic is None else Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
@@ -12,6 +13,12 @@ from robacc.robots.description import STANDARD_GRAVITY, ZERO, Frame, Joint, Robo
 
 MEASURING_FRAME = "measuring_frame"
 TOOL_LINK = "tool0"
+TURN_LIMITS = (-2 * math.pi, 2 * math.pi)
+"""Limits of a revolute joint whose file has none: the range that most arms without stated limits have.
+
+A URDF's revolute joint needs limits. ``continuous`` would need none, but it says that the joint turns without end, and
+some readers then represent its angle by cosine and sine: the configuration gets two numbers for the joint.
+"""
 
 
 def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
@@ -76,14 +83,15 @@ class _Writer:
     def place_joint(self, joint: Joint, convention: str) -> None:
         """Add a joint of the robot, and its link with its mass."""
         origin, tail = _parts(joint, convention)
-        kind = "continuous" if joint.type == "revolute" and joint.limits is None else joint.type
+        kind = "continuous" if joint.is_continuous else joint.type
+        limits = TURN_LIMITS if kind == "revolute" and joint.limits is None else joint.limits
         element, link = self.connect(
             joint.name, kind, self.tail @ origin, joint.link or self.unused_name(f"{joint.name}_link")
         )
         if joint.type != "fixed":
             SubElement(element, "axis", xyz=_numbers(np.multiply(joint.axis, joint.sign)))
-        if joint.limits is not None:
-            lower, upper = (repr(float(limit)) for limit in joint.limits)
+        if limits is not None:
+            lower, upper = (repr(float(limit)) for limit in limits)
             # The format requires effort and velocity; simulators read zero as unknown.
             SubElement(element, "limit", lower=lower, upper=upper, effort="0", velocity="0")
         if joint.mimic is not None:
@@ -180,5 +188,11 @@ def _losses(robot: Robot) -> tuple[str, ...]:
     lines += ["targets: each becomes a link"] if robot.targets else []
     lines += ["gravity other than 9.81 m/s^2 downwards"] if robot.gravity != STANDARD_GRAVITY else []
     lines += ["the payload's centre of mass"] if robot.payload_com is not None else []
+    unknown = [
+        joint.name
+        for joint in robot.joints
+        if joint.type == "revolute" and joint.limits is None and not joint.is_continuous
+    ]
+    lines += line_for("missing limits (one turn either way is written)", unknown)
     unlimited = [joint.name for joint in robot.joints if joint.type == "prismatic" and joint.limits is None]
     return tuple(lines + line_for("an unlimited range (a URDF requires limits)", unlimited))

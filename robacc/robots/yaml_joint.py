@@ -61,6 +61,7 @@ def read_joint(source: Source, node: yaml.Node, index: int, convention: Conventi
         parameters=read_parameters(section, joint_type, units),
         axis=_read_axis(section) if convention == "urdf" and joint_type != "fixed" else (0.0, 0.0, 1.0),
         limits=_read_limits(section, joint_type, units),
+        is_continuous=kind == "continuous",
         sign=_read_sign(section),
         gear_ratio=_read_positive(section, "gear_ratio"),
         mass=mass,

@@ -70,7 +70,7 @@ def _frame(frame: Frame, tolerance: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _joint(joint: Joint, is_urdf: bool) -> dict[str, Any]:
-    entry: dict[str, Any] = {"name": joint.name, "type": joint.type}
+    entry: dict[str, Any] = {"name": joint.name, "type": "continuous" if joint.is_continuous else joint.type}
     values = {name: float(value) for name, value in joint.parameters.items()}
     if is_urdf:
         entry["origin"] = {

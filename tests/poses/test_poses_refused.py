@@ -169,11 +169,37 @@ def test_a_commanded_quaternion_is_checked_too(read: Reader) -> None:
 def test_joint_limits(read: Reader) -> None:
     text = "q1_deg,q2,x,y,z\n10,0.1,1,2,3\n95.5,0.6,1,2,3\n"
     problem = problem_texts(read, text, limits=[(-math.pi / 2, math.pi / 2), (0, 0.5)])
+    fix = "; `ignore_limits` uses these rows all the same"
     assert problem == [
-        "3, q1_deg: found 95.5 deg, expected a value within the joint's limits -90 to 90 deg",
-        "3, q2: found 0.6, expected a value within the joint's limits 0 to 0.5",
+        f"3, q1_deg: found 95.5 deg, expected a value within the joint's limits -90 to 90 deg{fix}",
+        f"3, q2: found 0.6, expected a value within the joint's limits 0 to 0.5{fix}",
     ]
     assert read(text, limits=[None, (0, 1)]).n == 2
+
+
+@pytest.mark.parametrize(("unit", "over", "is_used"), [("deg", 0.0499, True), ("deg", 0.0501, False)])
+def test_a_small_excess_of_a_limit_is_a_warning(read: Reader, unit: str, over: float, is_used: bool) -> None:
+    text = f"q1_{unit},x,y,z\n{90 + over},0,0,1\n0,0,0,1\n-90,0,1,1\n"
+    robot = {"limits": [(-math.pi / 2, math.pi / 2)], "joint_names": ["j1"], "joint_types": ["revolute"]}
+    if is_used:
+        assert (
+            read(text, **robot)
+            .warnings[0]
+            .endswith(
+                ":2: q1_deg exceeds the joint's limits -90 to 90 deg by at most 0.0499 deg in 1 row, which is used"
+            )
+        )
+    else:
+        assert "`ignore_limits` uses these rows all the same" in problem_texts(read, text, **robot)[0]
+        (warning,) = read(text, **robot, ignore_limits=True).warnings
+        assert "by at most 0.0501 deg in 1 row" in warning
+
+
+def test_the_tolerance_of_a_prismatic_joint_is_half_a_millimetre(read: Reader) -> None:
+    text = "q1,x,y,z\n0.3004,0,0,1\n0.3,0,0,1\n"
+    joint = {"joint_names": ["rail"], "joint_types": ["prismatic"]}
+    assert "by at most 0.0004" in read(text, limits=[(0, 0.3)], **joint).warnings[0]
+    assert len(problem_texts(read, text.replace("0.3004", "0.3006"), limits=[(0, 0.3)], **joint)) == 1
 
 
 def test_unknown_targets(read: Reader) -> None:

@@ -32,6 +32,7 @@ def random_joint(rng: np.random.Generator, i: int, convention: str) -> Joint:
         dict(zip(names, rng.normal(size=len(names)), strict=True)),
         axis=tuple(axis / np.linalg.norm(axis)),
         limits=(-1.5, 2.0) if i % 2 else None,
+        is_continuous=convention != "urdf" and i == 2,
         sign=-1 if i in (1, 2) else 1,
         mass=float(i + 1),
         com=tuple(rng.normal(size=3)),
@@ -69,8 +70,11 @@ def test_written_and_read_again_gives_the_same_poses(convention: str, seed: int)
     reread = parse_urdf(text, "again.urdf")
     assert (reread.base_link, reread.tip_link) == ("measuring_frame", "tool0")
     assert_same_arm(robot, reread)
-    assert [joint.limits for joint in reread.variables] == [joint.limits for joint in robot.variables]
-    assert [line for line in losses if "unlimited range" not in line] == []
+    for joint, again in zip(robot.variables, reread.variables, strict=True):
+        is_unknown = joint.type == "revolute" and joint.limits is None and not joint.is_continuous
+        assert again.limits == ((-2 * np.pi, 2 * np.pi) if is_unknown else joint.limits)
+        assert again.is_continuous == joint.is_continuous
+    assert [line for line in losses if "unlimited range" not in line and "missing limits" not in line] == []
     # And once more: nothing is added to what is already a URDF.
     assert robot_to_urdf(reread)[0].count("<link") == text.count("<link")
     assert_same_arm(robot, parse_urdf(robot_to_urdf(reread)[0], "third.urdf"))
@@ -122,6 +126,17 @@ def test_what_a_urdf_cannot_carry_is_listed() -> None:
         "the payload's centre of mass",
         "an unlimited range (a URDF requires limits) of slide",
     )
+
+
+def test_revolute_joints_stay_revolute_and_continuous_joints_continuous() -> None:
+    # Pinocchio gives a continuous joint two numbers (cosine and sine): an arm of six had nq = 12.
+    robot = read_robot(PROJECT / "configs" / "robots" / "puma560.yaml")
+    joints = [replace(joint, limits=None) for joint in robot.joints]
+    joints[5] = replace(joints[5], is_continuous=True)
+    text, losses = robot_to_urdf(replace(robot, joints=tuple(joints)))
+    assert text.count('type="revolute"') == text.count("<limit") == 5
+    assert text.count('type="continuous"') == 1
+    assert "missing limits (one turn either way is written) of j1, j2, j3, j4, j5" in losses
 
 
 def test_names_that_the_robot_uses_are_left_to_it() -> None:

@@ -8,6 +8,7 @@ import typer
 
 from robacc.cli.options import (
     BaseLinkOption,
+    IgnoreLimitsOption,
     OrderedOption,
     OutputOption,
     PlainFormat,
@@ -29,6 +30,7 @@ def effects(
         typer.Option("--poses", metavar="FILE", help="CSV of poses; says which effects they can show. Needs --robot."),
     ] = None,
     ordered: OrderedOption = False,
+    ignore_limits: IgnoreLimitsOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     form: PlainFormatOption = PlainFormat.table,
@@ -46,18 +48,18 @@ def effects(
     from robacc.io.files import sha256_of
     from robacc.render.text.effects import draw_effects
 
-    if robot is None and (poses or ordered or base_link or tip_link):
-        raise UsageError("--poses, --ordered, --base-link and --tip-link need --robot")
+    if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
+        raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
     if name is not None:
         registry.effect_class(name)
-    arm, data = _load(robot, poses, base_link, tip_link, ordered)
+    arm, data = _load(robot, poses, base_link, tip_link, ordered, ignore_limits)
     entries = catalogue(name, arm, data)
     inputs = []
     if robot is not None:
         inputs.append(results.InputFile.at(robot, sha256_of(robot), "robot"))
     if data is not None:
         inputs.append(results.InputFile.at(poses or "-", data.sha256 or "", "poses"))
-    options = {"effect": name, "robot": robot, "poses": poses, "ordered": ordered}
+    options = {"effect": name, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}
     options |= {"base_link": base_link, "tip_link": tip_link}
     emit(
         form,
@@ -68,7 +70,12 @@ def effects(
 
 
 def _load(
-    robot: str | None, poses: str | None, base_link: str | None, tip_link: str | None, ordered: bool
+    robot: str | None,
+    poses: str | None,
+    base_link: str | None,
+    tip_link: str | None,
+    ordered: bool,
+    ignore_limits: bool,
 ) -> tuple[Robot | None, Measurements | None]:
     from robacc.diagnostics.robot_poses import read_robot_poses
     from robacc.modelling.robot_file import read_robot
@@ -79,6 +86,6 @@ def _load(
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
     if poses is None:
         return arm, None
-    data = read_robot_poses(poses, arm, ordered=ordered)
+    data = read_robot_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
     say_warnings(data.warnings)
     return arm, data

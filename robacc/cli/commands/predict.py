@@ -12,6 +12,7 @@ from robacc.cli.options import (
     Format,
     FormatOption,
     GateOption,
+    IgnoreLimitsOption,
     JunitOption,
     OrderedOption,
     OutputOption,
@@ -77,6 +78,7 @@ def predict(
         str | None, typer.Option("--per-pose", metavar="FILE", help="CSV to write with the prediction at each pose.")
     ] = None,
     ordered: OrderedOption = False,
+    ignore_limits: IgnoreLimitsOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
@@ -108,6 +110,7 @@ def predict(
         noise=noise,
         confidence=confidence,
         ordered=ordered,
+        ignore_limits=ignore_limits,
         base_link=base_link,
         tip_link=tip_link,
         seed=seed,

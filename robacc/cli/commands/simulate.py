@@ -8,7 +8,15 @@ from typing import Annotated
 
 import typer
 
-from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, SeedOption, TipLinkOption
+from robacc.cli.options import (
+    BaseLinkOption,
+    IgnoreLimitsOption,
+    OutputOption,
+    PlainFormat,
+    PlainFormatOption,
+    SeedOption,
+    TipLinkOption,
+)
 
 
 class Sampling(StrEnum):
@@ -27,6 +35,7 @@ def simulate(
     at: Annotated[
         str | None, typer.Option("--at", metavar="FILE", help="CSV of commanded poses, in the order visited.")
     ] = None,
+    ignore_limits: IgnoreLimitsOption = False,
     seed: SeedOption = 0,
     cycles: Annotated[
         int, typer.Option("--cycles", min=1, max=100_000, help="Number of visits to every commanded pose.")
@@ -102,6 +111,7 @@ def simulate(
         robot,
         poses=poses,
         at=at,
+        ignore_limits=ignore_limits,
         seed=seed,
         cycles=cycles,
         sampling=sampling.value,

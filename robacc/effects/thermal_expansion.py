@@ -114,4 +114,5 @@ class ThermalExpansion(Effect):
 
 def _travels(arm: Arm) -> list[int]:
     """Return motions that prismatic joints drive."""
-    return [drive.motion for drive in arm.chain.drives if arm.chain.motions[drive.motion].kind == "translation"]
+    driven = dict.fromkeys(drive.motion for drive in arm.chain.drives)
+    return [motion for motion in driven if arm.chain.motions[motion].kind == "translation"]

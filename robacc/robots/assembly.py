@@ -44,7 +44,7 @@ def build_chain(robot: Robot) -> Chain:
     """Return the arm as elementary motions: base, joints in order, tool.
 
     Every joint gets two flexures in front of its axis. Joint variables drive the axis with the joint's sign; a mimic
-    joint is driven by its master's variable.
+    joint is driven by its master's variable, a coupled joint by those of its coupling too.
     """
     motions = _frame_motions(robot.base, BASE)
     drives: list[JointDrive] = []
@@ -56,15 +56,20 @@ def build_chain(robot: Robot) -> Chain:
         motions.extend(_joint_motions(joint, owner, robot.convention))
         if joint.type != "fixed":
             axis = next(k for k in range(first, len(motions)) if motions[k].label == variable_label(joint))
-            if joint.mimic is None:
-                drives.append(JointDrive(axis, number[joint.name], float(joint.sign)))
+            if joint.is_variable:
                 joint_axis[number[joint.name]] = axis
-            else:
-                drives.append(JointDrive(axis, number[joint.mimic.master], joint.sign * joint.mimic.multiplier))
+            drives += [JointDrive(axis, number[name], joint.sign * c) for name, c in _ratios(joint).items()]
         if joint.mass:
             bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
     motions.extend(_frame_motions(robot.tool, TOOL))
     return Chain(tuple(motions), tuple(drives), len(robot.variables), tuple(bodies), tuple(joint_axis))
+
+
+def _ratios(joint: Joint) -> dict[str, float]:
+    """Return the movement of a joint per unit of each joint variable that drives it, before its sign."""
+    if joint.mimic is not None:
+        return {joint.mimic.master: joint.mimic.multiplier}
+    return ({joint.name: 1.0} if joint.is_variable else {}) | dict(joint.coupling)
 
 
 def variable_label(joint: Joint) -> str:

@@ -59,13 +59,17 @@ class Joint:
     tolerance: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of each parameter with a tolerance, m and rad."""
     mimic: Mimic | None = None
+    coupling: Mapping[str, float] = field(default_factory=dict)
+    """Turn of this joint per unit of other joint variables: the joint moves by ``q_i + sum of c_k q_k``."""
+    is_passive: bool = False
+    """True for a joint without a motor: it moves by its coupling alone."""
     link: str | None = None
     """Name of the link that this joint moves; None where the description has no name."""
 
     @property
     def is_variable(self) -> bool:
         """True for a joint with a variable (a column ``q_i``)."""
-        return self.type != "fixed" and self.mimic is None
+        return self.type != "fixed" and self.mimic is None and not self.is_passive
 
     @property
     def offset_parameter(self) -> str:

@@ -137,6 +137,8 @@ def _joint_document(joint: Joint) -> dict[str, Any]:
         "com_m": None if joint.com is None else list(joint.com),
         "tolerance": dict(joint.tolerance),
         "mimic": follows,
+        "coupling": dict(joint.coupling),
+        "passive": joint.is_passive,
         "link": joint.link,
     }
 
@@ -156,8 +158,9 @@ def _bound(chain: Chain, low: Array, high: Array) -> float:
     """Return the sum of lengths between rotations; motions between two rotations are one vector at its longest."""
     travel: dict[int, list[float]] = {}
     for drive in chain.drives:
-        limits = (drive.coefficient * low[drive.joint], drive.coefficient * high[drive.joint])
-        travel[drive.motion] = [float(value) for value in limits]
+        limits = sorted(drive.coefficient * float(value) for value in (low[drive.joint], high[drive.joint]))
+        ends = travel.get(drive.motion, [0.0, 0.0])
+        travel[drive.motion] = [end + limit for end, limit in zip(ends, limits, strict=True)]
     total, run = 0.0, np.zeros(3)
     for k, motion in enumerate(chain.motions):
         if motion.kind == "translation":

@@ -6,11 +6,12 @@ import difflib
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
+from robacc.robots.urdf_mimics import resolve_mimics
 from robacc.robots.urdf_sizes import check_sizes
 from robacc.robots.urdf_writer import robot_to_urdf
 from robacc.robots.urdf_xml import UrdfDocument, read_document
@@ -80,6 +81,8 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
         tip_link: Link that the chain ends at; default: the only leaf with the most moving joints before it, then with
             the most joints.
 
+    A joint that follows a joint outside the chain becomes a joint variable, because nothing in the chain moves it.
+
     Raises:
         InputError: The URDF has a problem, its chain is not serial, or the choice of a chain is ambiguous.
         UsageError: ``base_link`` or ``tip_link`` is not a link of the URDF, or the tip is not behind the base.
@@ -97,7 +100,7 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
     joints = [_read_joint(tree, joint) for joint in path]
     check_sizes(document, tree.elements, joints)
     document.finish()
-    joints = _resolve_mimics(tree, joints)
+    joints = resolve_mimics(document, tree.elements, tree.robot.joints, joints)
     if not any(joint.is_variable for joint in joints):
         document.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
     document.finish()
@@ -195,9 +198,16 @@ def _read_joint(tree: _Tree, joint: Any) -> Joint:
         is_continuous=joint.type == "continuous",
         mass=mass,
         com=com,
-        mimic=None if joint.mimic is None else Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset),
+        mimic=_read_mimic(joint),
         link=joint.child,
     )
+
+
+def _read_mimic(joint: Any) -> Mimic | None:
+    # A fixed joint does not move, whatever it follows; reduced URDFs leave the element in place.
+    if joint.mimic is None or joint.type == "fixed":
+        return None
+    return Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
 
 
 def _read_origin(element: Element) -> dict[str, float]:
@@ -251,33 +261,3 @@ def _read_inertial(tree: _Tree, link_name: str) -> tuple[float | None, Vector | 
     origin = link.inertial.origin
     com = ZERO if origin is None else cast(Vector, tuple(float(value) for value in origin[:3, 3]))
     return mass, com
-
-
-def _resolve_mimics(tree: _Tree, joints: Sequence[Joint]) -> list[Joint]:
-    """Return the joints with every mimic made to follow, directly, a joint that moves by itself."""
-    by_name = {joint.name: joint for joint in joints}
-    resolved = []
-    for joint in joints:
-        mimic, visited = joint.mimic, {joint.name}
-        while mimic is not None:
-            master = by_name.get(mimic.master)
-            problem = None
-            if master is None:
-                problem = "which is not in the chain"
-            elif master.type == "fixed":
-                problem = "which is fixed"
-            elif master.name in visited:
-                problem = "which follows it in turn: none of these joints moves by itself"
-            if problem or master is None:
-                tree.document.report(tree.elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
-                break
-            visited.add(master.name)
-            if master.mimic is None:
-                joint = replace(joint, mimic=mimic)
-                break
-            # q = m1 (m2 q' + o2) + o1
-            inner = master.mimic
-            offset = mimic.multiplier * inner.offset + mimic.offset
-            mimic = Mimic(inner.master, mimic.multiplier * inner.multiplier, offset)
-        resolved.append(joint)
-    return resolved

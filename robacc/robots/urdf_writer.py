@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
 from robacc.geometry import Array, Poses, exp_so3, rotate, rotation_about, rotation_from_rpy, rpy_from_rotation
-from robacc.robots.description import STANDARD_GRAVITY, ZERO, Frame, Joint, Robot
+from robacc.robots.description import STANDARD_GRAVITY, ZERO, Frame, Joint, Mimic, Robot
 
 MEASURING_FRAME = "measuring_frame"
 TOOL_LINK = "tool0"
@@ -27,7 +27,7 @@ def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
     A base frame other than zero becomes a fixed joint from a link :data:`MEASURING_FRAME`, a tool frame one to a link
     :data:`TOOL_LINK`, each target one to a link of its name. The fixed part of a DH row behind its
     variable goes into the next joint's origin, and the link's centre of mass with it. A joint with sign -1 has its axis
-    reversed.
+    reversed. Each term of a coupling becomes a mimic joint about the same axis, in front of the joint.
     """
     names = [name for joint in robot.joints for name in (joint.name, joint.link) if name]
     writer = _Writer(Element("robot", name=robot.name), {*names, robot.base_link or ""})
@@ -83,11 +83,31 @@ class _Writer:
     def place_joint(self, joint: Joint, convention: str) -> None:
         """Add a joint of the robot, and its link with its mass."""
         origin, tail = _parts(joint, convention)
+        origin = self.tail @ origin
+        *first, last = self.uncoupled(joint)
+        for piece in first:
+            self.place_axis(piece, origin, Poses.identity())
+            origin = Poses.identity()
+        self.place_axis(last, origin, tail)
+        self.tail = tail
+
+    def uncoupled(self, joint: Joint) -> list[Joint]:
+        """Return joints about one axis that together move as a coupled joint does; the last has its name and link."""
+        if not joint.coupling:
+            return [joint]
+        plain = replace(joint, coupling={}, is_passive=False)
+        bare = replace(plain, limits=None, mass=None, com=None, link=None)
+        pieces = [
+            replace(bare, name=self.unused_name(f"{joint.name}_by_{master}"), mimic=Mimic(master, ratio))
+            for master, ratio in joint.coupling.items()
+        ]
+        return [*pieces[:-1], replace(plain, mimic=pieces[-1].mimic)] if joint.is_passive else [*pieces, plain]
+
+    def place_axis(self, joint: Joint, origin: Poses, tail: Poses) -> None:
+        """Add one joint of the URDF, and its link with its mass."""
         kind = "continuous" if joint.is_continuous else joint.type
         limits = TURN_LIMITS if kind == "revolute" and joint.limits is None else joint.limits
-        element, link = self.connect(
-            joint.name, kind, self.tail @ origin, joint.link or self.unused_name(f"{joint.name}_link")
-        )
+        element, link = self.connect(joint.name, kind, origin, joint.link or self.unused_name(f"{joint.name}_link"))
         if joint.type != "fixed":
             SubElement(element, "axis", xyz=_numbers(np.multiply(joint.axis, joint.sign)))
         if limits is not None:
@@ -99,7 +119,6 @@ class _Writer:
             SubElement(element, "mimic", joint=joint.mimic.master, multiplier=multiplier, offset=offset)
         if joint.mass is not None:
             _add_inertial(link, joint, tail)
-        self.tail = tail
 
     def place_tools(self, robot: Robot) -> None:
         """Add the tool or the targets, side by side on the last link."""

@@ -23,7 +23,7 @@ from robacc.robots.description import (
 from robacc.robots.yaml_units import Units, finite_limits
 
 _LINK_KEYS = ("mass", "com", "tolerance")
-_DRIVE_KEYS = ("limits", "sign", "gear_ratio")
+_DRIVE_KEYS = ("limits", "sign", "gear_ratio", "coupling", "passive")
 _FIXED_KEYS = ("name", "type", "origin", "link", *_LINK_KEYS)
 _KEYS = {
     "standard": ("name", "type", *DH_PARAMETERS, *_DRIVE_KEYS, *_LINK_KEYS),
@@ -68,6 +68,8 @@ def read_joint(source: Source, node: yaml.Node, index: int, convention: Conventi
         com=com,
         tolerance=_read_tolerance(section, joint_type, convention, units),
         mimic=_read_mimic(section),
+        coupling=_read_coupling(section),
+        is_passive=_read_passive(section),
         link=source.text(link, section.at("link")) if link else None,
     )
 
@@ -192,6 +194,56 @@ def _read_mimic(section: YamlSection) -> Mimic | None:
         number = inner.source.number(item, inner.at(key)) if item else None
         values[key] = values[key] if number is None else number
     return Mimic(master or "", values["multiplier"], values["offset"])
+
+
+def _read_coupling(section: YamlSection) -> dict[str, float]:
+    """Return the coupling's ratios in the file's units."""
+    node = section.get("coupling")
+    if node is None:
+        return {}
+    if not isinstance(node, yaml.MappingNode) or not node.value:
+        message = f"expected joints with their ratios, such as {{j2: 1.0}}, found {describe(node)}"
+        section.source.report(node, section.at("coupling"), message)
+        return {}
+    if "mimic" in section.values:
+        section.source.report(node, section.at("coupling"), "cannot be combined with mimic", "list the joint here too")
+    ratios: dict[str, float] = {}
+    for name, _, value in section.source.entries(node, section.at("coupling")):
+        ratio = section.source.number(value, f"{section.at('coupling')}.{name}")
+        ratios[name] = 0.0 if ratio is None else ratio
+    return ratios
+
+
+def _read_passive(section: YamlSection) -> bool:
+    node = section.get("passive")
+    if node is None:
+        return False
+    choice = section.source.choice(node, section.at("passive"), ("true", "false"))
+    if choice == "true" and "coupling" not in section.values:
+        message = "a passive joint moves by its coupling alone, and there is none"
+        section.source.report(node, section.at("passive"), message, "add coupling, such as {j2: -1.0, j3: -1.0}")
+    return choice == "true"
+
+
+def resolve_couplings(
+    source: Source, joints: Sequence[Joint], nodes: Sequence[yaml.Node], units: Units
+) -> tuple[Joint, ...]:
+    """Return the joints with their couplings in SI units; report couplings to what is no other joint variable."""
+    variables = {joint.name: joint for joint in joints if joint.is_variable}
+    resolved = []
+    for i, joint in enumerate(joints):
+        ratios: dict[str, float] = {}
+        for name, ratio in joint.coupling.items():
+            other = variables.get(name)
+            if other is None or name == joint.name:
+                known = ", ".join(key for key in variables if key != joint.name)
+                message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
+                source.report(nodes[i], f"joints[{i}].coupling.{name}", message)
+                continue
+            unit, other_unit = (units.length if item.type == "prismatic" else units.angle for item in (joint, other))
+            ratios[name] = ratio * (unit / other_unit)
+        resolved.append(dataclasses.replace(joint, coupling=ratios))
+    return tuple(resolved)
 
 
 def resolve_mimics(

@@ -20,7 +20,7 @@ from robacc.robots.description import (
     Vector,
     effect_key,
 )
-from robacc.robots.yaml_joint import read_joint, resolve_mimics
+from robacc.robots.yaml_joint import read_joint, resolve_couplings, resolve_mimics
 from robacc.robots.yaml_units import Units, check_likely_units
 from robacc.robots.yaml_writer import robot_to_yaml
 
@@ -214,7 +214,9 @@ def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tupl
         joints.append(joint)
     if complete and items and not any(joint.is_variable for joint in joints):
         source.report(node, "joints", "no joint moves: all are fixed or follow another")
-    return resolve_mimics(source, joints, items, units) if complete else ()
+    if not complete:
+        return ()
+    return resolve_couplings(source, resolve_mimics(source, joints, items, units), items, units)
 
 
 def _read_effects(top: YamlSection) -> tuple[Mapping[str, Any], ...]:

@@ -91,6 +91,10 @@ def _joint(joint: Joint, is_urdf: bool) -> dict[str, Any]:
         "link": joint.link,
     }
     entry |= {key: value for key, value in optional.items() if value is not None}
+    if joint.coupling:
+        entry["coupling"] = {name: float(ratio) for name, ratio in joint.coupling.items()}
+    if joint.is_passive:
+        entry["passive"] = True
     if joint.mimic is not None:
         multiplier, offset = float(joint.mimic.multiplier), float(joint.mimic.offset)
         entry["mimic"] = {"joint": joint.mimic.master, "multiplier": multiplier, "offset": offset}

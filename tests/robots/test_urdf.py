@@ -115,7 +115,7 @@ def problems_of(text: str, base: str | None = None, tip: str | None = None) -> s
         ('lower="-1" upper="2"', 'lower="3" upper="2"', "one: the lower limit 3 is above the upper limit 2"),
         ('lower="-1" upper="2"', 'lower="-inf" upper="2"', "one: one limit is infinite, the other is not (-inf, 2)"),
         ('<mass value="2.5"/>', '<mass value="-2.5"/>', "tree.urdf:4, upper: the link's mass is negative (-2.5 kg)"),
-        ('mimic joint="slide"', 'mimic joint="spin"', "follow: follows 'spin', which is not in the chain"),
+        ('mimic joint="slide"', 'mimic joint="spin"', "follow: follows 'spin', which is not a joint of this file"),
         ('mimic joint="slide"', 'mimic joint="stand"', "follow: follows 'stand', which is fixed"),
         (
             'mimic joint="slide"',

@@ -77,7 +77,7 @@ def _axis(axis: Sequence[float]) -> str:
 
 
 def _drive_table(robot: Robot) -> Table:
-    follows = any(joint.mimic for joint in robot.joints)
+    follows = any(joint.mimic or joint.coupling for joint in robot.joints)
     table = _table(
         "Drives", ["joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else [])]
     )
@@ -87,9 +87,20 @@ def _drive_table(robot: Robot) -> Table:
         factor, unit = (1e3, "mm") if joint.type == "prismatic" else (180 / math.pi, "°")
         limits = ["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]
         gear = "-" if joint.gear_ratio is None else _number(joint.gear_ratio)
-        mimic = f"{_number(joint.mimic.multiplier)} x {joint.mimic.master}" if joint.mimic else ""
-        table.add_row(joint.name, joint.type, *limits, unit, f"{joint.sign:+d}", gear, *([mimic] if follows else []))
+        rule = [_drive_rule(joint)] if follows else []
+        table.add_row(joint.name, joint.type, *limits, unit, f"{joint.sign:+d}", gear, *rule)
     return table
+
+
+def _drive_rule(joint: Joint) -> str:
+    """Return what a joint follows, such as ``2 x j1`` or ``j3 + j2``; empty for an independent joint."""
+    if joint.mimic is not None:
+        return f"{_number(joint.mimic.multiplier)} x {joint.mimic.master}"
+    text = "" if joint.is_passive or not joint.coupling else joint.name
+    for name, ratio in joint.coupling.items():
+        factor = "" if abs(ratio) == 1 else f"{_number(abs(ratio))} "
+        text += f" {'-' if ratio < 0 else '+'} {factor}{name}"
+    return text.strip().removeprefix("+ ")
 
 
 def _mass_table(robot: Robot) -> Table:

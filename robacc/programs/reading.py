@@ -32,11 +32,13 @@ _BINARY = {
     ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
 }
 _SIGNS = (
-    (Dialect.krl, re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+\w)", re.I | re.M)),
     (Dialect.fanuc, re.compile(r"^/PROG\b", re.M)),
+    (Dialect.urscript, re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:", re.M)),
     (Dialect.rapid, re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)),
+    (Dialect.krl, re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$])", re.I | re.M)),
     (Dialect.urscript, re.compile(r"\b(?:movej|movel|movep|movec)\s*\(")),
 )
+"""Texts that only programs of a dialect have, in the order in which they are looked for."""
 
 
 def is_program(path: str | os.PathLike[str]) -> bool:
@@ -68,6 +70,10 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
         from robacc.programs.krl import parse_krl
 
         return parse_krl(source, [*_companions(name), *others])
+    if dialect is Dialect.rapid:
+        from robacc.programs.rapid import parse_rapid
+
+        return parse_rapid(source, others)
     raise InputError(Problem("is a robot program that is not read yet", name))
 
 

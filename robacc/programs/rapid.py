@@ -1,0 +1,287 @@
+"""ABB RAPID: robtargets and jointtargets of a module, with the tool and the work object of their motions."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robacc.geometry import Poses, quaternion_from_rotation
+from robacc.programs.assemble import Draft, frame_of
+from robacc.programs.conventions import Convention
+from robacc.programs.program import Dialect, MotionType, Program, ProgramFrame
+from robacc.programs.rapid_syntax import (
+    ASSIGNMENT,
+    DECLARATION,
+    DEGREE,
+    DISPLACEMENT,
+    HIDDEN,
+    INSTRUCTION,
+    MM,
+    ROUTINE,
+    RapidValue,
+    parse_value,
+    split_parts,
+    without_switches,
+)
+from robacc.programs.source import ProgramSource, mask
+from robacc.robots.description import Frame
+
+_GLOBAL = -1
+_ORIGIN = Frame()
+_NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\{\s*([^}]*?)\s*\})?\Z")
+_POSE_UNITS = (MM, MM, MM)
+_TURN_UNITS = (1.0, 1.0, 1.0, 1.0)
+_AXIS_UNITS = (DEGREE,) * 6
+_RUN_TIME = "the target is computed at run time"
+_ELSEWHERE = "the target's numbers are in none of the files read"
+_CHANGED = "the program assigns it at run time in line {}"
+_KINDS: dict[str, MotionType] = {"l": "linear", "j": "joint", "c": "circular"}
+
+
+@dataclass(slots=True)
+class _Module:
+    """Masked text of a file, its routines and what it assigns."""
+
+    source: ProgramSource
+    masked: str
+    starts: list[int] = field(default_factory=list)
+    """Places where routines begin."""
+    changes: dict[tuple[int, str], int] = field(default_factory=dict)
+    """First assignment outside of declarations, by routine and name."""
+
+    def routine(self, position: int) -> int:
+        """Return the number of the routine around a place, or :data:`_GLOBAL` for the module's own data."""
+        k = bisect_right(self.starts, position) - 1
+        return k if k >= 0 and k % 2 == 0 else _GLOBAL
+
+
+@dataclass(slots=True)
+class _Scope:
+    """Data by routine and name, names in small letters."""
+
+    targets: dict[tuple[int, str], list[int | None]] = field(default_factory=dict)
+    """Indices of a target, or of the elements of an array; None for an element that is no target."""
+    frames: dict[str, ProgramFrame] = field(default_factory=dict)
+
+    def find(self, routine: int, name: str) -> list[int | None] | None:
+        """Return the target of a name as seen from a routine."""
+        local = self.targets.get((routine, name))
+        return self.targets.get((_GLOBAL, name)) if local is None else local
+
+
+def parse_rapid(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
+    """Return the program of a RAPID module.
+
+    Args:
+        source: Module whose targets are wanted.
+        others: Modules that declare its tools and work objects.
+
+    Raises:
+        InputError: The text is no RAPID module, or is truncated.
+    """
+    module = _module(source)
+    draft = Draft(source, Dialect.rapid)
+    scope = _Scope({}, {"tool0": ProgramFrame("tool0", _ORIGIN), "wobj0": ProgramFrame("wobj0", _ORIGIN)})
+    for other in [*(_module(other) for other in others), module]:
+        _declare(other, scope, draft, own=other is module)
+    dropped: dict[int, str] = {}
+    for key, indices in scope.targets.items():
+        position = _change_of(module, key)
+        for index in indices if position is not None else ():
+            if index is not None:
+                dropped[index] = _CHANGED.format(source.line(position or 0))
+    for match in INSTRUCTION.finditer(module.masked):
+        _add_motion(module, match, scope, draft)
+    for match in DISPLACEMENT.finditer(module.masked):
+        reason = f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
+        draft.note(match.start(), match.end(), reason)
+    return draft.program(dropped)
+
+
+def _module(source: ProgramSource) -> _Module:
+    """Return a module with its routines.
+
+    Raises:
+        InputError: The module or a routine lacks its end.
+    """
+    module = _Module(source, mask(source.text, HIDDEN))
+    opened: list[tuple[str, int]] = []
+    count = 0
+    for match in ROUTINE.finditer(module.masked):
+        word = match[1].upper()
+        if not word.startswith("END"):
+            opened.append((word, match.start(1)))
+            count += 1
+        elif opened and opened[-1][0] == word[3:]:
+            opened.pop()
+        else:
+            raise source.error(f"{word} ends no {word[3:]}", match.start(1), "copy it from the controller again")
+        if word not in ("MODULE", "ENDMODULE"):
+            module.starts.append(match.start())
+    if not count:
+        raise source.error("has no MODULE and no PROC, so it is no RAPID module")
+    if opened:
+        word, position = opened[-1]
+        fix = "copy it from the controller again"
+        raise source.error(f"is truncated: this {word} has no END{word}", position, fix)
+    inside = [(match.start(), match.end()) for match in DECLARATION.finditer(module.masked)]
+    firsts = [start for start, _ in inside]
+    for match in ASSIGNMENT.finditer(module.masked):
+        k = bisect_right(firsts, match.start()) - 1
+        if k < 0 or match.start() >= inside[k][1]:
+            module.changes.setdefault((module.routine(match.start()), match[1].lower()), match.start())
+    for match in INSTRUCTION.finditer(module.masked):
+        if match[1].lower().startswith("search"):
+            name = _search_point(module, match)
+            module.changes.setdefault((module.routine(match.start()), name), match.start())
+    return module
+
+
+def _change_of(module: _Module, key: tuple[int, str]) -> int | None:
+    """Return the place where a variable is assigned at run time, or None."""
+    routine, name = key
+    if routine != _GLOBAL:
+        return module.changes.get(key)
+    places = [place for (_, changed), place in module.changes.items() if changed == name]
+    return min(places, default=None)
+
+
+def _declare(module: _Module, scope: _Scope, draft: Draft, own: bool) -> None:
+    """Add the data that a module declares; targets only of the program itself."""
+    for match in DECLARATION.finditer(module.masked):
+        kind, name = match[2].lower(), match[3]
+        if match[5] is None:
+            continue
+        value = parse_value(module.masked, match.start(5), match.end(5))
+        if kind in ("tooldata", "wobjdata"):
+            is_changed = any(changed == name.lower() for _, changed in module.changes)
+            frame = None if value is None or is_changed else _frame(module.masked, value, kind)
+            scope.frames[name.lower()] = ProgramFrame(name, frame)
+            if frame is not None:
+                (draft.tools if kind == "tooldata" else draft.bases)[name] = frame
+        elif own:
+            key = (module.routine(match.start()), name.lower())
+            elements = [value] if match[4] is None or value is None else list(value.parts or ())
+            scope.targets[key] = [
+                _add_target(draft, module, f"{name}{{{i + 1}}}" if match[4] else name, kind, element)
+                for i, element in enumerate(elements)
+            ]
+            for element, index in zip(elements, scope.targets[key], strict=True):
+                if index is None:
+                    start, end = (match.start(5), match.end(5)) if element is None else (element.start, element.end)
+                    draft.note(start, end, f"{name} has not all numbers of a {kind}")
+
+
+def _add_target(draft: Draft, module: _Module, name: str, kind: str, value: RapidValue | None) -> int | None:
+    """Add a robtarget or jointtarget; return its index, or None where its numbers are not all there."""
+    if value is None or not value.parts:
+        return None
+    text = module.source.text
+    if kind == "jointtarget":
+        numbers = value.parts[0].numbers(module.masked, _AXIS_UNITS) if len(value.parts) == 2 else None
+        if numbers is None:
+            return None
+        return draft.add(name, Convention.joints, numbers, external=_text(text, value.parts[1]))
+    if len(value.parts) != 4:
+        return None
+    place = value.parts[0].numbers(module.masked, _POSE_UNITS)
+    turn = value.parts[1].numbers(module.masked, _TURN_UNITS)
+    if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > 0.02:
+        return None
+    configuration = _text(text, value.parts[2])
+    return draft.add(
+        name,
+        Convention.quaternion,
+        place + turn,
+        configuration=configuration,
+        external=_text(text, value.parts[3]),
+    )
+
+
+def _text(text: str, value: RapidValue) -> str:
+    return " ".join(text[value.start : value.end].split())
+
+
+def _frame(masked: str, value: RapidValue, kind: str) -> Frame | None:
+    """Return the tool in the flange's frame or the work object in the world; None where it moves or is held."""
+    parts = value.parts or ()
+    flags = [masked[part.start : part.end].strip().upper() for part in parts]
+    if kind == "tooldata":
+        return _pose(masked, parts[1]) if len(parts) == 3 and flags[0] == "TRUE" else None
+    if len(parts) != 5 or flags[0] != "FALSE" or flags[1] != "TRUE":
+        return None
+    user, item = _pose(masked, parts[3]), _pose(masked, parts[4])
+    if user is None or item is None:
+        return None
+    poses = [Poses.from_xyz_rpy(np.array(frame.xyz), np.array(frame.rpy)) for frame in (user, item)]
+    combined = poses[0] @ poses[1]
+    return frame_of(Convention.quaternion, [*combined.translation, *quaternion_from_rotation(combined.rotation)])
+
+
+def _pose(masked: str, value: RapidValue) -> Frame | None:
+    parts = value.parts or ()
+    if len(parts) != 2:
+        return None
+    place, turn = parts[0].numbers(masked, _POSE_UNITS), parts[1].numbers(masked, _TURN_UNITS)
+    if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > 0.02:
+        return None
+    return frame_of(Convention.quaternion, [number.value * number.unit for number in (*place, *turn)])
+
+
+def _arguments(module: _Module, match: re.Match[str]) -> list[tuple[int, int]]:
+    r"""Return the places of an instruction's arguments, without those that begin with ``\``."""
+    places = split_parts(module.masked, match.start(2), match.end(2))
+    trimmed = [without_switches(module.masked, *place) for place in places]
+    return [(start, end) for start, end in trimmed if end > start]
+
+
+def _search_point(module: _Module, match: re.Match[str]) -> str:
+    """Return the variable that a search instruction stores its point in."""
+    arguments = _arguments(module, match)
+    return module.masked[slice(*arguments[1])].strip().lower() if len(arguments) > 1 else ""
+
+
+def _add_motion(module: _Module, match: re.Match[str], scope: _Scope, draft: Draft) -> None:
+    """Add the motions of an instruction, or notes on targets that are computed."""
+    word = match[1].lower()
+    is_joint_target = word == "moveabsj"
+    letter = "j" if is_joint_target else re.sub(r"^(move|trigg|arc|spot|disp|cap|search|paint)", "", word)[:1]
+    motion = _KINDS[letter]
+    arguments = _arguments(module, match)
+    tool, base = _frames(module, match, arguments, scope)
+    first = 2 if word.startswith("search") else 0
+    for start, end in arguments[first : first + (2 if motion == "circular" else 1)]:
+        text = module.masked[start:end]
+        name = _NAME.match(text)
+        if name is not None:
+            indices = scope.find(module.routine(match.start()), name[1].lower())
+            if indices is None:
+                draft.note(match.start(), match.end(), _ELSEWHERE)
+                continue
+            if name[2] and name[2].isdecimal():
+                indices = indices[int(name[2]) - 1 : int(name[2])]
+            for index in indices:
+                draft.move(start, index, motion, tool, base)
+            continue
+        kind = "jointtarget" if is_joint_target else "robtarget"
+        target = _add_target(draft, module, "", kind, parse_value(module.masked, start, end))
+        if target is None:
+            draft.note(match.start(), match.end(), _RUN_TIME)
+        draft.move(start, target, motion, tool, base)
+
+
+def _frames(
+    module: _Module, match: re.Match[str], arguments: Sequence[tuple[int, int]], scope: _Scope
+) -> tuple[ProgramFrame | None, ProgramFrame | None]:
+    r"""Return the tool, which is the last argument, and the work object of ``\WObj``."""
+    work = re.search(r"\\WObj\s*:=\s*([^\\,;]+)", match[2], re.IGNORECASE)
+    names = (
+        module.masked[slice(*arguments[-1])].strip() if len(arguments) > 1 else "",
+        work[1].strip() if work else "wobj0",
+    )
+    tool, base = (scope.frames.get(name.lower(), ProgramFrame(name, None)) for name in names)
+    return tool, base

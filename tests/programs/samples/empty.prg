@@ -1,0 +1,6 @@
+MODULE MainModule
+	PROC main()
+		! no motion
+		WaitTime 1;
+	ENDPROC
+ENDMODULE

@@ -58,7 +58,10 @@ class Calibration:
     effects: tuple[Effect, ...]
     fit: Fit
     noise: LackOfFit
+    nominal_unregistered: Stage
+    """The nominal model as it stands in the robot file."""
     nominal: Stage
+    """The nominal model, registered: base and tool frames fitted as far as the poses allow."""
     before: Stage
     """Baseline: the model with base and tool registered if the fit includes them, else the nominal model."""
     after: Stage
@@ -117,13 +120,14 @@ def calibrate(
     frames = tuple(effect for effect in effects if effect.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
     held_out_residuals = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
-    comparison = before_and_after(robot, data, registered, final_fit, held_out_residuals, holdout)
+    comparison = before_and_after(robot, data, registered, final_fit, held_out_residuals, holdout, n_folds, seed)
     noise = lack_of_fit(final_fit, data)
     return Calibration(
         robot=apply_fit(final_fit),
         effects=effects,
         fit=final_fit,
         noise=noise,
+        nominal_unregistered=comparison.nominal_unregistered,
         nominal=comparison.nominal,
         before=comparison.before,
         after=comparison.after,

@@ -1,19 +1,33 @@
-"""Comparison of two fits to the same poses: before and after, fitted and held out."""
+"""Comparison of two fits to the same poses: nominal, before and after, fitted and held out."""
 
 from __future__ import annotations
 
-import dataclasses
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.accuracy.metrics import pose_metrics
 from robacc.accuracy.stages import BeforeAfter, Residuals, Stage, paired_gain
-from robacc.fitting.solver import Fit
+from robacc.effects.base import effect_class
+from robacc.errors import InputError
+from robacc.fitting.cross_validation import folds, held_out, parts
+from robacc.fitting.registration import ALIGNABLE
+from robacc.fitting.solver import Fit, Options, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import predict
+from robacc.modelling.model import Model, predict
 from robacc.modelling.observation import residuals
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+
+
+class Registered(NamedTuple):
+    """Residuals ``(M, N)`` of the nominal model with its base and tool frames fitted."""
+
+    fitted: Array
+    held_out: Array | None
+    """Residuals of held-out poses: of each fold, or of the validation poses; None where no pose is held out."""
 
 
 def before_and_after(
@@ -23,25 +37,70 @@ def before_and_after(
     after: Fit,
     held_out: tuple[Array, Array] | None,
     holdout: Measurements | None = None,
+    n_folds: int = 5,
+    seed: int = 0,
 ) -> BeforeAfter:
-    """Return the stages of the nominal ``robot``, of the fit before and of the fit after, on the latter's inliers.
+    """Return the stages of the nominal ``robot``, of the fit before and of the fit after, on the same rows.
 
-    ``held_out`` are residuals before and after by models fitted without the poses: of each fold of ``data``, or of the
-    validation poses ``holdout``; None where no pose was held out.
+    Metrics are of all rows. Where the fit after has outliers, metrics without them stand beside. ``held_out`` are
+    residuals before and after by models fitted without the poses: of each fold of ``data``, or of the validation poses
+    ``holdout``; None where no pose was held out.
     """
-    nominal = residuals(data, predict(robot, data))
-    fitted = [pose_metrics(residual[:, after.inliers]) for residual in (nominal, before.residual, after.residual)]
-    calibration = Residuals(nominal, before.residual, after.residual)
+    unregistered = residuals(data, predict(robot, data))
+    registered = registered_residuals(robot, data, None if held_out is None else holdout, n_folds, seed)
+    calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual)
+    fitted = (unregistered, registered.fitted, before.residual, after.residual)
+    inliers = after.inliers
     if held_out is None:
-        stages = [Stage(metrics, None) for metrics in fitted]
-        return BeforeAfter(stages[0], stages[1], stages[2], None, calibration, None)
+        stages = [_stage(errors, inliers, None, None) for errors in fitted]
+        return BeforeAfter(stages[0], stages[1], stages[2], stages[3], None, calibration, None)
     if holdout is None:
-        calibration = dataclasses.replace(calibration, held_out_before=held_out[0], held_out_after=held_out[1])
-        validation, inliers, groups = None, after.inliers, data.groups()
+        nominal = registered.fitted if registered.held_out is None else registered.held_out
+        apart = (unregistered, nominal, *held_out)
+        calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual, nominal, *held_out)
+        validation, judged, groups = None, inliers, data.groups()
     else:
-        nominal = residuals(holdout, predict(robot, holdout))
-        validation, inliers, groups = Residuals(nominal, *held_out), np.ones(holdout.n, dtype=bool), holdout.groups()
-    outside = [pose_metrics(residual[:, inliers]) for residual in (nominal, *held_out)]
-    stages = [Stage(*metrics) for metrics in zip(fitted, outside, strict=True)]
-    gain = paired_gain(held_out[0][:, inliers], held_out[1][:, inliers], groups[inliers])
-    return BeforeAfter(stages[0], stages[1], stages[2], gain, calibration, validation)
+        unregistered = residuals(holdout, predict(robot, holdout))
+        nominal = unregistered if registered.held_out is None else registered.held_out
+        apart = (unregistered, nominal, *held_out)
+        validation, judged, groups = Residuals(*apart), np.ones(holdout.n, dtype=bool), holdout.groups()
+    stages = [_stage(errors, inliers, other, judged) for errors, other in zip(fitted, apart, strict=True)]
+    gain = paired_gain(held_out[0][:, judged], held_out[1][:, judged], groups[judged])
+    return BeforeAfter(stages[0], stages[1], stages[2], stages[3], gain, calibration, validation)
+
+
+def registered_residuals(
+    robot: Robot, data: Measurements, holdout: Measurements | None, n_folds: int, seed: int
+) -> Registered:
+    """Return residuals of the nominal model with base and tool fitted to the poses, as far as these allow.
+
+    Coordinates of the frames that the poses do not determine keep their nominal values. If the poses are too few, the
+    model is not registered.
+    """
+    arm = Arm.of(robot)
+    frames = [effect_class(name).default(arm, data) for name in ALIGNABLE]
+    model, options = Model.of(robot, frames), Options(tolerance=1e-6)
+    try:
+        registered = fit(model, data, options)
+        if holdout is not None:
+            return Registered(registered.residual, held_out(registered, holdout))
+        assigned = folds(data, n_folds, seed)
+        if assigned is None:
+            return Registered(registered.residual, None)
+        apart = np.empty_like(registered.residual)
+        for training, test in parts(assigned):
+            part = fit(model, data.subset(np.flatnonzero(training)), options)
+            apart[:, test] = held_out(part, data.subset(np.flatnonzero(test)))
+    except InputError:
+        return Registered(residuals(data, predict(robot, data)), None)
+    return Registered(registered.residual, apart)
+
+
+def _stage(fitted: Array, inliers: NDArray[np.bool_], apart: Array | None, judged: NDArray[np.bool_] | None) -> Stage:
+    """Return the metrics of all rows, and of the inliers where there are outliers."""
+    return Stage(
+        pose_metrics(fitted),
+        None if apart is None else pose_metrics(apart),
+        None if inliers.all() else pose_metrics(fitted[:, inliers]),
+        None if apart is None or judged is None or judged.all() else pose_metrics(apart[:, judged]),
+    )

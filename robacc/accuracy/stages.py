@@ -14,20 +14,29 @@ from robacc.statistics.distributions import normal_quantile
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """Metrics of one model: nominal, before or after."""
+    """Metrics of one model: nominal, before or after. Outliers count; metrics without them stand beside."""
 
     fitted: PoseMetrics
     held_out: PoseMetrics | None
     """None where there are too few poses to hold any out."""
+    fitted_inliers: PoseMetrics | None = None
+    """Metrics without the outliers; None if there are none."""
+    held_out_inliers: PoseMetrics | None = None
+    """Metrics of held-out poses without the outliers; None if there are none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
     """Residuals ``(3 or 6, N)`` of the same poses at every stage, m and rad, in the measuring frame."""
 
+    unregistered: Array
+    """Residuals of the nominal model as it stands in the robot file."""
     nominal: Array
+    """Residuals of the nominal model, registered."""
     before: Array
     after: Array
+    held_out_nominal: Array | None = None
+    """Residuals of the nominal model, registered without the pose; None where no pose was held out."""
     held_out_before: Array | None = None
     """Residuals by models fitted without the pose; None where no pose was held out."""
     held_out_after: Array | None = None
@@ -47,8 +56,10 @@ class Gain:
 class BeforeAfter:
     """Stages, gain and residuals of two fits to the same poses."""
 
+    nominal_unregistered: Stage
+    """Stage of the nominal model as it stands in the robot file."""
     nominal: Stage
-    """Stage of the nominal model."""
+    """Stage of the nominal model, registered: base and tool frames fitted as far as the poses allow."""
     before: Stage
     after: Stage
     gain: Gain | None

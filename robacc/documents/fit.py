@@ -223,16 +223,26 @@ def _noise(lack_of_fit: LackOfFit) -> dict[str, Any]:
 def _stages(
     result: Calibration | Trace, fit: Fit, data: Measurements, apart: Measurements | None, seed: int
 ) -> dict[str, dict[str, Any]]:
-    """Return ``nominal``, ``before`` and ``after``."""
+    """Return ``nominal_unregistered``, ``nominal``, ``before`` and ``after``."""
     residuals, holdout = result.residuals, result.holdout
     groups, used = data.groups(), fit.inliers
-    fitted = (residuals.nominal, residuals.before, residuals.after)
-    held_out: tuple[Array | None, ...] = (residuals.nominal, residuals.held_out_before, residuals.held_out_after)
+    fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
+    held_out: tuple[Array | None, ...] = (
+        residuals.unregistered,
+        residuals.held_out_nominal,
+        residuals.held_out_before,
+        residuals.held_out_after,
+    )
     held_out_groups, held_out_used = groups, used
     if holdout is not None and apart is not None:
-        held_out = (holdout.nominal, holdout.before, holdout.after)
+        held_out = (holdout.unregistered, holdout.nominal, holdout.before, holdout.after)
         held_out_groups, held_out_used = apart.groups(), np.ones(apart.n, dtype=bool)
-    stages = {"nominal": result.nominal, "before": result.before, "after": result.after}
+    stages = {
+        "nominal_unregistered": result.nominal_unregistered,
+        "nominal": result.nominal,
+        "before": result.before,
+        "after": result.after,
+    }
     return {
         name: stage_document(
             stage,

@@ -70,9 +70,11 @@ def pose_document(
 
 def _stages(residuals: Residuals) -> dict[str, Any]:
     by_stage = {
+        "nominal_unregistered": residuals.unregistered,
         "nominal": residuals.nominal,
         "before": residuals.before,
         "after": residuals.after,
+        "held_out_nominal": residuals.held_out_nominal,
         "held_out_before": residuals.held_out_before,
         "held_out_after": residuals.held_out_after,
     }

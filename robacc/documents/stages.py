@@ -23,7 +23,7 @@ class ErrorRows(NamedTuple):
     residual: Array
     """``(3 or 6, N)`` m, rad"""
     used: NDArray[np.bool_]
-    """``(N,)`` rows behind the metrics."""
+    """``(N,)`` mask of the rows that are not outliers."""
     groups: NDArray[np.int64]
     """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
 
@@ -33,9 +33,16 @@ def stage_document(stage: Stage, fitted: ErrorRows, held_out: ErrorRows | None, 
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
+    everything = np.ones_like(fitted.used)
     return {
-        "fitted": _poses(stage.fitted, fitted, seed),
-        "held_out": None if stage.held_out is None or held_out is None else _poses(stage.held_out, held_out, seed),
+        "fitted": _poses(stage.fitted, fitted._replace(used=everything), seed),
+        "fitted_inliers": None if stage.fitted_inliers is None else _poses(stage.fitted_inliers, fitted, seed),
+        "held_out": None
+        if stage.held_out is None or held_out is None
+        else _poses(stage.held_out, held_out._replace(used=np.ones_like(held_out.used)), seed),
+        "held_out_inliers": None
+        if stage.held_out_inliers is None or held_out is None
+        else _poses(stage.held_out_inliers, held_out, seed),
     }
 
 

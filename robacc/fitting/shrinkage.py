@@ -1,7 +1,9 @@
 """Gaussian priors about zero: given ones, and those of groups, whose standard deviation is estimated from the data.
 
 Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
-(MacKay 1992; REML), by MacKay's fixed point.
+(MacKay 1992; REML), by MacKay's fixed point. The constants of a kind (:mod:`robacc.fitting.weak_parameters`) are a
+group too. Since they are few, their standard deviation has a prior of its own, worth :data:`PSEUDO_CONSTANTS` constants
+of the usual size: without it the estimate could be zero, and the intervals with it.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.normal_equations import NormalEquations
 from robacc.geometry import Array
 
+PSEUDO_CONSTANTS = 2.0
+"""Weight of the usual size in the estimated standard deviation of a kind of constants, in constants."""
 _ROUNDS = 60
 _SETTLED = 1e-3
 """Change of the groups' standard deviations, as a share, at which the iteration ends."""
@@ -30,6 +34,9 @@ class Priors:
         A group starts at its standard deviation in ``start``, or at its terms' usual size.
         """
         self._terms = terms
+        self._weights = np.array([term.weight for term in terms], dtype=np.float64)
+        self._usual: dict[str, float] = {}
+        """Usual size of the constants of each kind."""
         self.groups: dict[str, list[int]] = {}
         for i, term in enumerate(terms):
             if term.group is not None:
@@ -41,6 +48,51 @@ class Priors:
         if given is not None:
             known = np.isfinite(given) & (given > 0)
             self.precision[known] = 1.0 / np.square(given[known])
+
+    def add_kind(self, kind: str, members: Sequence[int], usual: float, start: float | None = None) -> None:
+        """Put the constants ``members`` under a common prior; those with a prior already keep theirs.
+
+        Args:
+            kind: Name of the kind.
+            members: Numbers of the coefficients.
+            usual: Usual size of such a constant, m or rad.
+            start: Standard deviation to start from, m or rad; three times the usual size if None.
+        """
+        without_prior = [i for i in members if self.precision[i] == 0.0]
+        if kind in self.groups or not without_prior:
+            return
+        self.groups[kind], self._usual[kind] = without_prior, usual
+        self._weights[without_prior] = 1.0
+        self.group_stds[kind] = 3.0 * usual if start is None else start
+        self.precision[without_prior] = self.group_stds[kind] ** -2
+
+    @property
+    def kind_stds(self) -> dict[str, float]:
+        """Return the estimated standard deviation of each kind of constants, m or rad."""
+        return {kind: self.group_stds[kind] for kind in self._usual}
+
+    def uncertainty(self, theta: Array, inverse: Array, columns: NDArray[np.int64]) -> Array:
+        """Return ``(K, K)`` covariance of the coefficients that comes from the uncertain width of each kind's prior.
+
+        By the delta method: d theta / d log s = 2 (G + P)^-1 P theta, and var(log s) = 1 / (2 m) of m determined
+        constants.
+
+        Args:
+            theta: ``(K,)`` coefficients.
+            inverse: ``(K, K)`` posterior covariance.
+            columns: ``(K,)`` numbers of the coefficients.
+        """
+        index = {int(column): i for i, column in enumerate(columns)}
+        prior = self.precision[columns]
+        result = np.zeros((columns.size, columns.size))
+        for kind in self._usual:
+            indices = [index[i] for i in self.groups[kind] if i in index]
+            pull = np.zeros(columns.size)
+            pull[indices] = prior[indices] * theta[indices]
+            derivative = 2.0 * inverse @ pull
+            n_determined = len(indices) - float(prior[indices] @ np.diag(inverse)[indices]) + PSEUDO_CONSTANTS
+            result += np.outer(derivative, derivative) / (2.0 * max(n_determined, 1.0))
+        return result
 
     def effective(self, gram: Array, columns: NDArray[np.int64]) -> float:
         """Return the number of coefficients that the data determine: all without priors, fewer with."""
@@ -65,11 +117,14 @@ class Priors:
             prior = self.precision[columns]
             posterior_var = np.diag(inverse := posterior(normal.gram, prior))
             theta = inverse @ normal.rhs
-            for name, members in self.groups.items():
+            for name, group in self.groups.items():
+                members = [i for i in group if i in index]
                 indices = [index[i] for i in members]
-                sizes = np.array([self._terms[i].weight for i in members])
                 n_determined = len(members) - float(prior[indices] @ posterior_var[indices])
-                sum_of_squares = float(np.sum(np.square(theta[indices] / sizes)))
+                sum_of_squares = float(np.sum(np.square(theta[indices] / self._weights[members])))
+                if name in self._usual:
+                    n_determined += PSEUDO_CONSTANTS
+                    sum_of_squares += PSEUDO_CONSTANTS * self._usual[name] ** 2
                 self.group_stds[name] = float(np.sqrt(max(sum_of_squares / max(n_determined, 1e-3), 1e-18)))
             if not noise_known:
                 n_determined = columns.size - float(prior @ posterior_var)
@@ -83,7 +138,7 @@ class Priors:
         for name, members in self.groups.items():
             group_std = self.group_stds.setdefault(name, self._terms[members[0]].typical)
             for i in members:
-                self.precision[i] = noise_var / (group_std * self._terms[i].weight) ** 2
+                self.precision[i] = noise_var / (group_std * self._weights[i]) ** 2
 
     def _changed(self, before: dict[str, float], share: float) -> bool:
         return any(

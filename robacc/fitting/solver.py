@@ -23,7 +23,7 @@ from robacc.fitting.identifiability import Dropped, Identifiability, identify
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.shrinkage import Priors
 from robacc.fitting.visits import visit_numbers
-from robacc.fitting.weak_parameters import WEAK, prior_std, std_at_nominal
+from robacc.fitting.weak_parameters import WEAK, badly_made, constant_kinds, std_at_nominal
 from robacc.fitting.whitening import Scatter, Whitening, whitening
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
@@ -56,7 +56,7 @@ class Options:
     group_stds: Mapping[str, float] = field(default_factory=dict)
     """Prior standard deviations to start from, by group; default: the usual size of the group's terms."""
     prior_stds: Mapping[str, float] = field(default_factory=dict)
-    """Prior standard deviations (m or rad) of weakly identifiable constants, by coefficient."""
+    """Prior standard deviations (m or rad) of kinds of constants to start from, by kind."""
     scatter: Scatter | None = None
     """Scatter of the joints, which rows of one visit share; none if None."""
     settled: float = 1e-3
@@ -105,7 +105,9 @@ class Fit:
     group_stds: dict[str, float] = field(default_factory=dict)
     """Prior standard deviation of each group, in units of its terms' weights."""
     prior_stds: dict[str, float] = field(default_factory=dict)
-    """Prior standard deviation about nominal (m or rad) of each weakly identifiable constant, by coefficient."""
+    """Estimated prior standard deviation about nominal (m or rad) of each kind of constants that has one."""
+    weak: tuple[str, ...] = ()
+    """Names of the weakly identifiable constants, for which the kinds have a prior."""
 
     @property
     def dropped(self) -> tuple[Dropped, ...]:
@@ -134,8 +136,9 @@ def fit(model: Model, data: Measurements, options: Options = Options()) -> Fit:
     """Fit every free effect of ``model`` to ``data``.
 
     Free base and tool frames are first registered in closed form, from any start. Weakly identifiable constants of the
-    arm would drift by centimetres from noise; they get a prior about nominal whose standard deviation is the deviation
-    of a badly made arm. All other constants have none: an arm may differ from its file by any amount.
+    arm would drift by centimetres from noise; the constants of their kind share a prior about nominal, whose standard
+    deviation is estimated. Without weakly identifiable constants there is no prior: an arm may differ from its file by
+    any amount.
 
     Raises:
         InputError: fewer measured components than coefficients.
@@ -163,10 +166,9 @@ class _Solver:
         self.equations = PoseEquations(model, data)
         terms = self.equations.terms
         self.inliers = np.ones(data.n, dtype=bool) if options.inliers is None else options.inliers.copy()
-        self.prior_stds = {
-            term.name: options.prior_stds[term.name] for term in terms if term.name in options.prior_stds
-        }
-        self.priors = self._priors()
+        self.weak: set[str] = set()
+        self.kind_starts = dict(options.prior_stds)
+        self.priors = Priors(terms, options.priors, options.group_stds)
         self.steps = 0
         # The first misfit, if not given, is that of the start.
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
@@ -177,6 +179,8 @@ class _Solver:
         self.normal: NormalEquations | None = None
         """Linearisation at the present coefficients, weights and inliers; None if any has changed."""
         self.identifiability = self._identify()
+        self.kinds = constant_kinds(self.equations, model)
+        self.priors = self._priors()
 
     @property
     def _has_scatter(self) -> bool:
@@ -216,23 +220,24 @@ class _Solver:
         return dataclasses.replace(identified, columns=columns)
 
     def _priors(self) -> Priors:
+        """Return the priors anew, those of the kinds of constants at the latest estimates."""
         priors = Priors(self.equations.terms, self.options.priors, self.options.group_stds)
-        for i, term in enumerate(self.equations.terms):
-            if term.name in self.prior_stds:
-                priors.precision[i] = max(priors.precision[i], self.prior_stds[term.name] ** -2)
+        for kind in self.kinds:
+            if kind.name in self.kind_starts:
+                priors.add_kind(kind.name, kind.members, kind.usual, self.kind_starts[kind.name])
         return priors
 
     def solve(self) -> NormalEquations:
-        """Solve, with a prior on every weakly identifiable constant; return the last linearisation.
+        """Solve, with a prior on the kinds of weakly identifiable constants; return the last linearisation.
 
         With a near start, such constants get their prior before the first step. Otherwise they get it once everything
         else is fitted, since the apparent noise of a far start would make all constants weak.
         """
-        if self.prior_stds:
+        if self.kind_starts:
             self._add_priors(std_at_nominal(self.equations, self._whitening(self.inliers), self.priors.precision))
         linear = self._converge()
         stds = np.sqrt(np.diag(posterior(linear.gram, self.priors.precision[self.equations.columns])))
-        limits = prior_std(self.equations, self.model)
+        limits = badly_made(self.equations, self.model)
         is_drifted = np.abs(self.predicted.theta[self.equations.columns]) > limits
         if not (is_drifted.any() or np.any(stds > WEAK * limits)):
             return linear
@@ -244,13 +249,16 @@ class _Solver:
         return self._converge()
 
     def _add_priors(self, stds: Array) -> bool:
-        """Put a prior on constants whose standard errors are large; return whether more of them have one now."""
-        count, limits = len(self.prior_stds), prior_std(self.equations, self.model)
-        for index in np.flatnonzero(stds > WEAK * limits):
-            column, std = self.equations.columns[index], float(limits[index])
-            self.prior_stds[self.equations.terms[column].name] = std
-            self.priors.precision[column] = max(self.priors.precision[column], std**-2)
-        return len(self.prior_stds) > count
+        """Put a prior on the kinds of constants with large standard errors; return whether more kinds have one now."""
+        count, limits = len(self.kind_starts), badly_made(self.equations, self.model)
+        columns = set(self.equations.columns[stds > WEAK * limits].tolist())
+        self.weak |= {self.equations.terms[i].name for i in columns}
+        for kind in self.kinds:
+            if columns & set(kind.members) and kind.name not in self.kind_starts:
+                self.priors.add_kind(kind.name, kind.members, kind.usual)
+                if kind.name in self.priors.groups:
+                    self.kind_starts[kind.name] = self.priors.group_stds[kind.name]
+        return len(self.kind_starts) > count
 
     def _converge(self) -> NormalEquations:
         """Alternate Gauss-Newton with updates of the weights and the groups' priors until neither changes."""
@@ -304,11 +312,13 @@ class _Solver:
         chi_square = float(np.square(self._whitening(self.inliers).apply(predicted.residual)).sum())
         components = float(np.count_nonzero(self.inliers) * equations.rows)
         dof = components - self.priors.effective(linear.gram, columns)
+        kinds = self.priors.kind_stds
         count = len(equations.terms)
         covariance = np.full((count, count), np.nan)
         if columns.size:
-            inverse = posterior(linear.gram, prior) * self._inflation(chi_square, dof)
-            covariance[np.ix_(columns, columns)] = inverse
+            inverse = posterior(linear.gram, prior)
+            inverse = inverse + self.priors.uncertainty(predicted.theta[columns], inverse, columns)
+            covariance[np.ix_(columns, columns)] = inverse * self._inflation(chi_square, dof)
         return Fit(
             model=self.model,
             names=tuple(term.name for term in equations.terms),
@@ -331,8 +341,9 @@ class _Solver:
             gram=linear.gram,
             rhs=linear.rhs,
             precision=prior,
-            group_stds=dict(self.priors.group_stds),
-            prior_stds=dict(self.prior_stds),
+            group_stds={name: std for name, std in self.priors.group_stds.items() if name not in kinds},
+            prior_stds=kinds,
+            weak=tuple(sorted(self.weak)) if kinds else (),
         )
 
     def _inflation(self, chi_square: float, dof: float) -> float:

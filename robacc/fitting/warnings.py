@@ -77,10 +77,14 @@ def weak_parameters_warning(fit: Fit) -> tuple[str, ...]:
     """Return a warning that lists the weakly identifiable constants; empty if there are none."""
     if not fit.prior_stds:
         return ()
-    names = sorted(fit.prior_stds)
+    names = sorted(fit.weak)
     more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
     listed = ", ".join(names[:_MAX_NAMES]) + more
+    stds = ", ".join(
+        f"{1e3 * std:.3g} {'mm' if kind.endswith('(m)') else 'mrad'} for {kind.partition(' (')[0]}"
+        for kind, std in fit.prior_stds.items()
+    )
     return (
-        f"weakly identifiable on these poses: {listed}; a prior of 3 mm or 3 mrad about the nominal model limits them; "
-        "measure poses with more different orientations",
+        f"weakly identifiable on these poses: {listed or 'some constants'}; a prior about the nominal model limits them, "
+        f"its standard deviation estimated from the data: {stds}; measure poses with more different orientations",
     )

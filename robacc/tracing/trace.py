@@ -82,7 +82,10 @@ class Trace:
     declared: Fit
     final: Fit
     noise: LackOfFit
+    nominal_unregistered: Stage
+    """The nominal model as it stands in the robot file."""
     nominal: Stage
+    """The nominal model, registered: base and tool frames fitted as far as the poses allow."""
     before: Stage
     after: Stage
     gain: Gain | None
@@ -143,13 +146,14 @@ def trace(
     repeatability = None if loop.components is None else repeatability_of(final, loop.components, data)
     unexplained = _left(loop, final, noise, data, repeatability)
     ends = None if validation is None else (validation.before, validation.after)
-    stages = before_and_after(model.arm.robot, data, declared, final, ends, holdout)
+    stages = before_and_after(model.arm.robot, data, declared, final, ends, holdout, n_folds, seed)
     return Trace(
         robot=apply_fit(final),
         verdict=_verdict(findings, unexplained),
         declared=declared,
         final=final,
         noise=noise,
+        nominal_unregistered=stages.nominal_unregistered,
         nominal=stages.nominal,
         before=stages.before,
         after=stages.after,

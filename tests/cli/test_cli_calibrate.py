@@ -212,8 +212,8 @@ def test_the_table(files: Path) -> None:
     for part in (
         "Calibration from 50 measured poses",
         "Before and after",
-        "nominal model",
-        "base and tool",
+        "nominal, registered",
+        "baseline",
         "calibrated",
     ):
         at = done.stdout.index(part, at + 1)

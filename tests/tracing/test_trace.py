@@ -225,7 +225,7 @@ def test_frames_that_nobody_declared_are_found() -> None:
     moved = dataclasses.replace(data, position=data.position + np.array([[3e-4], [-2e-4], [5e-4]]))
     found = traced(robot, moved, "")
     assert named(found) == [("base_frame", ())]
-    assert found.nominal.fitted == found.before.fitted
+    assert found.nominal_unregistered.fitted == found.before.fitted
     frame = {parameter.name: parameter.value for parameter in found.findings[0].parameters}
     assert frame["base_frame.z"] == pytest.approx(robot.base.xyz[2] + 5e-4, abs=5e-5)
 

@@ -36,7 +36,7 @@ def _parts(
     yield BLANK
     yield heading("Before and after")
     yield from stage_tables(
-        [("nominal model", result.nominal), ("base and tool fitted", result.before), ("calibrated", result.after)]
+        [("nominal, registered", result.nominal), ("baseline", result.before), ("calibrated", result.after)]
     )
     yield from gain_line(result.gain)
     yield BLANK

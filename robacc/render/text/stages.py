@@ -16,7 +16,13 @@ _IN_MRAD = 1e3
 
 def stage_tables(stages: Sequence[tuple[str, Stage]]) -> Iterator[TextLine]:
     """Return the errors of each stage, held-out poses first."""
-    for kind, title in (("held_out", "held-out poses"), ("fitted", "calibration poses")):
+    kinds = (
+        ("held_out", "held-out poses"),
+        ("held_out_inliers", "held-out poses without outliers"),
+        ("fitted", "calibration poses"),
+        ("fitted_inliers", "calibration poses without outliers"),
+    )
+    for kind, title in kinds:
         figures = [(name, getattr(stage, kind)) for name, stage in stages]
         if any(metrics is None for _, metrics in figures):
             continue

@@ -61,7 +61,10 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
         yield from wrapped(text, width)
     yield BLANK
     yield heading("4. Before and after")
-    rows_of_stages = [("nominal model", result.nominal), ("baseline (declared effects)", result.before)]
+    rows_of_stages = [
+        ("nominal, base and tool registered", result.nominal),
+        ("baseline (declared effects)", result.before),
+    ]
     if result.findings:
         rows_of_stages.append(("extended model (findings)", result.after))
     yield from stage_tables(rows_of_stages)

@@ -8,6 +8,7 @@ of the usual size: without it the estimate could be zero, and the intervals with
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -20,6 +21,13 @@ from robacc.geometry import Array
 
 PSEUDO_CONSTANTS = 2.0
 """Weight of the usual size in the estimated standard deviation of a kind of constants, in constants."""
+_BADLY_MADE = 3.0
+"""That usual size, over the one of a good arm: 3 mm or 3 mrad, an arm made badly."""
+_FACTORS = tuple(np.exp(np.linspace(-1.2, 1.8, 7)).tolist())
+"""Grid of the widths, over their estimates."""
+_MOST_KINDS = 3
+"""Kinds of constants up to which their widths are integrated."""
+_LARGEST_LOG = 200.0
 _ROUNDS = 60
 _SETTLED = 1e-3
 """Change of the groups' standard deviations, as a share, at which the iteration ends."""
@@ -71,28 +79,34 @@ class Priors:
         """Return the estimated standard deviation of each kind of constants, m or rad."""
         return {kind: self.group_stds[kind] for kind in self._usual}
 
-    def uncertainty(self, theta: Array, inverse: Array, columns: NDArray[np.int64]) -> Array:
-        """Return ``(K, K)`` covariance of the coefficients that comes from the uncertain width of each kind's prior.
+    def covariance(self, normal: NormalEquations, columns: NDArray[np.int64]) -> Array:
+        """Return ``(K, K)`` posterior covariance of the coefficients, over the uncertain widths of the kinds' priors.
 
-        By the delta method: d theta / d log s = 2 (G + P)^-1 P theta, and var(log s) = 1 / (2 m) of m determined
-        constants.
-
-        Args:
-            theta: ``(K,)`` coefficients.
-            inverse: ``(K, K)`` posterior covariance.
-            columns: ``(K,)`` numbers of the coefficients.
+        The widths are integrated over a grid around their estimates, by the marginal likelihood of the linearisation
+        and the prior of the width: cov = E[cov(s)] + E[(theta(s) - theta) (theta(s) - theta)^T].
         """
-        index = {int(column): i for i, column in enumerate(columns)}
         prior = self.precision[columns]
-        result = np.zeros((columns.size, columns.size))
-        for kind in self._usual:
-            indices = [index[i] for i in self.groups[kind] if i in index]
-            pull = np.zeros(columns.size)
-            pull[indices] = prior[indices] * theta[indices]
-            derivative = 2.0 * inverse @ pull
-            n_determined = len(indices) - float(prior[indices] @ np.diag(inverse)[indices]) + PSEUDO_CONSTANTS
-            result += np.outer(derivative, derivative) / (2.0 * max(n_determined, 1.0))
-        return result
+        inverse = posterior(normal.gram, prior)
+        if not self._usual:
+            return inverse
+        index = {int(column): i for i, column in enumerate(columns)}
+        theta = inverse @ normal.rhs
+        members = [np.array([index[i] for i in self.groups[kind] if i in index]) for kind in self._usual]
+        total, weights, log_first = np.zeros_like(inverse), 0.0, None
+        for factors in itertools.product(_FACTORS if len(members) <= _MOST_KINDS else (1.0,), repeat=len(members)):
+            precision, log_prior = prior.copy(), 0.0
+            for (kind, usual), indices, factor in zip(self._usual.items(), members, factors, strict=True):
+                std = factor * self.group_stds[kind]
+                precision[indices] = prior[indices] / factor**2
+                log_prior -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * (_BADLY_MADE * usual / std) ** 2)
+            log_weight = log_prior + _log_evidence(normal, precision, precision > 0.0)
+            log_first = log_weight if log_first is None else log_first
+            weight = float(np.exp(min(log_weight - log_first, _LARGEST_LOG)))
+            solved = posterior(normal.gram, precision)
+            difference = solved @ normal.rhs - theta
+            total += weight * (solved + np.outer(difference, difference))
+            weights += weight
+        return np.asarray(total / weights, dtype=np.float64)
 
     def effective(self, gram: Array, columns: NDArray[np.int64]) -> float:
         """Return the number of coefficients that the data determine: all without priors, fewer with."""
@@ -124,7 +138,7 @@ class Priors:
                 sum_of_squares = float(np.sum(np.square(theta[indices] / self._weights[members])))
                 if name in self._usual:
                     n_determined += PSEUDO_CONSTANTS
-                    sum_of_squares += PSEUDO_CONSTANTS * self._usual[name] ** 2
+                    sum_of_squares += PSEUDO_CONSTANTS * (_BADLY_MADE * self._usual[name]) ** 2
                 self.group_stds[name] = float(np.sqrt(max(sum_of_squares / max(n_determined, 1e-3), 1e-18)))
             if not noise_known:
                 n_determined = columns.size - float(prior @ posterior_var)
@@ -144,3 +158,13 @@ class Priors:
         return any(
             abs(group_std - before.get(name, 0.0)) > share * group_std for name, group_std in self.group_stds.items()
         )
+
+
+def _log_evidence(normal: NormalEquations, precision: Array, shrunk: NDArray[np.bool_]) -> float:
+    """Return the log marginal likelihood of a linearisation under a prior, up to a constant."""
+    scale = 1.0 / np.sqrt(np.diag(normal.gram) + precision)
+    matrix = (normal.gram + np.diag(precision)) * scale[:, None] * scale
+    scaled = scale * normal.rhs
+    gain = float(scaled @ np.linalg.solve(matrix, scaled))
+    log_determinant = float(np.linalg.slogdet(matrix)[1]) - 2.0 * float(np.log(scale).sum())
+    return 0.5 * (gain - log_determinant + float(np.log(precision[shrunk]).sum()))

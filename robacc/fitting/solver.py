@@ -316,8 +316,7 @@ class _Solver:
         count = len(equations.terms)
         covariance = np.full((count, count), np.nan)
         if columns.size:
-            inverse = posterior(linear.gram, prior)
-            inverse = inverse + self.priors.uncertainty(predicted.theta[columns], inverse, columns)
+            inverse = self.priors.covariance(linear, columns)
             covariance[np.ix_(columns, columns)] = inverse * self._inflation(chi_square, dof)
         return Fit(
             model=self.model,

@@ -66,7 +66,8 @@ def shrink_to_nominal(
     columns = fitted.identifiability.columns
     kinds: dict[str, list[int]] = {}
     for index, column in enumerate(columns):
-        if fitted.model.free[fitted.owners[column]].name in effects:
+        # A kind with an estimated prior is shrunk already, and its standard errors allow for that.
+        if fitted.precision[index] == 0.0 and fitted.model.free[fitted.owners[column]].name in effects:
             kinds.setdefault(fitted.terms[column].unit, []).append(index)
     kinds = {unit: indices for unit, indices in kinds.items() if len(indices) >= _FEWEST}
     selections: list[_Selected] = []

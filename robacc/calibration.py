@@ -19,6 +19,7 @@ from robacc.errors import InputError
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection, with_deflection
+from robacc.fitting.fit_repeatability import Repeatability, repeatability_of, settle_scatter
 from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.noise import LackOfFit, lack_of_fit
@@ -28,6 +29,7 @@ from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal
 from robacc.fitting.warnings import (
     condition_warning,
+    convergence_warning,
     frames_warning,
     no_held_out_warning,
     outliers_warning,
@@ -58,6 +60,8 @@ class Calibration:
     effects: tuple[Effect, ...]
     fit: Fit
     noise: LackOfFit
+    repeatability: Repeatability | None
+    """Scatter of the joints; None if it is not significant beside the noise."""
     nominal_unregistered: Stage
     """The nominal model as it stands in the robot file."""
     nominal: Stage
@@ -115,6 +119,12 @@ def calibrate(
     plan = _Plan(robot, data, requests, options, priors or {}, shrink)
     progress("fitting", 0, n_folds + 1)
     effects = plan.effects(data)
+    unshrunk = dataclasses.replace(plan, shrink=False)
+    first_fit, _, _ = _fitted(unshrunk, effects, data, options)
+    options, components = settle_scatter(
+        first_fit, data, options, lambda scattered: _fitted(unshrunk, effects, data, scattered)[0]
+    )
+    plan = dataclasses.replace(plan, options=options)
     final_fit, shrunk, deflection = _fitted(plan, effects, data, options)
     effects = final_fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
@@ -127,6 +137,7 @@ def calibrate(
         effects=effects,
         fit=final_fit,
         noise=noise,
+        repeatability=None if components is None else repeatability_of(final_fit, components, data),
         nominal_unregistered=comparison.nominal_unregistered,
         nominal=comparison.nominal,
         before=comparison.before,
@@ -236,7 +247,7 @@ def _hold_out(
 
     Searched effects are chosen anew in each fold.
     """
-    fold_options = Options(robust=plan.options.robust, tolerance=1e-6)
+    fold_options = dataclasses.replace(plan.options, tolerance=1e-6)
     if holdout is not None:
         baseline = fit(Model.of(plan.robot, frames), data, fold_options)
         extended = _fitted(plan, effects, data, fold_options)[0]
@@ -278,6 +289,7 @@ def _leverage(final_fit: Fit, data: Measurements) -> tuple[tuple[int, float], ..
 
 def _warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
     warnings = [
+        *convergence_warning(final_fit),
         *data.warnings,
         *data.contradicted_ids(),
         *outliers_warning(final_fit, data),

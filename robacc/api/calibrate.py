@@ -34,6 +34,11 @@ class Calibrated(FitResult, Calibration):
         fields["warnings"] = (*calibration.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
         return cls(**fields, fit_inputs=inputs, made=made)
 
+    @property
+    def converged(self) -> bool:
+        """Return whether the reported fit converged."""
+        return self.fit.converged
+
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
         from robacc.documents.fit import calibration_payload
@@ -94,7 +99,7 @@ def calibrate(
         >>> result = robacc.calibrate(
         ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", fit=("base_frame", "tool_frame")
         ... )
-        >>> before, after = result.nominal.fitted.position, result.after.fitted.position
+        >>> before, after = result.nominal_unregistered.fitted.position, result.after.fitted.position
         >>> print(f"{before.rms * 1e3:.2f} to {after.rms * 1e3:.2f} mm")
         1.80 to 0.47 mm
         >>> print(result.model_yaml().splitlines()[1])

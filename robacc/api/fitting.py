@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -37,6 +38,11 @@ class FitResult(Result):
     robot: Robot
     fit_inputs: FitInputs
 
+    @property
+    def converged(self) -> bool:
+        """Return whether the reported fit converged."""
+        raise NotImplementedError
+
     def model_yaml(self) -> str:
         """Return the robot file of the fitted robot; its first line names the command and the poses."""
         from robacc.robots.yaml_writer import robot_to_yaml
@@ -53,10 +59,13 @@ class FitResult(Result):
         A failure leaves no partial file.
 
         Raises:
-            InputError: The file cannot be written.
+            InputError: The file cannot be written, or the fit did not converge.
         """
         from robacc.io.files import write_text
 
+        if not self.converged:
+            fix = "check units, frames and joint signs, fit fewer effects, or measure more poses"
+            raise InputError(Problem("the fit did not converge, so no model is written", os.fspath(path), fix=fix))
         write_text(path, self.model_yaml())
 
 

@@ -34,6 +34,11 @@ class Traced(FitResult, Trace):
         fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
         return cls(**fields, fit_inputs=inputs, made=made)
 
+    @property
+    def converged(self) -> bool:
+        """Return whether the reported fit converged."""
+        return self.final.converged
+
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
         from robacc.documents.fit import trace_payload

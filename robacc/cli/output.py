@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 from robacc.cli.options import OUTPUTS, Format, PlainFormat
 
 if TYPE_CHECKING:
+    from robacc.api.fitting import FitResult
     from robacc.api.result import Result
     from robacc.gates.evaluate import GateOutcome
 
@@ -50,6 +51,28 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
     gated_document, outcome = result.gated(read_gate(outlets.gate))
     say_warnings(outcome.warnings)
     conclude(outlets, result.command, gated_document, table, outcome, result.warnings)
+
+
+def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, table: Callable[[TextIO], None]) -> None:
+    """Write the model of a fit and deliver the result; a fit that did not converge ends with status 5, without a model.
+
+    Args:
+        write_model: File for the model; None for none.
+        outlets: Forms and files.
+        result: Result of a fit.
+        table: Draws the result onto a stream.
+
+    Raises:
+        InputError: a file cannot be written, or the gate cannot be read.
+        typer.Exit: the gate did not pass (status 4 or 5), or the fit did not converge (status 5).
+    """
+    import typer
+
+    if write_model is not None and result.converged:
+        result.write_model(write_model)
+    deliver(outlets, result, table)
+    if not result.converged:
+        raise typer.Exit(5)
 
 
 def conclude(

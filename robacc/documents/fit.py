@@ -51,6 +51,9 @@ def calibration_payload(
             for effect in calibration.effects
         ],
         "parameters": parameters_document(calibration.parameters),
+        "priors": _priors(calibration.fit),
+        "repeatability": _repeatability(calibration.repeatability),
+        "converged": calibration.fit.converged,
         "shrinkage": [_kind(kind) for kind in calibration.shrunk],
         "deflection": _deflection(calibration.deflection),
         "correlations": [
@@ -93,6 +96,8 @@ def trace_payload(
         "n_folds": trace.n_folds,
         "findings": [_finding(finding) for finding in trace.findings],
         "deflection": _deflection(trace.deflection),
+        "priors": _priors(trace.final),
+        "converged": trace.final.converged,
         "repeatability": _repeatability(trace.repeatability),
         "explained_share": trace.explained_share,
         "unexplained": {
@@ -197,6 +202,19 @@ def _ranked(candidate: Ranked) -> dict[str, Any]:
         "p_value": candidate.p_value,
         "explained": candidate.gain,
     }
+
+
+def _priors(fit: Fit) -> list[dict[str, Any]]:
+    """Return the estimated priors about nominal, one for each kind of constants that has one."""
+    return [
+        {
+            "effect": kind.partition(" (")[0],
+            "unit": kind.partition(" (")[2].rstrip(")"),
+            "std": std,
+            "weakly_identifiable": [name for name in fit.weak if name.startswith(kind.partition(" (")[0])],
+        }
+        for kind, std in fit.prior_stds.items()
+    ]
 
 
 def _repeatability(repeatability: Repeatability | None) -> dict[str, Any] | None:

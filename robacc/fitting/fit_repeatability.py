@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,6 +23,8 @@ _RESOLVED = 0.5
 """Largest relative standard error for which a joint's scatter is reported."""
 _FEWEST = 20
 """Smallest number of visits for which scatter is estimated."""
+_ROUNDS = 3
+"""Largest number of estimates of the scatter."""
 _SAME = 0.1
 """Largest relative difference of two estimates that count as equal."""
 
@@ -84,6 +87,26 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
         poses,
         fit.precision,
     )
+
+
+def settle_scatter(
+    fitted: Fit, data: Measurements, options: Options, refit: Callable[[Options], Fit]
+) -> tuple[Options, Components | None]:
+    """Return options with the joints' scatter estimated beside the fit, and the scatter; None if it is not significant.
+
+    ``refit`` fits again with given options: scatter and coefficients are estimated in turn until they agree.
+    """
+    components = None
+    for _ in range(_ROUNDS):
+        estimated = components_of(fitted, data)
+        if estimated is None or estimated.gain <= SIGNIFICANT:
+            return options, components
+        components = estimated
+        if is_same(options, components):
+            return options, components
+        options = with_scatter(options, components)
+        fitted = refit(options)
+    return options, components
 
 
 def with_scatter(options: Options, components: Components) -> Options:

@@ -29,6 +29,8 @@ _QUICK, _ENDLESS = 0.05, 0.97
 larger ones need not converge."""
 _EXACT = 1e-15
 """m or rad: rounding of a predicted position (at some metres) or orientation."""
+_SHORT = 0.03
+"""Length of a step, over the residual's, below which a fit that cannot be improved counts as converged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,8 @@ class Minimum:
     normal: NormalEquations
     """The last linearisation; the minimum follows from it by one step, which is taken."""
     steps: int
+    converged: bool
+    """False if the steps ended before they were short."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +77,7 @@ def minimise(
     previous_step: Array | None = None
     previous_length: float | None = None
     count = 0
+    converged = columns.size == 0
     while columns.size and count < _STEPS:
         count += 1
         step = _step(normal, prior)
@@ -93,13 +98,15 @@ def minimise(
         if move is None:
             move = _line_search(equations, predicted, step, limit, white, prior, derivative=not is_last)
         if move is None:
+            converged = length <= _SHORT * (1.0 + float(np.sqrt(cost)))
             break
         predicted, cost = move.predicted, min(move.cost, cost)
         previous_length = length if move.step_share == 1.0 and previous_step is not None else None
         if move.normal is None:
+            converged = True
             break
         normal = move.normal
-    return Minimum(predicted, normal, count)
+    return Minimum(predicted, normal, count, converged)
 
 
 def posterior(gram: Array, prior: Array) -> Array:

@@ -96,6 +96,8 @@ class Fit:
     degrees_of_freedom: float
     """Components of the inliers less effective coefficients."""
     steps: int
+    converged: bool
+    """False if the last iteration ended before its steps were short."""
     gram: Array
     """``(K, K)`` whitened normal matrix of the identifiable coefficients, without priors."""
     rhs: Array
@@ -170,6 +172,7 @@ class _Solver:
         self.kind_starts = dict(options.prior_stds)
         self.priors = Priors(terms, options.priors, options.group_stds)
         self.steps = 0
+        self.converged = True
         # The first misfit, if not given, is that of the start.
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
         self.predicted = self.equations.predict(start, ahead=not start.any())
@@ -281,6 +284,7 @@ class _Solver:
         minimum = minimise(self.equations, self.predicted, self.normal, white, precision, tolerance)
         self.predicted = minimum.predicted
         self.steps += minimum.steps
+        self.converged = minimum.converged
         self.normal = None
         return minimum.normal
 
@@ -337,6 +341,7 @@ class _Solver:
             chi_square=chi_square,
             degrees_of_freedom=dof,
             steps=self.steps,
+            converged=self.converged,
             gram=linear.gram,
             rhs=linear.rhs,
             precision=prior,

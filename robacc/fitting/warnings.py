@@ -31,6 +31,16 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
     return (f"outliers left out of the fit: {fit.outliers.size} row(s), on {data.counted}(s) {lines}",)
 
 
+def convergence_warning(fit: Fit) -> tuple[str, ...]:
+    """Return a warning if the fit did not converge; else empty."""
+    if fit.converged:
+        return ()
+    return (
+        f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; check "
+        "the units, the frames and the joint signs, fit fewer effects, or measure more poses",
+    )
+
+
 def no_held_out_warning(data: Measurements) -> str:
     """Return the warning that there are too few poses for cross-validation."""
     poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
@@ -85,6 +95,6 @@ def weak_parameters_warning(fit: Fit) -> tuple[str, ...]:
         for kind, std in fit.prior_stds.items()
     )
     return (
-        f"weakly identifiable on these poses: {listed or 'some constants'}; a prior about the nominal model limits them, "
-        f"its standard deviation estimated from the data: {stds}; measure poses with more different orientations",
+        f"weakly identifiable on these poses: {listed or 'some constants'}; a prior about the nominal model limits "
+        f"them, its standard deviation estimated from the data: {stds}; measure poses with more different orientations",
     )

@@ -2,8 +2,8 @@
 
 Without a prior, noise moves such a constant by centimetres along a direction that has no effect on these poses but does
 on others. The constants of its kind then share a Gaussian prior about nominal, whose standard deviation is estimated
-from the data (:mod:`robacc.fitting.shrinkage`): zeros that are wrong by degrees widen their own prior, and leave that of
-the lengths narrow. Given priors take precedence.
+from the data (:mod:`robacc.fitting.shrinkage`): zeros that are wrong by degrees widen their own prior, and leave that
+of the lengths narrow. Given priors take precedence.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.warnings import (
     condition_warning,
+    convergence_warning,
     frames_warning,
     no_held_out_warning,
     outliers_warning,
@@ -169,6 +170,7 @@ def trace(
         n_folds=0 if validation is None else validation.folds,
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=(
+            *convergence_warning(final),
             *data.warnings,
             *data.contradicted_ids(),
             *([no_held_out_warning(data)] if validation is None else []),

@@ -212,7 +212,7 @@ def test_the_table(files: Path) -> None:
     for part in (
         "Calibration from 50 measured poses",
         "Before and after",
-        "nominal, registered",
+        "nominal, base and tool registered",
         "baseline",
         "calibrated",
     ):

@@ -133,7 +133,7 @@ def test_the_table_has_its_sections_in_order(files: Path) -> None:
         "3. Findings",
         "1) backlash on j2",
         "4. Before and after",
-        "nominal, registered",
+        "nominal, base and tool registered",
         "baseline (declared effects)",
         "extended model (findings)",
         "5. Remaining error",

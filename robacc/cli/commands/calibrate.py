@@ -73,7 +73,7 @@ def calibrate(
     Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
     """
     from robacc.api.calibrate import calibrate as run_calibrate
-    from robacc.cli.output import Outlets, deliver
+    from robacc.cli.output import Outlets, deliver_fit
     from robacc.cli.progress import progress_bar
     from robacc.render.text.calibrate import draw_calibration
 
@@ -94,9 +94,8 @@ def calibrate(
             seed=seed,
             progress=progress,
         )
-    if write_model is not None:
-        result.write_model(write_model)
-    deliver(
+    deliver_fit(
+        write_model,
         Outlets(form, output, gate, junit, report),
         result,
         lambda stream: draw_calibration(result, result.fit_inputs.data, poses, robot, fit, stream),

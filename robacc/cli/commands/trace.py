@@ -63,7 +63,7 @@ def trace(
     Example: robacc trace poses.csv --robot robot.yaml --declared base_frame,tool_frame --write-model better.yaml
     """
     from robacc.api.trace import trace as run_trace
-    from robacc.cli.output import Outlets, deliver
+    from robacc.cli.output import Outlets, deliver_fit
     from robacc.cli.progress import progress_bar
     from robacc.render.text.trace import draw_trace
 
@@ -82,9 +82,8 @@ def trace(
             seed=seed,
             progress=progress,
         )
-    if write_model is not None:
-        result.write_model(write_model)
-    deliver(
+    deliver_fit(
+        write_model,
         Outlets(form, output, gate, junit, report),
         result,
         lambda stream: draw_trace(result, poses, robot, declared, stream),

@@ -75,7 +75,7 @@ def _of_fit(document: Document, poses: Mapping[str, Any], unit: str) -> ErrorsBy
         return None
     held_out = columns["held_out_after"] is not None
     names = {
-        "nominal": "nominal",
+        "nominal": "held_out_nominal" if held_out else "nominal",
         "before": "held_out_before" if held_out else "before",
         "after": "held_out_after" if held_out else "after",
     }

@@ -11,7 +11,7 @@ from robacc.measurements import Measurements
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, p_value, three_digits
-from robacc.render.text.stages import deflection, gain_line, stage_tables
+from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
 
 _IN_MM = 1e3
 _MAX_COEFFICIENTS = 60
@@ -36,7 +36,11 @@ def _parts(
     yield BLANK
     yield heading("Before and after")
     yield from stage_tables(
-        [("nominal, registered", result.nominal), ("baseline", result.before), ("calibrated", result.after)]
+        [
+            ("nominal, base and tool registered", result.nominal),
+            ("baseline", result.before),
+            ("calibrated", result.after),
+        ]
     )
     yield from gain_line(result.gain)
     yield BLANK
@@ -75,6 +79,7 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
         yield f"weighted chi-square {fit.chi_square:.4g} on {fit.degrees_of_freedom:.1f} degrees of freedom"
     indices = ", ".join(f"{name} {value:.3g}" for name, value in result.identifiability.observability().items())
     yield f"condition number {result.identifiability.condition:.3g}; observability indices {indices}"
+    yield from repeatability_items(result.repeatability, result.fit.model.arm)
     for kind in result.shrunk:
         yield _shrinkage(kind)
     if result.shrunk:

@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 from robacc.accuracy.metrics import PoseMetrics
 from robacc.accuracy.stages import Gain, Stage
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
+from robacc.fitting.fit_repeatability import Repeatability
 from robacc.render.text.layout import TextLine, columns
 from robacc.render.text.numbers import three_digits
+from robacc.robots.arm import Arm
 
 _IN_MM = 1e3
 _IN_MRAD = 1e3
+_IN_MICRORADIANS = 1e6
 
 
 def stage_tables(stages: Sequence[tuple[str, Stage]]) -> Iterator[TextLine]:
@@ -38,6 +41,22 @@ def gain_line(gain: Gain | None) -> Iterator[TextLine]:
     value, low, high = (three_digits(number * _IN_MM) for number in (gain.value, gain.low, gain.high))
     percent = f"{100 * gain.confidence:.0f} %"
     yield TextLine(f"rms reduction on held-out poses: {value} mm ({percent} interval {low} to {high} mm)")
+
+
+def repeatability_items(repeatability: Repeatability | None, arm: Arm) -> Iterator[str]:
+    """Return the intrinsic repeatability joint by joint, and its limitation; nothing if it is not significant."""
+    if repeatability is None:
+        return
+    joints = ", ".join(
+        f"{name} {three_digits(std * (_IN_MICRORADIANS if arm.is_revolute(name) else _IN_MM))} "
+        f"{'µrad' if arm.is_revolute(name) else 'mm'}"
+        for name, std in repeatability.joints
+        if std is not None
+    )
+    size = three_digits(repeatability.position * _IN_MM)
+    yield f"intrinsic repeatability: {size} mm rms at the target ({joints or 'no joint singled out'})"
+    if repeatability.source == "residual":
+        yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
 
 
 def _table(title: str, quantity: str, factor: float, figures: Sequence[tuple[str, PoseMetrics]]) -> list[TextLine]:

@@ -11,7 +11,7 @@ from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.detection import draw_detection
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, odds, p_value, three_digits
-from robacc.render.text.stages import deflection, gain_line, stage_tables
+from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
 from robacc.tracing.findings import Finding
 from robacc.tracing.harmonics import Harmonic
 from robacc.tracing.rivals import Alternative
@@ -178,30 +178,13 @@ def _remaining_error(result: Trace) -> Iterable[str]:
     if result.explained_share is not None and result.findings:
         share = f"{100 * result.explained_share:.0f} %"
         yield f"{share} of the explainable error is explained (held-out variance above noise)"
-    yield from _repeatability(result)
+    yield from repeatability_items(result.repeatability, result.final.model.arm)
     yield from unexplained.hints
 
 
 def _significance(probability: float) -> str:
     """Return the p-value in brackets where it is what shows the structure."""
     return f" ({p_value(probability)})" if probability < _CONVINCING else ""
-
-
-def _repeatability(result: Trace) -> Iterator[str]:
-    repeatability = result.repeatability
-    if repeatability is None:
-        return
-    arm = result.final.model.arm
-    joints = ", ".join(
-        f"{name} {three_digits(std * (_IN_MICRORADIANS if arm.is_revolute(name) else _IN_MM))} "
-        f"{'µrad' if arm.is_revolute(name) else 'mm'}"
-        for name, std in repeatability.joints
-        if std is not None
-    )
-    size = three_digits(repeatability.position * _IN_MM)
-    yield f"intrinsic repeatability: {size} mm rms at the target ({joints or 'no joint singled out'})"
-    if repeatability.source == "residual":
-        yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
 
 
 def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:

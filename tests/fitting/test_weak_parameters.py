@@ -74,7 +74,7 @@ def test_few_orientations_do_not_change_links_by_centimetres(monkeypatch: pytest
 
     found = geometry("ur10", data)
     assert found.prior_stds
-    # The arm was made with 0.5 mm and 0.5 mrad; 25 poses of one orientation leave the estimate near its own prior, 3 mm.
+    # The arm was made with 0.5 mm and 0.5 mrad; 25 poses of one orientation leave it near its own prior, 3 mm.
     assert set(found.prior_stds) == {"joint_offset (rad)", "link_geometry (m)", "link_geometry (rad)"}
     assert all(3e-4 < std < 3e-3 for std in found.prior_stds.values())
     assert all(name.startswith(("joint_offset.", "link_geometry.")) for name in found.weak)

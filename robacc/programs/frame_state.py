@@ -9,12 +9,15 @@ from typing import Literal
 
 from robacc.programs.program import ProgramFrame
 
-EventKind = Literal["start", "open", "loop", "next", "close", "set"]
+EventKind = Literal["start", "routine", "open", "loop", "next", "close", "set"]
 
 
 @dataclass(frozen=True, slots=True)
 class FrameEvent:
-    """Statement that matters for the frame in force: start of a routine, a block's ends, or an assignment."""
+    """Statement that matters for the frame in force: start of a routine, a block's ends, or an assignment.
+
+    ``start`` begins a routine that ends where the next one starts; ``routine`` one that is closed, and may be nested.
+    """
 
     position: int
     kind: EventKind
@@ -51,6 +54,10 @@ def timeline(events: Sequence[FrameEvent], initial: ProgramFrame | None = None) 
             current, before, opened = initial, [], []
         elif event.kind == "set":
             current = event.frame
+        elif event.kind == "routine":
+            opened.append(k)
+            before.append(current)
+            current = initial
         elif event.kind in ("open", "loop"):
             opened.append(k)
             current = None if event.kind == "loop" and setting.get(k) else current
@@ -58,8 +65,12 @@ def timeline(events: Sequence[FrameEvent], initial: ProgramFrame | None = None) 
         elif opened and event.kind == "next":
             current = before[-1]
         elif opened and event.kind == "close":
-            before.pop()
-            current = None if setting.get(opened.pop()) else current
+            outer = before.pop()
+            block = opened.pop()
+            if events[block].kind == "routine":
+                current = outer  # a definition runs nothing
+            elif setting.get(block):
+                current = None
         result.positions.append(event.position)
         result.frames.append(current)
     return result
@@ -72,12 +83,14 @@ def _blocks_that_set(events: Sequence[FrameEvent]) -> dict[int, bool]:
     for k, event in enumerate(events):
         if event.kind == "start":
             stack = []
-        elif event.kind in ("open", "loop"):
+        elif event.kind in ("routine", "open", "loop"):
             stack.append(k)
             result[k] = False
         elif event.kind == "set":
-            for block in stack:
+            for block in reversed(stack):
                 result[block] = True
+                if events[block].kind == "routine":
+                    break
         elif event.kind == "close" and stack:
             stack.pop()
     return result

@@ -29,6 +29,8 @@ INSTRUCTION = re.compile(
 )
 DISPLACEMENT = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet|CorrCon|SoftAct)\b[^;]*;", _ANY)
 _TOKEN = re.compile(r"[\[\],]|[^\[\],]+")
+_BRACKET_OR_COMMA = re.compile(r"[\[\](){},]")
+_BRACKET_OR_SWITCH = re.compile(r"[\[\](){}\\]")
 _NUMBER = re.compile(rf"\s*({NUMBER})\s*\Z")
 
 
@@ -93,15 +95,15 @@ def split_parts(text: str, start: int, end: int) -> list[tuple[int, int]]:
     parts = []
     depth = 0
     first = start
-    for match in re.finditer(r"[\[\](){},]", text[start:end]):
+    for match in _BRACKET_OR_COMMA.finditer(text, start, end):
         character = match[0]
         if character in "[({":
             depth += 1
         elif character in "])}":
             depth -= 1
         elif depth == 0:
-            parts.append((first, start + match.start()))
-            first = start + match.end()
+            parts.append((first, match.start()))
+            first = match.end()
     parts.append((first, end))
     return parts
 
@@ -109,16 +111,13 @@ def split_parts(text: str, start: int, end: int) -> list[tuple[int, int]]:
 def without_switches(text: str, start: int, end: int) -> tuple[int, int]:
     r"""Return the place of an argument without its ``\Switch`` parts and the blanks around it."""
     depth = 0
-    for k in range(start, end):
-        if text[k] in "[({":
+    for match in _BRACKET_OR_SWITCH.finditer(text, start, end):
+        if match[0] in "[({":
             depth += 1
-        elif text[k] in "])}":
+        elif match[0] in "])}":
             depth -= 1
-        elif text[k] == "\\" and depth == 0:
-            end = k
+        elif depth == 0:
+            end = match.start()
             break
-    while start < end and text[start].isspace():
-        start += 1
-    while end > start and text[end - 1].isspace():
-        end -= 1
-    return start, end
+    part = text[start:end]
+    return end - len(part.lstrip()), start + len(part.rstrip())

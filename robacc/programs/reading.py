@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path, PurePath
 
 from robacc.errors import InputError, Problem
-from robacc.io.files import read_bytes
+from robacc.io.files import read_bytes, read_text
+from robacc.programs.frames_file import parse_frames, with_frames
 from robacc.programs.program import Dialect, Program
 from robacc.programs.source import PROGRAM_LIMIT, ProgramSource
 
@@ -53,7 +54,8 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
     Args:
         path: Program: KUKA ``.src``, ``.dat``; ABB ``.mod``, ``.modx``, ``.sys``, ``.prg``; FANUC ``.ls``; URScript
             ``.script``. A KUKA file is read together with the file of the same name and the other suffix.
-        frames: Further files of the same dialect that define tools and bases, such as ``$config.dat``.
+        frames: Files that define tools and bases: files of the same dialect, such as ``$config.dat`` or a module with
+            tooldata, and YAML files of frames by name.
 
     Raises:
         InputError: A file cannot be read, is no robot program, is truncated, or mixes encodings.
@@ -64,8 +66,20 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
         message, fix = _BINARY[suffix]
         raise InputError(Problem(message, name, fix=fix))
     source = _source(name)
+    names = [os.fspath(other) for other in frames]
+    tables = [parse_frames(read_text(other), other) for other in names if _is_yaml(other)]
+    program = _parse(source, name, [_source(other) for other in names if not _is_yaml(other)])
+    for table in tables:
+        program = with_frames(program, table)
+    return program
+
+
+def _is_yaml(name: str) -> bool:
+    return PurePath(name).suffix.lower() in (".yaml", ".yml")
+
+
+def _parse(source: ProgramSource, name: str, others: Sequence[ProgramSource]) -> Program:
     dialect = dialect_of(source)
-    others = [_source(os.fspath(other)) for other in frames]
     if dialect is Dialect.krl:
         from robacc.programs.krl import parse_krl
 
@@ -74,7 +88,13 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
         from robacc.programs.rapid import parse_rapid
 
         return parse_rapid(source, others)
-    raise InputError(Problem("is a robot program that is not read yet", name))
+    if dialect is Dialect.fanuc:
+        from robacc.programs.fanuc import parse_fanuc
+
+        return parse_fanuc(source)
+    from robacc.programs.urscript import parse_urscript
+
+    return parse_urscript(source)
 
 
 def dialect_of(source: ProgramSource) -> Dialect:

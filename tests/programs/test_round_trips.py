@@ -39,7 +39,7 @@ def reread(program: Program, data: bytes, tmp_path: Path) -> Program:
 
 
 def test_every_dialect_has_six_samples() -> None:
-    counts = {Dialect.krl: 0, Dialect.rapid: 0}
+    counts = dict.fromkeys(Dialect, 0)
     for path in SAMPLES:
         counts[read_program(path).dialect] += 1
     assert min(counts.values()) >= 6, counts

@@ -1,0 +1,6 @@
+/PROG  SUB1
+/ATTR
+/MN
+   1:  CALL PICK ;
+/POS
+/END

@@ -1,0 +1,92 @@
+"""FANUC .LS: positions, frames and notes of the sample programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from robacc.errors import InputError
+from robacc.programs.reading import read_program
+from robacc.programs.writing import with_targets
+
+SAMPLES = Path(__file__).parent / "samples"
+
+
+def test_positions_have_frames_configuration_and_motion() -> None:
+    program = read_program(SAMPLES / "pick.ls")
+    assert [target.name for target in program.targets] == ["P[1]", "P[2:Prise]", "P[3]", "P[4]"]
+    assert [target.motion for target in program.targets] == ["joint", "linear", "circular", "circular"]
+    assert program.targets[3].configuration == "F U T, 0, -1, 1"
+    tool, base = program.targets[0].tool, program.targets[0].base
+    assert tool is not None
+    assert base is not None
+    assert (tool.name, tool.frame, base.name, base.frame) == ("3", None, "1", None)
+    world = program.targets[2].base
+    assert world is not None
+    assert world.frame is not None
+
+
+def test_wpr_turns_about_fixed_axes() -> None:
+    target = read_program(SAMPLES / "pick.ls").targets[1]
+    np.testing.assert_allclose(target.values[:3], (0.534015, 0.478032, 0.637))
+    x, y, z, w = Rotation.from_euler("xyz", (-0.098, 19.856, -179.9), degrees=True).as_quat()
+    np.testing.assert_allclose(np.abs(np.dot((w, x, y, z), target.values[3:])), 1, atol=1e-15)
+
+
+def test_offsets_and_registers_are_listed() -> None:
+    reasons = {note.line: note.reason for note in read_program(SAMPLES / "pick.ls").notes}
+    lines = (SAMPLES / "pick.ls").read_text(encoding="cp1252").splitlines()
+    at = {line.split(":")[0].strip(): k for k, line in enumerate(lines, start=1) if line[:4].strip().isdecimal()}
+    assert reasons[at["6"]] == "Offset moves the target at run time"
+    assert reasons[at["9"]] == reasons[at["10"]] == "the target is in a register, which is known at run time only"
+    assert len(reasons) == 3
+
+
+def test_joints_and_other_groups() -> None:
+    program = read_program(SAMPLES / "home.ls")
+    np.testing.assert_allclose(program.targets[0].values, np.radians([0, -12.5, 45, 0, -0.5, 200]))
+    assert program.targets[1].external == "E1= 1200.000 mm, GP2"
+
+
+def test_untaught_and_incremental_positions_are_left_alone() -> None:
+    german = read_program(SAMPLES / "german.ls")
+    assert [target.name for target in german.targets] == ["P[2]"]
+    assert [note.reason for note in german.notes] == [
+        "P[1] is no target of this program",
+        "P[1] is not taught, or has not all its numbers",
+    ]
+    program = read_program(SAMPLES / "incr.ls")
+    assert [target.name for target in program.targets] == ["P[1]"]
+    assert "the motion in line 5 is incremental" in [note.reason for note in program.notes]
+
+
+def test_columns_stay_aligned() -> None:
+    program = read_program(SAMPLES / "pick.ls")
+    values = [(-0.0005, *target.values[1:]) for target in program.targets]
+    lines = with_targets(program, values).decode("cp1252").splitlines()
+    assert "\tX =     -.500  mm,\tY =   397.980  mm,\tZ =  1033.305  mm," in lines
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("/PROG A\n/MN\n   1:J P[1] 100% FINE ;\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT", "is truncated: it has no /END"),
+        ("/PROG A\n/MN\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT : 1,\n/END\n", ":4: is truncated: this position has no }"),
+    ],
+)
+def test_truncated_programs_get_one_message(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.ls"
+    path.write_bytes(text.encode())
+    with pytest.raises(InputError, match=message) as caught:
+        read_program(path)
+    assert len(caught.value.problems) == 1
+
+
+def test_a_binary_program_says_how_to_export_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.tp"
+    path.write_bytes(b"\0\1\2")
+    with pytest.raises(InputError, match="binary TP program"):
+        read_program(path)

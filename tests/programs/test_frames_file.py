@@ -1,0 +1,50 @@
+"""Frames that the controller knows and the program only names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robacc.errors import InputError
+from robacc.programs.program import ProgramFrame
+from robacc.programs.reading import read_program
+
+SAMPLES = Path(__file__).parent / "samples"
+FRAMES = """
+units: {length: mm, angle: deg}
+tools:
+  3: {xyz: [0, 0, 120], rpy: [0, 90, 0]}
+  default: {xyz: [0, 0, 50]}
+bases: {1: {xyz: [1000, 0, 0]}}
+"""
+
+
+def test_frames_are_taken_by_number(tmp_path: Path) -> None:
+    path = tmp_path / "frames.yaml"
+    path.write_text(FRAMES, encoding="utf-8")
+    targets = read_program(SAMPLES / "pick.ls", [path]).targets
+    tool, base = targets[0].tool, targets[0].base
+    assert tool is not None
+    assert tool.frame is not None
+    assert base is not None
+    assert base.frame is not None
+    np.testing.assert_allclose(tool.frame.xyz, (0, 0, 0.12))
+    np.testing.assert_allclose(tool.frame.rpy, (0, np.pi / 2, 0))
+    np.testing.assert_allclose(base.frame.xyz, (1, 0, 0))
+
+
+def test_default_stands_for_a_frame_without_a_name(tmp_path: Path) -> None:
+    path = tmp_path / "frames.yaml"
+    path.write_text(FRAMES, encoding="utf-8")
+    program = read_program(SAMPLES / "lines.script", [path])
+    assert program.targets[0].tool == ProgramFrame("default", program.targets[0].tool.frame)  # type: ignore[union-attr]
+    assert all(target.tool is not None and target.tool.frame is not None for target in program.targets)
+
+
+def test_problems_have_line_and_key(tmp_path: Path) -> None:
+    path = tmp_path / "frames.yaml"
+    path.write_text("units: {length: mm, angle: deg}\ntools:\n  3: {xyz: [0, 0]}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"frames.yaml:3, tools.3.xyz: expected a list of 3 numbers"):
+        read_program(SAMPLES / "pick.ls", [path])

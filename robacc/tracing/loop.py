@@ -62,7 +62,7 @@ def choose(
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of the search on one set of poses."""
+    """Result of the search on one set of poses; its effects are those of its fit and of its selection."""
 
     declared: Fit
     final: Fit
@@ -74,6 +74,112 @@ class SearchResult:
     """Fit options, with the scatter of the joints if it is significant."""
     components: Components | None = None
     """Scatter of the joints, where it is significant."""
+    rounds: int = 1
+    """Number of rounds of a joint fit and a selection."""
+    settled: bool = True
+    """False if the rounds ended, or came back to an earlier choice, before a choice repeated itself."""
+
+
+@dataclass(frozen=True)
+class _Round:
+    """A set of effects, the fit of all of them together, and the selection that starts from them."""
+
+    effects: tuple[Effect, ...]
+    fit: Fit
+    selection: Selection
+    """Selection of exactly these effects, on the linearisation of their fit."""
+    next: Selection
+    """What the search chooses from there."""
+
+    @property
+    def keys(self) -> frozenset[tuple[object, ...]]:
+        """Return the keys of the effects."""
+        return frozenset(effect.search_key() for effect in self.effects)
+
+
+class _Search:
+    """State of one search: the baseline, and the rounds since the scatter of the joints last changed."""
+
+    def __init__(
+        self, model: Model, data: Measurements, options: Options, only: Sequence[str] | None, empirical: bool
+    ) -> None:
+        self.model, self.data, self.options = model, data, options
+        self.only, self.empirical = only, empirical
+        self.all_rows = np.ones(data.n, dtype=bool)
+        self.baseline = fit(model, data, options)
+        self.first = linearise(self.baseline, data, model.free, only)
+        self.components: Components | None = None
+        self.steps: list[SelectionStep] = []
+        self.count = 0
+
+    def start(self) -> _Round:
+        """Return the round without findings."""
+        return self._chosen_from((), self.baseline, self.first)
+
+    def follow(self, last: _Round) -> _Round:
+        """Fit what the last round chose, all together, and choose again from there."""
+        frames = tuple(effect for effect in last.effects if effect.is_frame)
+        chosen = frames + tuple(last.next.refined(choice) for choice in last.next.chosen)
+        # Every fit registers an identified frame anew, so it is no candidate again.
+        frames = tuple(effect for effect in chosen if effect.is_frame)
+        others = tuple(effect for effect in chosen if not effect.is_frame)
+        fitted = refit(last.fit, (*self.baseline.model.free, *frames, *others), self.data, self.options)
+        return self._chosen_from(chosen, fitted, linearise(fitted, self.data, (*self.model.free, *frames), self.only))
+
+    def _chosen_from(self, effects: tuple[Effect, ...], fitted: Fit, candidates: LinearisedCandidates) -> _Round:
+        others = [effect for effect in effects if not effect.is_frame]
+        choice = choose(candidates, self.all_rows, others, self.empirical)
+        self.steps.extend(choice.steps)
+        self.count += 1
+        return _Round(effects, fitted, candidates.selection(self.all_rows, others), choice)
+
+    def settle(self, last: _Round) -> tuple[_Round, bool]:
+        """Follow the choice until it repeats itself; return that round, and whether it did.
+
+        A choice that comes back to an earlier one, or has not settled after :data:`_ROUNDS`, is decided by comparing
+        all rounds, the last choice included.
+        """
+        rounds = [last]
+        while True:
+            chosen = frozenset(last.next.refined(choice).search_key() for choice in last.next.chosen)
+            if chosen == frozenset(effect.search_key() for effect in last.effects if not effect.is_frame):
+                return last, True
+            if len(rounds) > _ROUNDS or any(chosen == earlier.keys for earlier in rounds):
+                return _best(rounds), False
+            last = self.follow(last)
+            rounds.append(last)
+
+    def update_scatter(self, last: _Round) -> bool:
+        """Estimate the joints' scatter beside the findings; return whether it changed, with the baseline refitted."""
+        components = components_of(last.fit, self.data)
+        if components is None or components.gain <= SIGNIFICANT:
+            return False
+        self.components = components
+        if is_same(self.options, components):
+            return False
+        self.options = with_scatter(self.options, components)
+        self.baseline = refit(self.baseline, self.baseline.model.free, self.data, self.options)
+        self.first = linearise(self.baseline, self.data, self.model.free, self.only)
+        return True
+
+
+def _best(rounds: Sequence[_Round]) -> _Round:
+    """Return the round with the largest posterior, from the residuals of its own fit on the rows common to all.
+
+    The selection of a round gives what its coefficients cost: the evidence less the gain in likelihood, and the prior.
+    """
+    rows = np.logical_and.reduce([entry.fit.inliers for entry in rounds])
+    weight = rounds[0].fit.weight * rows
+
+    def posterior(entry: _Round) -> float:
+        scorer = entry.selection.scorer
+        baseline, full = scorer.condition([]), scorer.condition(entry.selection.chosen)
+        cost_of_coefficients = entry.selection.total() - 0.5 * baseline.dof * np.log(baseline.cost / full.cost)
+        squares = float(np.sum(np.square(entry.fit.residual * weight)))
+        components = float(rows.sum() * entry.fit.residual.shape[0])
+        return float(cost_of_coefficients - 0.5 * components * np.log(max(squares, 1e-300)))
+
+    return max(rounds, key=posterior)
 
 
 def search(
@@ -88,40 +194,24 @@ def search(
     Scatter that rows of a visit share is no effect, but by chance effects fit it. It is estimated beside the chosen
     effects, so that a real effect does not pass for scatter, and each finding is tested again beside it.
     """
-    baseline = fit(model, data, options)
-    all_rows = np.ones(data.n, dtype=bool)
-    first = candidates = linearise(baseline, data, model.free, only)
-    selection = choose(candidates, all_rows, empirical=empirical)
-    steps = list(selection.steps)
-    present: Fit = baseline
-    effects: tuple[Effect, ...] = ()
-    frames: tuple[Effect, ...] = ()
-    components: Components | None = None
-    rounds = scatter_rounds = 0
-    while rounds < _ROUNDS:
-        rounds += 1
-        chosen = frames + tuple(selection.refined(choice) for choice in selection.chosen)
-        if [effect.search_key() for effect in chosen] == [effect.search_key() for effect in effects]:
-            if scatter_rounds == _SCATTER_ROUNDS or (new := components_of(present, data)) is None:
-                break
-            if new.gain <= SIGNIFICANT:
-                break
-            components = new
-            if is_same(options, components):
-                break
-            scatter_rounds, rounds = scatter_rounds + 1, min(rounds, _ROUNDS - 2)
-            options = with_scatter(options, components)
-            baseline = refit(baseline, baseline.model.free, data, options)
-            first = linearise(baseline, data, model.free, only)
-        effects = chosen
-        # Every fit registers an identified frame anew, so it is no candidate again.
-        frames = tuple(effect for effect in effects if effect.is_frame)
-        others = tuple(effect for effect in effects if not effect.is_frame)
-        present = refit(present, (*baseline.model.free, *frames, *others), data, options)
-        candidates = linearise(present, data, (*model.free, *frames), only)
-        selection = choose(candidates, all_rows, others, empirical)
-        steps.extend(selection.steps)
-    return SearchResult(baseline, present, effects, tuple(steps), first, selection, options, components)
+    state = _Search(model, data, options, only, empirical)
+    last, settled = state.settle(state.start())
+    for _ in range(_SCATTER_ROUNDS):
+        if not state.update_scatter(last):
+            break
+        last, settled = state.settle(state.follow(dataclasses.replace(last, next=last.selection)))
+    return SearchResult(
+        declared=state.baseline,
+        final=last.fit,
+        effects=last.effects,
+        steps=tuple(state.steps),
+        candidates=state.first,
+        selection=last.next if settled else last.selection,
+        options=state.options,
+        components=state.components,
+        rounds=state.count,
+        settled=settled,
+    )
 
 
 def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:

@@ -43,14 +43,20 @@ def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
     return weights(data, max(misfit[0], _ROUNDING), max(misfit[1], _ROUNDING))
 
 
-def inlier_mask(residual: Array, weight: Array, inliers: NDArray[np.bool_], coefficients: int) -> NDArray[np.bool_]:
-    """Return ``(N,)`` the mask of inliers: a robust scale from the median, a limit far beyond any tail."""
+def inlier_mask(
+    residual: Array, weight: Array, inliers: NDArray[np.bool_], coefficients: int, tolerance: float = 1.0
+) -> NDArray[np.bool_]:
+    """Return ``(N,)`` the mask of inliers: a robust scale from the median, a limit far beyond any tail.
+
+    ``tolerance`` multiplies the limit of the length.
+    """
     rows, n = residual.shape
     distance = np.square(residual * weight).mean(axis=0)
     scale = float(np.median(distance)) / _MEDIAN[rows]
     if scale <= 0:
         return inliers
-    mask: NDArray[np.bool_] = (distance <= _limit(rows, n) * scale) | (np.abs(residual).max(axis=0) <= _ROUNDING)
+    limit = tolerance**2 * _limit(rows, n) * scale
+    mask: NDArray[np.bool_] = (distance <= limit) | (np.abs(residual).max(axis=0) <= _ROUNDING)
     return mask if mask.sum() >= max(_LEAST_INLIERS * n, coefficients / rows + 1) else inliers
 
 

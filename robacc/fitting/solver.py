@@ -21,6 +21,7 @@ from robacc.fitting.closed_form import register_frames
 from robacc.fitting.gauss_newton import minimise, posterior
 from robacc.fitting.identifiability import Dropped, Identifiability, identify
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
+from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.shrinkage import Priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.weak_parameters import WEAK, badly_made, constant_kinds, std_at_nominal
@@ -33,6 +34,8 @@ from robacc.robots.arm import Arm
 
 _REWEIGHTINGS = 6
 """Most rounds of updates of the weights, the groups' priors and the inliers."""
+_GROSS = 5.0
+"""Multiple of an outlier's limit up to which rows that share a circumstance stay in the fit."""
 _LEAST_POSES_TO_TRIM = 8
 """Poses that the search for outliers needs at least: with fewer, a median does not single one out."""
 
@@ -301,6 +304,9 @@ class _Solver:
         """Find the inliers again; return whether they changed."""
         weight, count = self._whitening().row_weight, self.equations.columns.size
         inliers = misfits.inlier_mask(self.predicted.residual, weight, self.inliers, count)
+        if outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
+            # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
+            inliers = misfits.inlier_mask(self.predicted.residual, weight, self.inliers, count, _GROSS)
         changed = not np.array_equal(inliers, self.inliers)
         self.inliers = inliers
         if changed:

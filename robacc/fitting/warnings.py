@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robacc.fitting.noise import LackOfFit
+from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import Fit
 from robacc.measurements import Measurements
@@ -28,7 +29,9 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
     if not fit.outliers.size:
         return ()
     lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:_MAX_NAMES])
-    return (f"outliers left out of the fit: {fit.outliers.size} row(s), on {data.counted}(s) {lines}",)
+    pattern = outlier_pattern(data, ~fit.inliers, fit.model.arm.names)
+    shared = () if pattern is None else (pattern.text,)
+    return (f"outliers left out of the fit: {fit.outliers.size} row(s), on {data.counted}(s) {lines}", *shared)
 
 
 def convergence_warning(fit: Fit) -> tuple[str, ...]:

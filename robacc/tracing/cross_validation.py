@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,8 @@ _FOLD_POSES = 400
 """Largest number of poses that a fold's selection uses."""
 LEAST_GAIN = 1.645
 """Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""
+_NONLINEAR = 0.02
+"""Relative deviation of the cost from its linearisation, above which a model without an effect is fitted anew."""
 _PARALLEL_POSES = 600
 """Poses from which a second process is worth its start."""
 
@@ -153,10 +155,11 @@ def reduced(
     masks = [test_rows for _, test_rows in parts(assigned)]
 
     def refit_fold(number: int) -> _Fold:
-        test_rows, by_finding = (
-            masks[number],
-            [validation.effects_by_finding[number][effect.key()] for effect in remaining.effects],
-        )
+        test_rows, by_key = masks[number], validation.effects_by_finding[number]
+        by_finding = [
+            by_key[effect.key()] if effect.key() in by_key else _same(effect, validation.all_effects[number])
+            for effect in remaining.effects
+        ]
         effects = frames_first(dict.fromkeys(effect for matches_in_fold in by_finding for effect in matches_in_fold))
         before = validation.before[:, test_rows]
         if frozenset(effects) == validation.all_effects[number]:
@@ -170,10 +173,16 @@ def reduced(
         if not effects:
             return _Fold(before, before, tuple(before for _ in by_finding), tuple(by_finding), frozenset())
         train, test = _parts(remaining, data, assigned, number)
-        return _judged(_completed(remaining, effects, train), effects, before, by_finding, test)
+        complete = _completed(remaining, effects, train)
+        return _judged(complete, effects, before, by_finding, train, test)
 
     results = list(_in_parallel(refit_fold, range(len(masks)), data.n))
     return _joined(remaining.effects, masks, results, validation.before.shape)
+
+
+def _same(effect: Effect, chosen: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Return the effects of a fold that are the same finding as ``effect``."""
+    return tuple(sorted((other for other in chosen if effect.is_same_finding(other)), key=str))
 
 
 def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
@@ -216,9 +225,8 @@ def _fold(work: _Work, number: int) -> _Fold:
     declared = refit(like, like.model.free, train, _options(like))
     declared, _ = choose_form(declared, like.model, train, _options(like))
     complete = _completed(loop, effects, train) if effects else declared
-    return _judged(
-        complete, effects, held_out(declared, test), _matching_effects(loop.effects, selection, chosen), test
-    )
+    by_finding = _matching_effects(loop.effects, selection, chosen)
+    return _judged(complete, effects, held_out(declared, test), by_finding, train, test)
 
 
 def _parts(
@@ -237,11 +245,17 @@ def _completed(loop: SearchResult, effects: Sequence[Effect], train: Measurement
 
 
 def _judged(
-    complete: Fit, effects: Sequence[Effect], before: Array, by_finding: Sequence[Sequence[Effect]], test: Measurements
+    complete: Fit,
+    effects: Sequence[Effect],
+    before: Array,
+    by_finding: Sequence[Sequence[Effect]],
+    train: Measurements,
+    test: Measurements,
 ) -> _Fold:
     after = held_out(complete, test)
+    options = _options(complete)
     without = tuple(
-        _residuals_without(complete, matches_in_fold, test) if matches_in_fold else after
+        _residuals_without(complete, matches_in_fold, train, test, options) if matches_in_fold else after
         for matches_in_fold in by_finding
     )
     return _Fold(
@@ -272,20 +286,43 @@ def _from_holdout(loop: SearchResult, data: Measurements, holdout: Measurements)
     """Return residuals of ``holdout`` with the models fitted to all other poses."""
     declared = choose_deflection(loop.declared, loop.declared.model, data, SEARCH)[0]
     final = loop.final if loop.final.group_stds else choose_deflection(loop.final, loop.final.model, data, SEARCH)[0]
-    lacking = {effect.key(): _residuals_without(final, [effect], holdout) for effect in loop.effects}
+    options = _options(final)
+    lacking = {effect.key(): _residuals_without(final, [effect], data, holdout, options) for effect in loop.effects}
     without = {key: residuals_without for key, residuals_without in lacking.items() if residuals_without is not None}
     return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)
 
 
-def _residuals_without(complete: Fit, absent: Sequence[Effect], test: Measurements) -> Array | None:
-    """Return residuals of ``test`` with the effects ``absent`` removed and the model fitted again to first order.
+def _residuals_without(
+    complete: Fit, absent: Sequence[Effect], train: Measurements, test: Measurements, options: Options
+) -> Array | None:
+    """Return residuals of ``test`` with the effects ``absent`` removed and the rest fitted again to ``train``.
 
-    Return None for a frame, whose registration is no small change, and if the fitted compliances have no equilibrium.
+    A step to first order is enough where the model is nearly linear; otherwise the model is fitted. Return None for a
+    frame, without which the model cannot be compared, and if the remaining compliances have no equilibrium.
     """
     if any(effect.is_frame for effect in absent):
         return None
     numbers = {i for i, effect in enumerate(with_deflection(complete.model.free, "equilibrium")) if effect in absent}
+    theta = complete.without(numbers)
     try:
-        return residuals(test, complete.model.bind(test).poses(complete.without(numbers)))
-    except EquilibriumError:
+        if _is_linear(complete, theta, train):
+            return residuals(test, complete.model.bind(test).poses(theta))
+        remaining = [effect for i, effect in enumerate(complete.model.free) if i not in numbers]
+        return held_out(refit(complete, remaining, train, options), test)
+    except (EquilibriumError, InputError):
         return None
+
+
+def _is_linear(complete: Fit, theta: Array, train: Measurements) -> bool:
+    """Return whether the cost at ``theta`` is what the linearisation at the fit predicts."""
+    columns = complete.identifiability.columns
+    step = theta[columns] - complete.theta[columns]
+    before = float(np.sum(np.square(complete.whitening.apply(complete.residual * complete.inliers))))
+    pull = complete.precision * complete.theta[columns]  # the gradient that the priors balance
+    expected = before - 2.0 * float(step @ pull) + float(step @ complete.gram @ step)
+    try:
+        actual_residual = residuals(train, complete.model.bind(train).poses(theta)) * complete.inliers
+    except EquilibriumError:
+        return False
+    actual = float(np.sum(np.square(complete.whitening.apply(actual_residual))))
+    return abs(actual - expected) <= _NONLINEAR * max(expected, 1.0)

@@ -69,6 +69,9 @@ class SearchResult:
     effects: tuple[Effect, ...]
     steps: tuple[SelectionStep, ...]
     candidates: LinearisedCandidates
+    """Candidates at the baseline."""
+    final_candidates: LinearisedCandidates
+    """Candidates at the final fit."""
     selection: Selection
     options: Options
     """Fit options, with the scatter of the joints if it is significant."""
@@ -86,6 +89,8 @@ class _Round:
 
     effects: tuple[Effect, ...]
     fit: Fit
+    candidates: LinearisedCandidates
+    """Candidates at the fit."""
     selection: Selection
     """Selection of exactly these effects, on the linearisation of their fit."""
     next: Selection
@@ -131,7 +136,7 @@ class _Search:
         choice = choose(candidates, self.all_rows, others, self.empirical)
         self.steps.extend(choice.steps)
         self.count += 1
-        return _Round(effects, fitted, candidates.selection(self.all_rows, others), choice)
+        return _Round(effects, fitted, candidates, candidates.selection(self.all_rows, others), choice)
 
     def settle(self, last: _Round) -> tuple[_Round, bool]:
         """Follow the choice until it repeats itself; return that round, and whether it did.
@@ -144,7 +149,7 @@ class _Search:
             chosen = frozenset(last.next.refined(choice).search_key() for choice in last.next.chosen)
             if chosen == frozenset(effect.search_key() for effect in last.effects if not effect.is_frame):
                 return last, True
-            if len(rounds) > _ROUNDS or any(chosen == earlier.keys for earlier in rounds):
+            if len(rounds) > _ROUNDS + 1 or any(chosen == earlier.keys for earlier in rounds):
                 return _best(rounds), False
             last = self.follow(last)
             rounds.append(last)
@@ -206,6 +211,7 @@ def search(
         effects=last.effects,
         steps=tuple(state.steps),
         candidates=state.first,
+        final_candidates=last.candidates,
         selection=last.next if settled else last.selection,
         options=state.options,
         components=state.components,

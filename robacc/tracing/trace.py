@@ -19,6 +19,7 @@ from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
 from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.warnings import (
     condition_warning,
@@ -196,24 +197,38 @@ def _withdrawn_warning(withdrawn: Sequence[str]) -> tuple[str, ...]:
 def _reproduced(loop: SearchResult, validation: CrossValidation | None, data: Measurements) -> SearchResult:
     """Return the search without findings that recur in fewer than half of the folds.
 
-    Such findings are accidental, or would increase the error of other poses. Findings that are superfluous without
-    them go too.
+    Such findings are accidental, or would increase the error of other poses. In their place come effects that at least
+    half of the folds chose instead. Findings that are superfluous among the others go too.
     """
-    effects = loop.effects
+    effects, selection = loop.effects, dataclasses.replace(loop.selection, steps=[])
     if validation is not None and validation.folds:
-        effects = tuple(effect for effect in effects if 2 * validation.chosen[effect.key()] >= validation.folds)
-    keys = {effect.search_key() for effect in effects}
-    chosen = [choice for choice in loop.selection.chosen if choice.candidate.effect.search_key() in keys]
-    selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
+        recurring = tuple(effect for effect in effects if 2 * validation.chosen[effect.key()] >= validation.folds)
+        if recurring != effects:
+            effects = (*recurring, *_chosen_instead(loop.effects, validation))
+            start = [effect for effect in effects if not effect.is_frame]
+            selection = loop.final_candidates.selection(np.ones(data.n, dtype=bool), start)
+    selection.chosen = list(selection.chosen)
     selection.prune()
     keys = {choice.candidate.effect.search_key() for choice in selection.chosen}
     effects = tuple(effect for effect in effects if effect.is_frame or effect.search_key() in keys)
-    if len(effects) == len(loop.effects):
+    if effects == loop.effects:
         return loop
     free = (*loop.declared.model.free, *frames_first(effects))
     final = refit(loop.final, free, data, loop.options) if effects else loop.declared
     steps = (*loop.steps, *selection.steps)
     return dataclasses.replace(loop, effects=effects, final=final, selection=selection, steps=steps)
+
+
+def _chosen_instead(findings: Sequence[Effect], validation: CrossValidation) -> tuple[Effect, ...]:
+    """Return the effects that at least half of the folds chose and that are none of the findings."""
+    count: dict[tuple[object, ...], int] = {}
+    first: dict[tuple[object, ...], Effect] = {}
+    for effects in validation.all_effects:
+        for effect in sorted(effects, key=str):
+            if not any(finding.is_same_finding(effect) for finding in findings):
+                count[effect.search_key()] = count.get(effect.search_key(), 0) + 1
+                first.setdefault(effect.search_key(), effect)
+    return tuple(first[key] for key, folds in count.items() if 2 * folds >= validation.folds)
 
 
 def _with_gain(
@@ -358,6 +373,10 @@ def _left(
     if scatter := _scatter_hints(repeatability):
         structured = True
         hints.extend(scatter)
+    pattern = outlier_pattern(data, ~final.inliers, final.model.arm.names)
+    if pattern is not None:
+        structured = True
+        hints.append(pattern.text)
     share = final.outliers.size / data.n
     if share > _MANY_OUTLIERS:
         structured = True

@@ -1,0 +1,86 @@
+"""Outliers that share a circumstance are told from accidents of the instrument."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from arms import arm
+
+from robacc.effects.request import build, parse_requests
+from robacc.fitting.outlier_pattern import outlier_pattern
+from robacc.fitting.solver import Fit, fit
+from robacc.fitting.warnings import outliers_warning
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+
+NAMES = ("j1", "j2", "j3", "j4", "j5", "j6")
+
+
+def sample(n: int, seed: int) -> Measurements:
+    rng = np.random.default_rng(seed)
+    return Measurements(
+        position=rng.normal(size=(3, n)), q=rng.uniform(-1.5, 1.5, size=(6, n)), time=np.arange(n) * 9.0
+    )
+
+
+def test_random_outliers_have_no_pattern() -> None:
+    hits = 0
+    for seed in range(400):
+        data = sample(120, seed)
+        outliers = np.zeros(120, dtype=bool)
+        outliers[np.random.default_rng(seed + 1000).choice(120, size=3 + seed % 10, replace=False)] = True
+        hits += outlier_pattern(data, outliers, NAMES) is not None
+    # The bound is 1 in 1000 per set: more than 4 of 400 have a probability of 1e-4.
+    assert hits <= 4
+
+
+def test_rows_at_large_angles_of_a_joint_are_named() -> None:
+    data = sample(150, 1)
+    assert data.q is not None
+    pattern = outlier_pattern(data, data.q[1] > 1.3, NAMES)
+    assert pattern is not None
+    assert (pattern.quantity, pattern.side, pattern.inside) == ("j2", "above", pattern.outliers)
+    assert 1.3 < pattern.limit < 1.4
+    assert "share a cause" in pattern.text
+
+
+def test_rows_at_one_time_are_named() -> None:
+    data = sample(100, 2)
+    outliers = np.zeros(100, dtype=bool)
+    outliers[95:] = True
+    pattern = outlier_pattern(data, outliers, NAMES)
+    assert pattern is not None
+    assert pattern.quantity in ("time", "row number")
+
+
+def displaced(size: float, rows: np.ndarray) -> tuple[Measurements, Fit]:
+    """Return poses of a UR10 whose rows ``rows`` are displaced, and the fit of its geometry."""
+    robot = dataclasses.replace(arm("ur10").robot, effects=())
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1.5, 1.5, size=(6, 120))
+    data = Measurements(position=np.zeros((3, 120)), q=q)
+    position = predict(robot, data).translation + rng.normal(scale=1e-5, size=(3, 120))
+    position[2, rows] += size
+    data = dataclasses.replace(data, position=position)
+    model = Model.of(robot, build(parse_requests("base_frame,joint_offset"), Model.of(robot).arm, data))
+    return data, fit(model, data)
+
+
+def test_rows_that_a_lacking_effect_displaces_stay_in_the_fit() -> None:
+    q = np.random.default_rng(3).uniform(-1.5, 1.5, size=(6, 120))
+    extreme = np.flatnonzero(q[1] > 1.2)
+    data, fitted = displaced(1.5e-4, extreme)
+    assert fitted.inliers.all()
+    accidents = np.array([3, 40, 77])
+    data, fitted = displaced(1.5e-4, accidents)
+    assert set(fitted.outliers) == set(accidents)
+    assert len(outliers_warning(fitted, data)) == 1
+
+
+def test_gross_rows_are_left_out_and_their_circumstance_is_named() -> None:
+    q = np.random.default_rng(3).uniform(-1.5, 1.5, size=(6, 120))
+    extreme = np.argsort(q[1])[-4:]
+    data, fitted = displaced(3e-2, extreme)
+    assert set(fitted.outliers) == set(extreme)
+    assert fitted.model.arm.names[1] in outliers_warning(fitted, data)[1]

@@ -1,8 +1,8 @@
 """Circumstance that outliers share: rows that a lacking effect displaces, and no accidents of the instrument.
 
 A beam break strikes rows at random. Rows that all lie at large angles of one joint, in one corner, or at one time have
-a common cause. Each circumstance is tested by ranks: all outliers among the extreme rows (hypergeometric), or their rank
-sum (Mann and Whitney). Significance is for all circumstances together (Bonferroni).
+a common cause. Each circumstance is tested by ranks: all outliers among the extreme rows (hypergeometric), or their
+rank sum (Mann and Whitney). Significance is for all circumstances together (Bonferroni).
 """
 
 from __future__ import annotations

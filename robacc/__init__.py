@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from robacc.api.check import check as check
     from robacc.api.compare import Compared as Compared
     from robacc.api.compare import compare as compare
+    from robacc.api.correct import Corrected as Corrected
+    from robacc.api.correct import correct as correct
     from robacc.api.estimate import Estimate as Estimate
     from robacc.api.estimate import estimate as estimate
     from robacc.api.iso9283 import Iso9283 as Iso9283
@@ -52,6 +54,7 @@ _HOMES = {
     "Calibrated": "api.calibrate",
     "Checked": "api.check",
     "Compared": "api.compare",
+    "Corrected": "api.correct",
     "Estimate": "api.estimate",
     "InputError": "errors",
     "Iso9283": "api.iso9283",
@@ -67,6 +70,7 @@ _HOMES = {
     "calibrate": "api.calibrate",
     "check": "api.check",
     "compare": "api.compare",
+    "correct": "api.correct",
     "estimate": "api.estimate",
     "iso9283": "api.iso9283",
     "predict": "api.predict",

@@ -25,6 +25,7 @@ COMMANDS = {
     "trace": "Find the effects that explain the residual, and report the error before and after on held-out poses.",
     "calibrate": "Fit named effects to measured poses, and report fitted and held-out errors before and after.",
     "predict": "Predict covariances, error budget and grade from parameter tolerances.",
+    "correct": "Compute the commands that make the real arm reach its targets, from a model of the arm.",
     "iso9283": "Compute the pose criteria of ISO 9283 from cycles of commanded poses.",
     "iso9283-poses": "Plan the cube of ISO 9283 and its five poses for an arm, and write them as a CSV.",
     "check": "Check a stored result against a gate; exit 0: pass, 4: fail, 5: inconclusive.",

@@ -118,6 +118,8 @@ class Effect(abc.ABC):
     """True if it is the base or the tool frame, which registration fits from any start."""
     is_empirical: ClassVar[bool] = False
     """True if it is a smooth correction without a physical cause."""
+    is_of_measurement: ClassVar[bool] = False
+    """True if it belongs to one measurement, not to the arm: no command to the arm can or should correct it."""
     shares_terms: ClassVar[bool] = False
     """True if forms of the effect have coefficients in common (order 1 alone, and with order 2)."""
     missing_reasons: ClassVar[tuple[str, ...]] = ()

@@ -32,6 +32,7 @@ class FrameDrift(Effect):
     name = "frame_drift"
     missing_reasons = ("no time_s column that varies",)
     per_joint = False
+    is_of_measurement = True
     about = About(
         summary="the base moves against the instrument: a tripod settles, a pedestal warms, the floor gives",
         equation="base x, y, z (and its turns) + c ((t - t_mid) / span)^p, p = 1 … degree",

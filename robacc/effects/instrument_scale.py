@@ -18,6 +18,7 @@ class InstrumentScale(Effect):
 
     name = "instrument_scale"
     per_joint = False
+    is_of_measurement = True
     about = About(
         summary="the instrument's own scale: refractive index, a camera's focal length, a wrong unit of 1 in 1000",
         equation="p measured = (1 + k) p",

@@ -27,6 +27,7 @@ from robacc.cli.main import app
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = "sample_data/poses.csv", "sample_data/robot.yaml"
+PLAN = "sample_data/iso9283/plan.csv"
 MODULES = [f"robacc.api.{one.name}" for one in pkgutil.iter_modules(robacc.api.__path__)]
 FRAMES = ("base_frame", "tool_frame")
 
@@ -95,6 +96,13 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
     "iso9283": (
         lambda: robacc.iso9283("sample_data/iso9283/poses.csv", robot="sample_data/iso9283/robot.yaml", align=FRAMES),
         lambda: results.text("iso9283"),
+    ),
+    "correct": (
+        lambda: robacc.correct(PLAN, model="sample_data/truth.yaml", nominal=ROBOT, most="2mm", frame="base"),
+        lambda: printed(
+            *("correct", PLAN, "--model", "sample_data/truth.yaml", "--nominal", ROBOT),
+            *("--most", "2mm", "--frame", "base", "-o", f"{FOLDER}/corrected.csv"),
+        ),
     ),
     "compare": (
         lambda: robacc.compare(f"{FOLDER}/a.json", f"{FOLDER}/b.json", by="position.p95", grade="D"),
@@ -178,12 +186,14 @@ def test_files_that_commands_write_beside_the_result(tmp_path: Path) -> None:
     assert robacc.simulate(puma, poses=4, outliers=1).csv() == run("simulate", puma, "--poses", "4", "--outliers", "1")
 
 
-OWN = {"form", "output", "gate", "junit", "report", "per_pose", "write_model", "jobs"}
+OWN = {"form", "output", "gate", "junit", "report", "per_pose", "per_target", "write_model", "jobs"}
 """Options of the command line that say what becomes of the result, or how it is computed."""
 IN_WORDS = {"noise": "0", "noise_orientation": "0", "outlier_size": "10mm", "sampling": "even"}
 
 
-@pytest.mark.parametrize("name", ["estimate", "predict", "calibrate", "trace", "iso9283", "compare", "simulate"])
+@pytest.mark.parametrize(
+    "name", ["estimate", "predict", "calibrate", "trace", "iso9283", "compare", "simulate", "correct"]
+)
 def test_call_has_the_commands_options_and_defaults(name: str) -> None:
     command = inspect.signature(getattr(importlib.import_module(f"robacc.cli.commands.{name}"), name)).parameters
     call = inspect.signature(getattr(robacc, name)).parameters

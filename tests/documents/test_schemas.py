@@ -22,6 +22,14 @@ FILES = sorted((Path(robacc.__file__).parent / "schemas").glob("*.json"))
 NAMES = [path.name.removeprefix("robacc.").removesuffix(".json").rpartition("-")[0] for path in FILES]
 NO_RESULT = {"report", "plot", "schema", "init"}
 """Commands that write no JSON."""
+CORRECT = (
+    "correct",
+    "sample_data/iso9283/plan.csv",
+    "--model",
+    "sample_data/truth.yaml",
+    "--nominal",
+    "sample_data/robot.yaml",
+)
 POSES, ROBOT = "sample_data/poses.csv", "sample_data/robot.yaml"
 
 
@@ -139,6 +147,8 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "compare, grade": lambda folder: run("compare", *stored(folder, alone=True) * 2, "--grade", "B"),
     "check": lambda folder: run("check", *stored(folder, alone=True), *gated(folder)),
     "simulate": lambda folder: run("simulate", ROBOT, "--poses", "5", "--outliers", "1", "-o", f"{folder}/made.csv"),
+    "correct": lambda folder: run(*CORRECT, "-o", f"{folder}/corrected.csv"),
+    "correct, base frame": lambda folder: run(*CORRECT, "-o", f"{folder}/corrected.csv", "--frame", "base"),
     "show": lambda _: run("show", ROBOT),
     "show, masses": lambda _: run("show", "configs/robots/puma560.yaml"),
     "effects": lambda _: run("effects"),

@@ -1,0 +1,231 @@
+"""Call of the command ``robacc correct``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+from robacc.accuracy.grade_scale import default_scale
+from robacc.api.inputs import StrPath, load_grade_scale, load_poses, load_robot
+from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of, options_of
+from robacc.correction.circumstances import circumstances
+from robacc.correction.correction import Correction, correction
+from robacc.correction.limits import Limits
+from robacc.correction.robots import FrameName, check_same_joints, nominal_of
+from robacc.documents.envelope import InputFile
+from robacc.errors import InputError, MissingColumnError, Problem, UsageError
+from robacc.measurements import Measurements
+from robacc.quantities import size
+from robacc.robots.description import Robot
+
+_LISTED = 5
+"""Refused targets that a warning names."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Corrected(Result, Correction):
+    """Corrected targets, with the inputs."""
+
+    command: ClassVar[str] = "correct"
+    model: Robot
+    nominal: Robot
+    given: Measurements
+    """Targets as given."""
+    doubts: tuple[str, ...]
+    made: Provenance
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the targets read, and the refused targets."""
+        return (*self.given.warnings, *self.doubts, *self._refused())
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys; arrays stay arrays."""
+        from robacc.documents.correct import payload
+
+        return payload(self, self.given, self.model)
+
+    def csv(self) -> str:
+        """Return the file that the command writes: corrected joints, and the wanted poses as ``cmd_`` columns."""
+        return "".join(self.csv_pieces())
+
+    def csv_pieces(self) -> Iterator[str]:
+        """Yield the text of :meth:`csv` in pieces."""
+        from robacc.documents.correct import corrected_poses
+        from robacc.poses.csv_file import pose_pieces
+
+        names = " ".join(file.name for file in self.made.inputs)
+        yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"
+        for i, refusal in enumerate(self.targets.refusals):
+            if refusal is not None:
+                yield f"# {self.given.place(i)} of the targets is not corrected: {refusal.reason}\n"
+        yield from pose_pieces(corrected_poses(self, self.given), attained=False)
+
+    def write(self, path: StrPath) -> None:
+        """Write :meth:`csv` to a file; a failure leaves no partial file.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        from robacc.io.files import write_pieces
+
+        write_pieces(path, self.csv_pieces())
+
+    def per_target_csv(self) -> str:
+        """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
+        from robacc.documents.correct import per_target_csv
+
+        return per_target_csv(self, self.given)
+
+    def _refused(self) -> Iterator[str]:
+        if self.n_corrected == self.n_targets:
+            return
+        listed = [
+            f"{self.given.place(i)}: {refusal.reason}"
+            for i, refusal in enumerate(self.targets.refusals)
+            if refusal is not None
+        ]
+        more = f"; and {len(listed) - _LISTED} more" if len(listed) > _LISTED else ""
+        yield (
+            f"{len(listed)} of {self.n_targets} targets are not corrected and keep their nominal command: "
+            f"{'; '.join(listed[:_LISTED])}{more}"
+        )
+
+
+def correct(
+    targets: StrPath | Measurements,
+    *,
+    model: StrPath | Robot,
+    nominal: StrPath | Robot | None = None,
+    frame: FrameName = "measuring",
+    ordered: bool = True,
+    payload: float | None = None,
+    temperature: float | None = None,
+    time: float | None = None,
+    most: str | float | None = None,
+    weight: str | float = "10mm",
+    beyond_range: bool = False,
+    scale: StrPath | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> Corrected:
+    """Compute the commands that make the real arm reach its targets, from a model of the arm.
+
+    Args:
+        targets: CSV of targets, or poses read or made before. Joints mean the pose that the nominal robot has there;
+            ``cmd_`` columns (else ``x, y, z``) are wanted poses, and joints beside them choose the configuration.
+        model: Robot file of the real arm, as ``write_model`` of a trace or a calibration writes it.
+        nominal: Robot file that the controller computes with; None for the one that the model was fitted from.
+        frame: Frame of Cartesian targets: ``measuring``, with the model's tool, or ``base``: the robot's base, with
+            the tool of the nominal robot.
+        ordered: The arm drives from target to target in their order; directions and speeds are derived from it.
+        payload: Payload of all targets, kg, where they have no column of it.
+        temperature: Temperature of all targets, degrees Celsius, where they have no column of it.
+        time: Time of all targets, s, where they have no column of it.
+        most: Largest correction, m or text such as ``"3mm"`` or ``"3mm,0.5deg"``; None for twice the largest that the
+            model has on the poses it was fitted to.
+        weight: Length that counts as much as 1 rad for arms with fewer than six axes, m or text.
+        beyond_range: Correct targets outside the ranges that the model was fitted on too.
+        scale: Grade scale (YAML); None for the scale of the package.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
+
+    Returns:
+        Corrected commands, expected errors before and after, and the targets that are not corrected, with reasons.
+
+    Raises:
+        InputError: A file or array cannot be used, or no target can be corrected.
+        UsageError: The targets lack what an effect of the model depends on, or the arguments contradict each other.
+
+    Example:
+        >>> import robacc
+        >>> robot, model = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
+        >>> result = robacc.correct(robacc.simulate(robot, poses=20, seed=1).data, model=model, nominal=robot)
+        >>> result.n_corrected, f"{1e3 * result.before.position.max():.1f} mm"
+        (20, '1.4 mm')
+    """
+    arguments = locals()
+    check_choice("frame", frame, ("measuring", "base"))
+    for name, value in (("payload", payload), ("temperature", temperature), ("time", time)):
+        if value is not None and not math.isfinite(value):
+            raise UsageError(f"`{name}`: expected a finite number, found {value!r}")
+    check_range("payload", payload or 0.0, 0.0)
+    arm, arm_record = load_robot(model, base_link, tip_link)
+    controller, nominal_record, doubts = _nominal(nominal, arm)
+    check_same_joints(arm, controller)
+    grades, scale_record = load_grade_scale(scale)
+    data, record = load_poses(targets, controller, kind="targets", attained=False)
+    limits, source = _limits(most, size(weight, "length", "`weight`"), beyond_range, arm)
+    setting = circumstances(data, ordered=ordered, payload=payload, temperature=temperature, time=time)
+    try:
+        body = correction(
+            data,
+            arm,
+            controller,
+            setting,
+            frame=frame,
+            limits=limits,
+            limits_source=source,
+            scale=grades or default_scale(),
+        )
+    except MissingColumnError as error:
+        message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
+        raise MissingColumnError(message) from error
+    options = options_of(correct, arguments, model=None, nominal=None)
+    options = {name: value for name, value in options.items() if name not in ("targets", "model", "nominal")}
+    result = Corrected(
+        **fields_of(body),
+        model=arm,
+        nominal=controller,
+        given=data,
+        doubts=doubts,
+        made=Provenance(options, (record, arm_record, *nominal_record, *scale_record), None),
+    )
+    if result.n_targets and not result.n_corrected:
+        _refuse_all(result)
+    return result
+
+
+def _refuse_all(result: Corrected) -> None:
+    """Raise InputError with the reason of each target."""
+    problems = [
+        Problem(f"not corrected: {refusal.reason}", result.given.source, result.given.line(i))
+        for i, refusal in enumerate(result.targets.refusals)
+        if refusal is not None
+    ]
+    fix = "no target can be corrected: check that model, nominal robot and frame belong to these targets"
+    raise InputError([replace(problems[0], fix=fix), *problems[1:]])
+
+
+def _nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
+    """Return the robot that the controller computes with, its record, and doubts about it."""
+    if nominal is not None:
+        robot, record = load_robot(nominal)
+        return robot, (replace(record, kind="nominal"),), ()
+    doubt = (
+        "the model does not contain the robot that it was fitted from, so its numbers without its effects count as "
+        "the controller's; give `nominal`"
+    )
+    return nominal_of(model), (), (doubt,)
+
+
+def _limits(
+    most: str | float | None, weight: float, beyond_range: bool, model: Robot
+) -> tuple[Limits, Literal["option", "model", "none"]]:
+    """Return the limits of corrections and their source.
+
+    Raises:
+        UsageError: ``most`` is not one or two sizes.
+    """
+    if weight <= 0:
+        raise UsageError("`weight`: expected a length above zero")
+    if most is None:
+        return Limits(weight=weight, beyond_range=beyond_range), "none"
+    parts = most.split(",") if isinstance(most, str) else [most]
+    if len(parts) > 2:
+        raise UsageError(f"`most`: expected a length and perhaps an angle, as in 3mm,0.5deg, found {most!r}")
+    position = size(parts[0], "length", "`most`")
+    angle = size(parts[1], "angle", "`most`") if len(parts) == 2 else None
+    return Limits(position, angle, weight, beyond_range), "option"

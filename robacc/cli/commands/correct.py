@@ -1,0 +1,120 @@
+"""``robacc correct``: commands that make the real arm reach its targets, from a model of the arm."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, ScaleOption, TipLinkOption
+
+
+class TargetFrame(StrEnum):
+    """Frame of Cartesian targets."""
+
+    measuring = "measuring"
+    base = "base"
+
+
+def correct(
+    targets: Annotated[
+        str, typer.Argument(metavar="TARGETS", help="CSV of targets: joints, or wanted poses as cmd_ columns.")
+    ],
+    model: Annotated[
+        str, typer.Option("--model", metavar="FILE", help="Robot file of the real arm, as --write-model writes it.")
+    ],
+    nominal: Annotated[
+        str | None,
+        typer.Option(
+            "--nominal",
+            metavar="FILE",
+            help="Robot file that the controller computes with; default: the one that the model was fitted from.",
+        ),
+    ] = None,
+    frame: Annotated[
+        TargetFrame,
+        typer.Option("--frame", help="Frame of Cartesian targets: measuring frame, or the robot's base."),
+    ] = TargetFrame.measuring,
+    ordered: Annotated[
+        bool,
+        typer.Option("--ordered/--unordered", help="The arm drives from target to target in their order."),
+    ] = True,
+    payload: Annotated[
+        float | None, typer.Option("--payload", metavar="KG", min=0.0, help="Payload of all targets.")
+    ] = None,
+    temperature: Annotated[
+        float | None, typer.Option("--temperature", metavar="C", help="Temperature of all targets.")
+    ] = None,
+    time: Annotated[float | None, typer.Option("--time", metavar="S", help="Time of all targets.")] = None,
+    most: Annotated[
+        str | None,
+        typer.Option(
+            "--most",
+            metavar="SIZE[,ANGLE]",
+            help="Largest correction, such as 3mm,0.5deg; default: twice the largest on the poses of the fit.",
+        ),
+    ] = None,
+    weight: Annotated[
+        str,
+        typer.Option(
+            "--weight", metavar="SIZE", help="Length that counts as much as 1 rad for arms with fewer than six axes."
+        ),
+    ] = "10mm",
+    beyond_range: Annotated[
+        bool,
+        typer.Option("--beyond-range", help="Correct targets outside the ranges that the model was fitted on too."),
+    ] = False,
+    scale: ScaleOption = None,
+    per_target: Annotated[
+        str | None,
+        typer.Option("--per-target", metavar="FILE", help="CSV of commands, corrections and expected errors."),
+    ] = None,
+    base_link: BaseLinkOption = None,
+    tip_link: TipLinkOption = None,
+    form: PlainFormatOption = PlainFormat.table,
+    output: OutputOption = "-",
+) -> None:
+    """Compute the commands that make the real arm reach its targets, and write them as a CSV.
+
+    The CSV has the joints to command, and the wanted poses as cmd_ columns. With --output, the corrections and the
+    expected errors are written to standard output. A target that cannot be corrected keeps its nominal command.
+
+    Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
+    """
+    import sys
+
+    from robacc.api.correct import correct as run_correct
+    from robacc.cli.output import emit
+    from robacc.errors import UsageError
+    from robacc.io.files import write_text
+    from robacc.render.text.console import say_warnings
+    from robacc.render.text.correct import draw_correction
+
+    if form is PlainFormat.json and output == "-":
+        raise UsageError("--format json needs --output, the CSV that it describes")
+    result = run_correct(
+        targets,
+        model=model,
+        nominal=nominal,
+        frame=frame.value,
+        ordered=ordered,
+        payload=payload,
+        temperature=temperature,
+        time=time,
+        most=most,
+        weight=weight,
+        beyond_range=beyond_range,
+        scale=scale,
+        base_link=base_link,
+        tip_link=tip_link,
+    )
+    say_warnings(result.warnings)
+    if per_target is not None:
+        write_text(per_target, result.per_target_csv())
+    if output == "-":
+        sys.stdout.writelines(result.csv_pieces())
+        sys.stdout.flush()
+        return
+    result.write(output)
+    emit(form, "-", table=lambda stream: draw_correction(result, (targets, model), stream), document=result.document)

@@ -1,0 +1,76 @@
+"""Circumstances of targets beside the joints: from columns, from the order of the targets, and from options."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.geometry import Array
+from robacc.measurements import Measurements, motion_between_rows
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """Columns of the targets without their joints, and the source of direction and speed."""
+
+    columns: Measurements
+    """Targets; time, temperature and payload are complete as far as they are known."""
+    follows_order: bool
+    """Direction and speed of approach follow from the moves between the targets, in their order."""
+
+    def motion(self, q: Array) -> tuple[Array | None, Array | None]:
+        """Return direction and speed of approach ``(J, N)`` of commands ``q`` in their order; None where unknown."""
+        if not self.follows_order:
+            return self.columns.direction, self.columns.speed
+        direction, speed = motion_between_rows(q)
+        given = self.columns
+        return (
+            direction if given.direction is None else given.direction,
+            speed if given.speed is None else given.speed,
+        )
+
+    def at(self, q: Array, motion: tuple[Array | None, Array | None], index: NDArray[np.int64]) -> Measurements:
+        """Return the poses of the targets ``index`` at commands ``q`` ``(J, M)``, with their circumstances."""
+        given = self.columns
+        direction, speed = motion
+        return Measurements(
+            position=np.zeros((3, index.size)),
+            q=q,
+            target=_part(given.target, index),
+            time=_part(given.time, index),
+            temperature=_part(given.temperature, index),
+            payload=_part(given.payload, index),
+            direction=None if direction is None else direction[:, index],
+            speed=None if speed is None else speed[:, index],
+            rows=given.rows if given.rows is None else given.rows[index],
+        )
+
+
+def circumstances(
+    data: Measurements,
+    *,
+    ordered: bool = True,
+    payload: float | None = None,
+    temperature: float | None = None,
+    time: float | None = None,
+) -> Circumstances:
+    """Return the circumstances of targets; a column of the file has precedence over a constant."""
+
+    def filled(column: Array | None, value: float | None) -> Array | None:
+        return column if column is not None or value is None else np.full(data.n, float(value))
+
+    columns = dataclasses.replace(
+        data,
+        payload=filled(data.payload, payload),
+        temperature=filled(data.temperature, temperature),
+        time=filled(data.time, time),
+    )
+    return Circumstances(columns, ordered)
+
+
+def _part(column: NDArray[Any] | None, index: NDArray[np.int64]) -> NDArray[Any] | None:
+    return None if column is None else column[..., index]

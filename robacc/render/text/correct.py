@@ -1,0 +1,87 @@
+"""A correction as tables in mm and degrees, at most 80 columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.correction.correction import Correction
+from robacc.correction.expected import ExpectedErrors, grade_counts
+from robacc.geometry import Array
+from robacc.render.text.console import width_of, write_lines
+from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
+from robacc.render.text.numbers import three_digits
+
+_IN_MM = 1e3
+_IN_DEGREES = 180.0 / math.pi
+_PARTS = (slice(0, 3), slice(3, 6))
+_CAUSES = {
+    "unreached": "not reached by the nominal robot",
+    "limit": "joint limit",
+    "approach": "direction of approach open",
+    "singular": "near a singular pose",
+    "configuration": "another configuration",
+    "too_large": "correction too large",
+    "out_of_range": "outside the range of the model",
+}
+
+
+def draw_correction(result: Correction, names: tuple[str, str], stream: TextIO) -> None:
+    """Write the report of ``robacc correct`` to ``stream``; ``names`` are those of targets and model."""
+    write_lines(correction_lines(result, names, width_of(stream)), stream)
+
+
+def correction_lines(result: Correction, names: tuple[str, str], width: int) -> Iterator[TextLine]:
+    """Return the report's lines; text is wrapped to ``width`` columns, tables take at most 80."""
+    count = f"{result.n_corrected} of {result.n_targets} targets"
+    yield heading(f"Correction of {names[0]} by {names[1]}: {count} corrected")
+    chosen = result.targets.is_corrected
+    oriented = result.targets.wanted.oriented
+    if chosen.any():
+        yield from (BLANK, heading("Over the corrected targets"))
+        yield from _figures(result, oriented)
+    for stage, errors in (("before", result.before), ("after", result.after)):
+        if errors.grades is not None:
+            graded = [grade for grade, corrected in zip(errors.grades, chosen, strict=True) if corrected]
+            counts = ", ".join(f"{name} {number}" for name, number in grade_counts(result.scale, graded) if number)
+            yield TextLine(f"grades {stage}: {counts}")
+    if result.causes:
+        yield from (BLANK, heading("Not corrected"))
+        yield from columns(("cause", "targets"), [(_CAUSES[cause.value], str(n)) for cause, n in result.causes.items()])
+    if result.notes:
+        yield from (BLANK, heading("Assumptions and limitations"), *items(result.notes, width))
+
+
+def _figures(result: Correction, oriented: bool) -> list[TextLine]:
+    chosen = result.targets.is_corrected
+    rows = [
+        _row("correction", *(np.linalg.norm(result.targets.correction[part, :], axis=0) for part in _PARTS), chosen)
+    ]
+    rows += [
+        _row("expected error before", result.before.position, result.before.orientation, chosen),
+        _row("expected error after", result.after.position, result.after.orientation, chosen),
+    ]
+    rows += _bound_rows(result.before, "before", chosen) + _bound_rows(result.after, "after", chosen)
+    header = ("", "RMS, mm", "largest, mm", "RMS, °", "largest, °")
+    return columns(header if oriented else header[:3], [row if oriented else row[:3] for row in rows])
+
+
+def _bound_rows(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -> list[tuple[str, ...]]:
+    if errors.position_bound is None:
+        return []
+    return [_row(f"95 % bound {stage}", errors.position_bound, errors.orientation_bound, chosen)]
+
+
+def _row(label: str, position: Array, orientation: Array | None, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+    cells = [label]
+    for values, factor in ((position, _IN_MM), (orientation, _IN_DEGREES)):
+        if values is None:
+            cells += ["–", "–"]
+            continue
+        part = values[chosen] * factor
+        cells += [three_digits(float(np.sqrt(np.mean(np.square(part))))), three_digits(float(np.max(part)))]
+    return tuple(cells)

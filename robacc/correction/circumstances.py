@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.measurements import Measurements, motion_between_rows
+from robacc.measurements import Measurements
+from robacc.poses.motion import motion_between_visits, visits_in_order
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,12 +22,14 @@ class Circumstances:
     """Targets; time, temperature and payload are complete as far as they are known."""
     follows_order: bool
     """Direction and speed of approach follow from the moves between the targets, in their order."""
+    visits: NDArray[np.int64]
+    """``(N,)`` number of the arrival that each row belongs to: rows of several measured targets share one."""
 
     def motion(self, q: Array) -> tuple[Array | None, Array | None]:
         """Return direction and speed of approach ``(J, N)`` of commands ``q`` in their order; None where unknown."""
         if not self.follows_order:
             return self.columns.direction, self.columns.speed
-        direction, speed = motion_between_rows(q)
+        direction, speed = motion_between_visits(q, self.visits)
         given = self.columns
         return (
             direction if given.direction is None else given.direction,
@@ -69,7 +72,8 @@ def circumstances(
         temperature=filled(data.temperature, temperature),
         time=filled(data.time, time),
     )
-    return Circumstances(columns, ordered)
+    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+    return Circumstances(columns, ordered, visits)
 
 
 def _part(column: NDArray[Any] | None, index: NDArray[np.int64]) -> NDArray[Any] | None:

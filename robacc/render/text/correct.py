@@ -58,10 +58,9 @@ def correction_lines(result: Correction, names: tuple[str, str], width: int) -> 
 
 def _figures(result: Correction, oriented: bool) -> list[TextLine]:
     chosen = result.targets.is_corrected
+    position, orientation = (np.linalg.norm(result.targets.correction[part], axis=0) for part in _PARTS)
     rows = [
-        _row("correction", *(np.linalg.norm(result.targets.correction[part, :], axis=0) for part in _PARTS), chosen)
-    ]
-    rows += [
+        _row("correction", position, orientation, chosen),
         _row("expected error before", result.before.position, result.before.orientation, chosen),
         _row("expected error after", result.after.position, result.after.orientation, chosen),
     ]

@@ -77,12 +77,12 @@ def correct_targets(data: Measurements, pair: RobotPair, setting: Circumstances,
         MissingColumnError: The targets lack what an effect of the model depends on.
     """
     wanted = wanted_poses(data, pair, setting)
-    work = _Work(pair, wanted, setting, limits, _approach_matters(pair, setting, wanted.q))
-    solution = work.solved()
+    rounds = _ApproachRounds(pair, wanted, setting, limits, _approach_matters(pair, setting, wanted.q))
+    solution = rounds.solved()
     refused = refusals(pair, wanted, setting, solution, limits)
-    if any(refused) and any(work.matters):
+    if any(refused) and any(rounds.matters):
         # Refused targets keep their nominal command, which changes the approach to the targets after them.
-        solution = work.solved_beside(solution, _mask(refused))
+        solution = rounds.solved_beside(solution, _mask(refused))
         again = refusals(pair, wanted, setting, solution, limits)
         refused = tuple(first or second for first, second in zip(refused, again, strict=True))
     q = np.where(_mask(refused), wanted.q, solution.q)
@@ -112,7 +112,7 @@ def _model_error(pair: RobotPair, data: Measurements, wanted: WantedPoses) -> Ar
 
 
 @dataclass(frozen=True, slots=True)
-class _Work:
+class _ApproachRounds:
     """Solution of all targets, repeated where the approach to a target changes with the commands."""
 
     pair: RobotPair

@@ -18,6 +18,8 @@ SAMPLE = ROOT / "sample_data"
 FILES = {
     "poses.csv": SAMPLE / "poses.csv",
     "robot.yaml": SAMPLE / "robot.yaml",
+    "targets.csv": SAMPLE / "iso9283" / "plan.csv",
+    "model.yaml": SAMPLE / "truth.yaml",
     "cycles.csv": SAMPLE / "iso9283" / "poses.csv",
     "gate.yaml": ROOT / "configs" / "gates" / "machine_tending.yaml",
 }

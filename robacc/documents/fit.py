@@ -90,6 +90,7 @@ def trace_payload(
     return {
         "n_poses": data.n,
         "verdict": trace.verdict,
+        "assumption": trace.assumption,
         "noise": _noise(trace.noise),
         **_stages(trace, trace.final, data, apart, seed),
         "gain_m": _gain(trace.gain),
@@ -187,6 +188,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         ],
         "validity": {name: [low, high] for name, low, high in finding.validity},
         "partial_residuals": [curve_document(curve) for curve in finding.partial_residuals],
+        "implausible": finding.implausible,
         "warnings": list(finding.warnings),
     }
 

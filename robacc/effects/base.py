@@ -122,6 +122,10 @@ class Effect(abc.ABC):
     """True if it belongs to one measurement, not to the arm: no command to the arm can or should correct it."""
     shares_terms: ClassVar[bool] = False
     """True if forms of the effect have coefficients in common (order 1 alone, and with order 2)."""
+    implausible_factor: ClassVar[float] = 10.0
+    """Multiple of the largest usual size beyond which a coefficient is implausible."""
+    is_nonnegative: ClassVar[bool] = False
+    """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
     missing_reasons: ClassVar[tuple[str, ...]] = ()
     """Every text that :meth:`missing` can return, except texts that name a part of a robot."""
 
@@ -136,6 +140,29 @@ class Effect(abc.ABC):
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Return the reason if the effect cannot be fitted to this robot and these data, in one line; else None."""
+        return None
+
+    def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
+        """Return the reason if fitted coefficients are beyond what the effect can be, in one sentence; else None.
+
+        Coefficients in other units than the effect's first, and constants of the arm, are not judged.
+
+        Args:
+            terms: Coefficients of the effect.
+            values: Their values, in the terms' units.
+        """
+        if self.is_constant:
+            return None
+        unit = self.about.unit.partition(" (")[0].partition(",")[0].partition(";")[0]
+        limit = self.implausible_factor * self.about.usual_range[1]
+        for term, value in zip(terms, values, strict=True):
+            if term.unit != unit:
+                continue
+            if abs(value) > limit:
+                usual = f"{self.about.usual_range[0]:.2g} to {self.about.usual_range[1]:.2g}"
+                return f"{term.name} = {value:.3g} {unit} is implausible: usual are {usual} {unit}"
+            if self.is_nonnegative and value < 0:
+                return f"{term.name} = {value:.3g} {unit} is implausible: it cannot be negative"
         return None
 
     @classmethod

@@ -17,6 +17,7 @@ class BaseCompliance(Elastic):
     """The base tilted by c times the arm's moment about it, the same in both directions."""
 
     name = "base_compliance"
+    is_nonnegative = True
     missing_reasons = ("no masses in the robot file",)
     per_joint = False
     about = About(

@@ -18,6 +18,7 @@ class PayloadCompliance(Elastic):
     """Each joint turned by c times the moment of the payload about its axis, in equilibrium."""
 
     name = "payload_compliance"
+    is_nonnegative = True
     missing_reasons = (
         "no payload_kg column",
         "payload_kg is zero throughout",

@@ -30,6 +30,7 @@ class ThermalExpansion(Effect):
     """True if a slide's travel grows as the links do; False if its scale does not grow."""
 
     name = "thermal_expansion"
+    implausible_factor = 3.0
     missing_reasons = ("neither temperature_c nor time_s varies",)
     per_joint = False
     about = About(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,10 @@ from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
 
+HANDICAP = math.log(1000.0)
+"""Log prior odds against a candidate whose coefficients would be implausible."""
+_JUDGED = 12
+"""Best candidates whose coefficients are judged."""
 _LEAST_EVIDENCE = 2.0
 """Evidence (log Bayes factor) below which no significance test is made."""
 _ORDERS_TRIED = 17
@@ -151,7 +155,23 @@ class CandidateScorer:
             and not any(self.covers(profile, entry.candidate) for profile in profiles)
         ]
         # If two candidates explain exactly the same, rounding (and so the order of rows) must not choose between them.
-        return sorted(competing, key=lambda entry: -round(entry.total, 6))
+        ordered = sorted(competing, key=lambda entry: -round(entry.total, 6))
+        judged = [self._with_handicap(entry, conditioned) for entry in ordered[:_JUDGED]] + ordered[_JUDGED:]
+        return sorted(judged, key=lambda entry: -round(entry.total, 6))
+
+    def _with_handicap(self, entry: Ranked, conditioned: Conditioned) -> Ranked:
+        """Return the score, lowered by :data:`HANDICAP` if the candidate's coefficients would be implausible."""
+        candidate = entry.candidate
+        if not candidate.terms or candidate.is_block or entry.p_value >= 1.0:
+            return entry
+        values = conditioned.least_squares(self.columns(candidate))
+        if candidate.effect.implausible(candidate.terms, values.tolist()) is None:
+            return entry
+        return replace(
+            entry,
+            log_prior=entry.log_prior - HANDICAP,
+            p_value=min(1.0, entry.p_value * math.exp(HANDICAP)),
+        )
 
     def covers(self, present: Candidate, other: Candidate) -> bool:
         """Return whether a candidate in the model makes another candidate redundant."""

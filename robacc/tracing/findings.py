@@ -55,6 +55,8 @@ class Finding:
     harmonics: tuple[Harmonic, ...]
     validity: tuple[tuple[str, float, float], ...]
     """Validity range of each joint: name, low, high (rad or m)."""
+    implausible: str | None
+    """Reason if the coefficients are beyond what the effect can be; else None."""
     warnings: tuple[str, ...]
     partial_residuals: tuple[PartialResidual, ...]
     """Partial residual of the effect over each driver, without and with it."""
@@ -87,6 +89,7 @@ def describe_finding(
     coefficients = tuple(all_parameters[i] for i in columns)
     folds_chosen = (validation.chosen.get(effect.key(), 0), validation.folds) if validation is not None else (0, 0)
     harmonics = _harmonics(loop, effect, choice, coefficients, final.covariance[np.ix_(columns, columns)])
+    implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     return Finding(
         effect.name,
         effect.joints,
@@ -100,7 +103,8 @@ def describe_finding(
         coefficients,
         harmonics,
         _validity(fitted, final, data),
-        _finding_warnings(fitted, final, data, folds_chosen),
+        implausible,
+        (*_finding_warnings(fitted, final, data, folds_chosen), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
     )
 

@@ -81,6 +81,8 @@ class Trace:
     robot: Robot
     """Robot file with the findings written into it."""
     verdict: Verdict
+    assumption: str | None
+    """What the verdict presumes where the noise is known from the residual alone."""
     declared: Fit
     final: Fit
     noise: LackOfFit
@@ -151,7 +153,8 @@ def trace(
     stages = before_and_after(model.arm.robot, data, declared, final, ends, holdout, n_folds, seed)
     return Trace(
         robot=apply_fit(final),
-        verdict=_verdict(findings, unexplained),
+        verdict=(verdict := _verdict(findings, unexplained)),
+        assumption=_assumption(verdict, noise),
         declared=declared,
         final=final,
         noise=noise,
@@ -315,7 +318,18 @@ def _verdict(findings: Sequence[Finding], left: Unexplained) -> Verdict:
     if not findings:
         return "unexplained" if left.structured else "clean"
     named = any(finding.effect != "joint_correction" for finding in findings)
-    return "explained" if named and not left.structured else "partly_explained"
+    plausible = all(finding.implausible is None for finding in findings)
+    return "explained" if named and plausible and not left.structured else "partly_explained"
+
+
+def _assumption(verdict: Verdict, noise: LackOfFit) -> str | None:
+    """Return what the verdict presumes of a noise that only the residual gives; None if it is known or not used."""
+    if noise.p_value is not None or verdict not in ("clean", "explained"):
+        return None
+    return (
+        f"{verdict} if the measurement noise is {1e3 * noise.noise.position:.2g} mm along each axis (standard "
+        "deviation); sigma columns or repeated poses would test this"
+    )
 
 
 def _explained_share(

@@ -258,7 +258,7 @@ def test_an_effect_of_hundreds_of_times_the_noise_is_one_finding() -> None:
 
 def test_the_equal_of_a_large_effect_is_still_named() -> None:
     """Where the finding stands at its full size a rival is judged short of what is curved in it."""
-    large = measured("panda", {"effect": "base_compliance", "values": {"value": 5e-5}}, noise_position=1e-5)
+    large = measured("panda", {"effect": "base_compliance", "values": {"value": 9e-6}}, noise_position=1e-5)
     (finding,) = traced(arm("panda").robot, large).findings
     stands_for = {finding.effect: 0.0, **{other.effect: other.evidence_difference for other in finding.alternatives}}
     assert {"base_compliance", "lateral_compliance"} <= set(stands_for)

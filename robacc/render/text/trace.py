@@ -46,6 +46,8 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
     yield BLANK
     yield heading("1. Residual")
     yield from wrapped(_residual(result), width)
+    if result.assumption is not None:
+        yield from wrapped(result.assumption, width)
     yield BLANK
     yield heading("2. Candidates")
     yield from _candidates(result, width)

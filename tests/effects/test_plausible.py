@@ -1,0 +1,57 @@
+"""Coefficients beyond what an effect can be are named, and compete with a handicap."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arms import arm
+
+from robacc.effects import REGISTRY
+from robacc.effects.base import Effect
+from robacc.effects.joint_compliance import JointCompliance
+from robacc.effects.request import build, parse_requests
+from robacc.modelling.model import Model
+from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.candidate_scorer import HANDICAP
+from robacc.tracing.linearised_candidates import linearise
+from robacc.tracing.loop import SEARCH, fit
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY))
+def test_usual_sizes_are_plausible_and_ten_thousand_times_that_is_not(name: str) -> None:
+    cls: type[Effect] = REGISTRY[name]
+    robot = dataclasses.replace(arm("irb1600").robot, effects=())
+    data = simulate(robot, Plan(20, seed=1, noise_position=1e-5, orientation=False)).data
+    data = dataclasses.replace(
+        data, time=np.arange(20.0), temperature=20 + np.arange(20.0) / 5, payload=np.tile([0.0, 5.0], 10)
+    )
+    if cls.missing(Model.of(robot).arm, data):
+        pytest.skip("not possible on these poses")
+    (effect,) = build(parse_requests(name), Model.of(robot).arm, data)
+    terms = effect.terms(Model.of(robot).arm, data)
+    usual = cls.about.usual_range[1]
+    assert effect.implausible(terms, [usual] * len(terms)) is None
+    if not cls.is_constant and any(term.unit == cls.about.unit.partition(" (")[0] for term in terms):
+        reason = effect.implausible(terms, [1e4 * usual] * len(terms))
+        assert reason is not None
+        assert "implausible" in reason
+
+
+def test_a_negative_compliance_is_implausible_and_competes_with_a_handicap() -> None:
+    robot = dataclasses.replace(arm("puma560").robot, effects=())
+    data = simulate(robot, Plan(60, seed=2, noise_position=1e-5, orientation=False)).data
+    compliance = JointCompliance(("j2",), masses="known")
+    totals = []
+    for value in (8e-6, -8e-6):
+        bound = Model.of(robot, [compliance]).bind(data)
+        theta = np.full(len(bound.terms), value)
+        assert (compliance.implausible(bound.terms, theta.tolist()) is None) is (value > 0)
+        shifted = dataclasses.replace(
+            data, position=data.position + bound.poses(theta).translation - bound.poses(0 * theta).translation
+        )
+        baseline = fit(Model.of(robot, build(parse_requests("base_frame"), Model.of(robot).arm, data)), shifted, SEARCH)
+        ranking = linearise(baseline, shifted, baseline.model.free).selection(np.ones(60, dtype=bool)).rank()
+        totals.append(next(r for r in ranking if r.candidate.effect.key() == compliance.key()).log_prior)
+    assert totals[0] - totals[1] == pytest.approx(HANDICAP)

@@ -186,11 +186,20 @@ def _finding(finding: Finding) -> dict[str, Any]:
             }
             for harmonic in finding.harmonics
         ],
+        "statement": finding.statement,
+        "change": _change(finding),
         "validity": {name: [low, high] for name, low, high in finding.validity},
         "partial_residuals": [curve_document(curve) for curve in finding.partial_residuals],
         "implausible": finding.implausible,
         "warnings": list(finding.warnings),
     }
+
+
+def _change(finding: Finding) -> dict[str, Any] | None:
+    if finding.change is None:
+        return None
+    place, low, high = finding.change
+    return {"at": place, "low": low, "high": high, "unit": "s" if "from_time_s" in finding.settings else "line"}
 
 
 def _ranked(candidate: Ranked) -> dict[str, Any]:

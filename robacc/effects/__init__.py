@@ -21,6 +21,7 @@ from robacc.effects import (  # noqa: I001  the order is the catalogue's
     axis_wobble as axis_wobble,
     thermal_expansion as thermal_expansion,
     frame_drift as frame_drift,
+    step as step,
     instrument_scale as instrument_scale,
     joint_correction as joint_correction,
 )

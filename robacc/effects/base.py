@@ -114,6 +114,8 @@ class Effect(abc.ABC):
     """True if every regressor is 1, so that the fitted value is written into the robot's own numbers."""
     per_joint: ClassVar[bool] = True
     """True if the effect acts on named joints, and is a candidate joint by joint."""
+    joints_optional: ClassVar[bool] = False
+    """True if an effect on joints also has forms without a joint."""
     is_frame: ClassVar[bool] = False
     """True if it is the base or the tool frame, which registration fits from any start."""
     is_empirical: ClassVar[bool] = False
@@ -245,6 +247,15 @@ class Effect(abc.ABC):
         ``ranges`` holds how far each joint moves over the poses, rad or m.
         """
         return self.key() == other.key()
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return what a finding of fitted ``values`` means and what to do; None if its coefficients say it.
+
+        ``between`` names the place of a searched change, and the first and last place that are as plausible.
+        """
+        return None
 
     def is_profile(self) -> bool:
         """Return whether it is a block of many terms, a candidate only if named terms leave structure."""

@@ -112,6 +112,8 @@ def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     if not isinstance(joints, list | tuple) or any(joint not in arm.names for joint in joints):
         raise ValueError(f"joints must be a list of {', '.join(arm.names)}; found {joints!r}")
     possible = cls.possible_joints(arm)
+    if not joints and cls.joints_optional:
+        return ()
     if not joints or len(set(joints)) < len(joints):
         raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")
     for joint in joints:

@@ -77,6 +77,12 @@ class Whitening:
             scaled[..., block.rows] = np.moveaxis(part, -3, -2)
         return scaled
 
+    def apply_transposed(self, values: Array) -> Array:
+        """Return ``(..., M, N)`` multiplied by the transposed map: the factors first, then the weights."""
+        plain = Whitening(np.ones_like(self.weight), self.blocks)
+        result: Array = plain.apply(values) * self.weight
+        return result
+
     def subset(self, rows: NDArray[np.int64]) -> Whitening:
         """Return the map of the given rows; each block must be included or excluded as a whole."""
         place = np.full(self.weight.shape[1], -1, dtype=np.int64)

@@ -25,6 +25,8 @@ _DECIMALS = 6
 _STREAMS = {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4, "order": 5}
 _MAX_ROWS = 2_000_000
 """Rows of a simulation: some GB of arrays and text; a larger number is likely a typing error."""
+_FIRST_LINE = 2
+"""Line of the first pose in a file with a header."""
 _WARM_UP = 3.0
 """Duration of a warm-up in time constants: it reaches 95 % of the rise."""
 
@@ -176,6 +178,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         payload=None if payload is None else payload[pose],
         direction=direction[:, visit],
         speed=speed[:, visit],
+        rows=np.arange(_FIRST_LINE, _FIRST_LINE + visit.size),
     )
 
 

@@ -9,10 +9,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.effects.base import Effect
 from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
+from robacc.tracing.step_scans import (
+    StepFamily,
+    StepScan,
+    credible_interval,
+    first_places,
+    near_places,
+    places_of,
+    scan_for,
+)
 
 HANDICAP = math.log(1000.0)
 """Log prior odds against a candidate whose coefficients would be implausible."""
@@ -26,6 +36,7 @@ _CACHED = 24
 """Conditioned systems in the cache: more than the findings that are tested between two steps."""
 
 Expand = Callable[[Candidate], Array]
+FamilyOfSteps = Callable[[StepScan, NDArray[np.int64]], StepFamily]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +83,17 @@ class CandidateScorer:
     """Function that returns the whitened ``(M, Q, N)`` columns of a candidate outside the system."""
     rows: NDArray[np.int64]
     """Numbers of the poses that the candidates are scored on."""
+    step_scans: Sequence[StepScan] = ()
+    poses: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Numbers of the poses of the linearisation that the candidates are scored on."""
+    family_of_steps: FamilyOfSteps | None = None
+    """Function that returns the family of a scan's steps at several places."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only at the caller's request."""
     _batches: list[tuple[list[int], NDArray[np.int64], Array]] = field(default_factory=list)
     _placed: dict[tuple[object, ...], NDArray[np.int64]] = field(default_factory=dict)
     _spectra: list[Family] = field(default_factory=list)
+    _steps: list[tuple[StepScan, StepFamily]] = field(default_factory=list)
     _block_families: list[Family] = field(default_factory=list)
     _ranges: dict[str, float] = field(default_factory=dict)
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
@@ -93,6 +110,10 @@ class CandidateScorer:
             self._batches.append((members, index, weight))
         self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
         self._spectra = [self._spectrum(grid, grid.orders) for grid in self.order_grids]
+        for scan in self.step_scans:
+            places = first_places(scan, self.poses)
+            if self.family_of_steps is not None and places.size:
+                self._steps.append((scan, self.family_of_steps(scan, places)))
 
     def columns(self, candidate: Candidate) -> NDArray[np.int64]:
         """Return the numbers of a candidate's columns in the system; append the columns if they are missing."""
@@ -144,6 +165,10 @@ class CandidateScorer:
             best = int(np.argmax(scores.evidence))
             effect = of_order(grid.joint, float(grid.orders[best]))
             ranked.append(_ranked(Candidate(effect, (), grid.log_prior), scores, best))
+        for scan, steps in self._steps:
+            scores = steps.judge(conditioned, best_only=True)
+            best = int(np.argmax(scores.evidence))
+            ranked.append(_ranked(scan.candidate(int(steps.places[best])), scores, best))
         if with_blocks:
             ranked.extend(self._rank_blocks(conditioned))
         keys = {finding.candidate.key for finding in present}
@@ -212,6 +237,32 @@ class CandidateScorer:
         orders = order + np.linspace(-span, span, _ORDERS_TRIED)
         scores = self._spectrum(grid, orders).judge(conditioned, best_only=True)
         return float(orders[int(np.argmax(scores.evidence))])
+
+    def best_step(self, conditioned: Conditioned, effect: Effect) -> Candidate | None:
+        """Return the step of the same form near ``effect`` with the largest evidence; None if none is searched."""
+        scan = scan_for(self.step_scans, effect)
+        if scan is None or self.family_of_steps is None:
+            return None
+        places = near_places(scan, self.poses, scan.place_index(effect))
+        if places.size == 0:
+            return None
+        scores = self.family_of_steps(scan, places).judge(conditioned, best_only=True)
+        return scan.candidate(int(places[int(np.argmax(scores.evidence))]))
+
+    def step_interval(self, conditioned: Conditioned, effect: Effect) -> tuple[float, float] | None:
+        """Return the first and last place of a step that the poses support at 95 %; None if none is searched."""
+        scan = scan_for(self.step_scans, effect)
+        if scan is None or self.family_of_steps is None:
+            return None
+        places = places_of(scan, self.poses)
+        if places.size == 0:
+            return None
+        low, high = credible_interval(self.family_of_steps(scan, places).judge(conditioned).evidence)
+        return float(scan.places[places[low]]), float(scan.places[places[high]])
+
+    def steps_in_the_middle(self) -> list[Candidate]:
+        """Return each form of a step at the middle of its places."""
+        return [scan.candidate(int(steps.places[steps.places.size // 2])) for scan, steps in self._steps]
 
     def _spectrum(self, grid: OrderGrid, orders: Array) -> Family:
         """Return cosine and sine of evenly spaced orders, each computed from the order before."""

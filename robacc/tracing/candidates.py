@@ -22,11 +22,11 @@ from robacc.robots.arm import Arm
 
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
 """Orders of a joint's complete profile."""
-_TYPICAL_CANDIDATES = 80.0
+TYPICAL_CANDIDATES = 80.0
 """Effects times joints on a six-axis arm: the number of candidates that a searched order or a block is up against."""
 _SHRUNK_AGAINST_NAMED = 1e-3
 """Prior odds of a rich block against a named term of its family: small, so that only clear data select it."""
-BLOCK_LOG_PRIOR = math.log(_SHRUNK_AGAINST_NAMED / _TYPICAL_CANDIDATES)
+BLOCK_LOG_PRIOR = math.log(_SHRUNK_AGAINST_NAMED / TYPICAL_CANDIDATES)
 """Log prior probability of a joint's rich block."""
 _LEAST_ORDERS = 3
 """Orders below which a complete profile is no more than its named harmonics."""
@@ -152,7 +152,7 @@ def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None)
             continue
         # Neighbours of the grid are redundant: orders half a period of the range apart count as independent.
         independent = max(1.0, 2 * float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
-        result.append(OrderGrid(joint, arm.number(joint), orders, angle, -math.log(_TYPICAL_CANDIDATES * independent)))
+        result.append(OrderGrid(joint, arm.number(joint), orders, angle, -math.log(TYPICAL_CANDIDATES * independent)))
     return result
 
 
@@ -181,7 +181,7 @@ def corrections(arm: Arm, data: Measurements, only: Sequence[str] | None = None)
         if cls.is_empirical and (only is None or cls.name in only)
         for effect in cls.candidates(arm, data)
     ]
-    prior = -math.log(_TYPICAL_CANDIDATES * max(len(effects), 1) / len(arm.names)) + math.log(_SHRUNK_AGAINST_NAMED)
+    prior = -math.log(TYPICAL_CANDIDATES * max(len(effects), 1) / len(arm.names)) + math.log(_SHRUNK_AGAINST_NAMED)
     return [Candidate(effect, effect.terms(arm, data), prior) for effect in effects]
 
 

@@ -51,12 +51,13 @@ def detection_limits(selection: Selection, weight: Array, n_folds: int = 0, shar
     poses. A finding must recur in half of ``n_folds`` folds; 0 for no cross-validation.
     """
     scorer = selection.scorer
+    forms = list(_forms(scorer))
     conditioned = scorer.condition(selection.chosen)
     train_share = (1.0 - 1.0 / n_folds if n_folds else 1.0) / share
     present = [finding.candidate for finding in selection.chosen]
     return [
         _limit(candidate, columns, scorer, conditioned, weight, train_share)
-        for candidate, columns in _forms(scorer)
+        for candidate, columns in forms
         if not any(scorer.covers(chosen, candidate) for chosen in present)
     ]
 
@@ -83,7 +84,7 @@ def _forms(scorer: CandidateScorer) -> Iterator[tuple[Candidate, NDArray[np.int6
     """Yield forms with coefficients of a common unit, except forms that contain another form."""
     free = [
         candidate
-        for candidate in scorer.pool
+        for candidate in (*scorer.pool, *scorer.steps_in_the_middle())
         if not candidate.is_block and len({term.unit for term in candidate.terms}) == 1
     ]
     names = [{term.name for term in candidate.terms} for candidate in free]

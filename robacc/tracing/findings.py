@@ -10,6 +10,7 @@ import numpy as np
 from robacc.accuracy.metrics import pose_metrics
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect
+from robacc.effects.change_points import is_step, place_of, place_text
 from robacc.effects.periodic import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.deflection_model import with_deflection
@@ -60,6 +61,10 @@ class Finding:
     warnings: tuple[str, ...]
     partial_residuals: tuple[PartialResidual, ...]
     """Partial residual of the effect over each driver, without and with it."""
+    statement: str | None = None
+    """What the finding means and what to do; None if its coefficients say it."""
+    change: tuple[float, float, float] | None = None
+    """Place of a step (s or line), and the first and last place of its 95 % interval."""
 
 
 def describe_finding(
@@ -88,6 +93,12 @@ def describe_finding(
     all_parameters = parameters(final)
     coefficients = tuple(all_parameters[i] for i in columns)
     folds_chosen = (validation.chosen.get(effect.key(), 0), validation.folds) if validation is not None else (0, 0)
+    change = _change(loop, effect, choice)
+    values = {parameter.name: parameter.value for parameter in coefficients}
+    between = None
+    if change is not None:
+        place, low, high = (place_text(at, effect, data) for at in change)
+        between = (place, low, high)
     harmonics = _harmonics(loop, effect, choice, coefficients, final.covariance[np.ix_(columns, columns)])
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     return Finding(
@@ -106,6 +117,8 @@ def describe_finding(
         implausible,
         (*_finding_warnings(fitted, final, data, folds_chosen), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
+        fitted.statement(final.model.arm, values, between),
+        change,
     )
 
 
@@ -115,6 +128,18 @@ def _score_when_added(steps: Sequence[SelectionStep], effect: Effect) -> tuple[f
         if step.action == "add" and step.ranking and step.ranking[0].candidate.effect.key() == effect.key():
             return step.ranking[0].p_value, step.ranking[0].evidence, ()
     return float("nan"), float("nan"), ()
+
+
+def _change(loop: SearchResult, effect: Effect, choice: Chosen | None) -> tuple[float, float, float] | None:
+    """Return the place of a step with its interval, beside all other findings."""
+    if not is_step(effect):
+        return None
+    place = place_of(effect)
+    if choice is None:
+        return place, place, place
+    scorer = loop.selection.scorer
+    interval = scorer.step_interval(scorer.condition(loop.selection.chosen, without=choice), effect)
+    return (place, place, place) if interval is None else (place, *interval)
 
 
 def _harmonics(

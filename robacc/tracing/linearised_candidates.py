@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,14 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
+from robacc.effects.change_points import CHANGE_POINT, is_step, mixed_places, places, step_forms
 from robacc.fitting.solver import Fit
+from robacc.fitting.visits import visit_numbers
+from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import observed_jacobian, residuals
+from robacc.robots.arm import Arm
 from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import (
     BLOCK_LOG_PRIOR,
+    TYPICAL_CANDIDATES,
     Batch,
     Candidate,
     batches,
@@ -29,6 +36,7 @@ from robacc.tracing.candidates import (
 )
 from robacc.tracing.evidence import Columns
 from robacc.tracing.selection import Selection
+from robacc.tracing.step_scans import StepFamily, StepScan, scan_for, scan_of, usable_places
 
 SELECTION_POSES = 800
 """Largest number of poses that a selection uses; fits and figures use all poses."""
@@ -59,6 +67,10 @@ class LinearisedCandidates:
     """Numbers of each candidate's terms among :attr:`pool_columns`."""
     joint_columns: Array
     """``(M, J, n)`` whitened columns of each joint's variable."""
+    whitening: Whitening
+    """Map that whitens the columns and the residual."""
+    step_scans: tuple[StepScan, ...]
+    """Forms of a step, each with the places where it may lie."""
     residual: Array
     """``(M, n)`` whitened residual, with the contribution of earlier findings put back."""
     inliers: NDArray[np.bool_]
@@ -88,7 +100,15 @@ class LinearisedCandidates:
         data = self.data.subset(at)
         arm = self.model.arm
 
+        thinned_whitening = self.whitening.subset(at)
+
+        def family_of_steps(scan: StepScan, at_places: NDArray[np.int64]) -> StepFamily:
+            return StepFamily(system, scan, at_places, at, thinned_whitening)
+
         def expand(candidate: Candidate) -> Array:
+            scan = scan_for(self.step_scans, candidate.effect) if is_step(candidate.effect) else None
+            if scan is not None:
+                return scan.whitened(candidate, self.whitening)[:, :, at]
             terms = candidate.terms or candidate.effect.terms(arm, self.data)
             return self._columns_of(terms)[:, :, at]
 
@@ -101,6 +121,9 @@ class LinearisedCandidates:
             self.joint_columns[:, :, at],
             expand,
             self.rows[at],
+            self.step_scans,
+            at,
+            family_of_steps,
         )
         choice = Selection(scorer)
         for effect in start:
@@ -121,6 +144,8 @@ class LinearisedCandidates:
             if candidate.effect.key() == effect.key():
                 return candidate
         terms = effect.terms(self.model.arm, self.data)
+        if is_step(effect) and (scan := scan_for(self.step_scans, effect)) is not None:
+            return Candidate(effect, terms, scan.log_prior)
         if any(term.group for term in terms):
             return Candidate(effect, terms, BLOCK_LOG_PRIOR)
         searched = order_grids(self.model.arm, self.data, self.only)
@@ -164,12 +189,17 @@ def linearise(
         for term in candidate.terms:
             unique.setdefault(candidate.effect.term_key(term), term)
     joints = tuple(Term(f"joint {i}", "", 1.0, (Part(motion),)) for i, motion in enumerate(arm.chain.joint_axis))
+    is_searched = only is None or CHANGE_POINT in only
+    steps = {form: form.terms(arm, data) for form in step_forms(arm, data)} if is_searched else {}
     bound = model.bind(data)
     count = len(bound.terms)
-    extended = dataclasses.replace(bound, terms=(*bound.terms, *joints, *unique.values()))
-    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(joints) + len(unique)))))
+    added = (*joints, *unique.values(), *(term for terms in steps.values() for term in terms))
+    extended = dataclasses.replace(bound, terms=(*bound.terms, *added))
+    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))))
     residual = residuals(data, poses)
-    columns = np.moveaxis(whitening.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
+    observed = observed_jacobian(jacobian, residual)
+    first_step = count + len(joints) + len(unique)
+    columns = np.moveaxis(whitening.apply(np.moveaxis(observed[:, :first_step], 1, 0)), 0, 1)
     n_declared = sum(len(effect.terms(arm, data)) for effect in declared)
     whitened = whitening.apply(residual) + np.einsum("mpn,p->mn", columns[:, n_declared:count], fit.theta[n_declared:])
     identified = fit.identifiability.columns
@@ -186,8 +216,30 @@ def linearise(
         pool=tuple(pool),
         places=places,
         joint_columns=columns[:, count : count + len(joints)],
+        whitening=whitening,
+        step_scans=_step_scans(arm, data, steps, observed[:, first_step:]),
         residual=whitened,
         inliers=fit.inliers[rows],
         missing=missing,
         only=None if only is None else tuple(only),
     )
+
+
+def _step_scans(
+    arm: Arm, data: Measurements, forms: Mapping[Effect, Sequence[Term]], columns: Array
+) -> tuple[StepScan, ...]:
+    """Return the scans of the forms of a step, of which ``columns`` ``(M, S, n)`` holds those of all terms in turn."""
+    if not forms or data.n < 2:
+        return ()
+    numbered = places(data, visit_numbers(data))
+    usable = usable_places(numbered[0], mixed_places(data, numbered[0]))
+    same_part = Counter(form.joints or form.settings()["part"] for form in forms)
+    scans, start = [], 0
+    for form, terms in forms.items():
+        log_prior = -math.log(TYPICAL_CANDIDATES * same_part[form.joints or form.settings()["part"]])
+        part = columns[:, start : start + len(terms)]
+        start += len(terms)
+        scan = scan_of(form, arm, data, part, numbered, usable, log_prior)
+        if scan is not None:
+            scans.append(scan)
+    return tuple(scans)

@@ -54,11 +54,11 @@ def rivals(
     rival, so an equal of a large finding seems to fall behind. ``refitted`` is asked about those.
     """
     ranked, ranking = selection.contest(finding)
-    names = {(finding.candidate.effect.name, finding.candidate.effect.joints)}
+    names = {str(finding.candidate.effect)}
     alternatives: list[Alternative] = []
     for place, rival in enumerate(ranking):
         effect = rival.candidate.effect
-        name = (effect.name, effect.joints)
+        name = str(effect)
         lag = ranked.total - rival.total
         behind = lag > RIVAL
         if name in names or len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):

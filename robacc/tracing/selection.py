@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from robacc.effects.base import Effect
+from robacc.effects.change_points import is_step
 from robacc.effects.orders import ORDER_STEP
 from robacc.effects.periodic import of_order, searched_order
 from robacc.tracing.candidate_scorer import CandidateScorer, Chosen, Ranked
@@ -60,22 +61,28 @@ class Selection:
 
     def _settle_order(self, finding: Chosen) -> None:
         """Improve a searched order at once: off the grid, a harmonic's remainder would look like another harmonic."""
-        effect = self.refined(finding)
-        if effect.key() != finding.candidate.key:
-            better = self.scorer.as_chosen(dataclasses.replace(finding.candidate, effect=effect, terms=()), 0.0)
-            self.chosen[self.chosen.index(finding)] = better
+        better = self._improved(finding)
+        if better.key != finding.candidate.key:
+            self.chosen[self.chosen.index(finding)] = self.scorer.as_chosen(better, 0.0)
 
     def refined(self, finding: Chosen) -> Effect:
-        """Return the effect of a finding, with a single searched order improved off the grid."""
+        """Return the effect of a finding, with a single searched order, or the place of a step, improved."""
+        return self._improved(finding).effect
+
+    def _improved(self, finding: Chosen) -> Candidate:
         effect = finding.candidate.effect
+        if is_step(effect):
+            better = self.scorer.best_step(self.scorer.condition(self.chosen, without=finding), effect)
+            return better or finding.candidate
         order = searched_order(effect)
         grid = next((g for g in self.scorer.order_grids if g.joint in effect.joints), None)
         if order is None or grid is None:
-            return effect
+            return finding.candidate
         conditioned = self.scorer.condition(self.chosen, without=finding)
         for span in (ORDER_STEP, ORDER_STEP / 8):
             order = self.scorer.best_order(conditioned, grid, order, span)
-        return of_order(grid.joint, round(order, 4))
+        effect = of_order(grid.joint, round(order, 4))
+        return dataclasses.replace(finding.candidate, effect=effect, terms=())
 
     def run(self, with_blocks: bool = False) -> None:
         """Add candidates until none is significant, with a new test of every earlier finding after each step."""

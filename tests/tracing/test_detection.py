@@ -52,7 +52,8 @@ def test_at_the_limit_the_f_test_finds_every_second_one(name: str, n_folds: int)
     data, loop = clean(name)
     assert loop.effects == ()
     known = loop.final.identifiability.columns
-    priors = {candidate.key: candidate.log_prior for candidate in loop.selection.scorer.pool}
+    scorer = loop.selection.scorer
+    priors = {candidate.key: candidate.log_prior for candidate in (*scorer.pool, *scorer.steps_in_the_middle())}
     learnt = 1 - 1 / n_folds if n_folds else 1.0
     checked = 0
     for one in limits(loop, n_folds):
@@ -92,8 +93,9 @@ def test_a_share_of_the_poses_stands_for_all_of_them() -> None:
     whole, half = by_name(limits(loop)), by_name(limits(loop, share=0.5))
     for key, one in whole.items():
         if one.limit is not None and half[key].limit is not None:
-            # Twice the poses, and so twice the degrees of freedom, which are worth another percent.
-            assert half[key].limit == pytest.approx(one.limit / math.sqrt(2), rel=0.02)
+            # Twice the poses, and so twice the degrees of freedom, which are worth another percent or two, the more the
+            # lower the level is: a step's is that of a search over its places.
+            assert half[key].limit == pytest.approx(one.limit / math.sqrt(2), rel=0.03)
 
 
 def test_what_no_size_shows_has_no_limit() -> None:

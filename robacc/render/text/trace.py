@@ -116,10 +116,12 @@ def _candidates(result: Trace, width: int) -> Iterator[TextLine]:
 
 def _finding(number: int, finding: Finding, width: int) -> Iterator[TextLine]:
     joints = f" on {', '.join(finding.joints)}" if finding.joints else ""
+    if part := finding.settings.get("part"):
+        joints = f" of the {part}"
     found_in, folds = finding.stability
     stability = f", found in {found_in} of {folds} folds" if folds else ""
     yield TextLine(f"{number}) {finding.effect}{joints}: {p_value(finding.p_value)}{stability}")
-    details = []
+    details = [] if finding.statement is None else [finding.statement]
     if finding.held_out_before is not None and finding.held_out_after is not None:
         details.append(
             f"held-out poses: {three_digits(finding.held_out_before * _IN_MM)} mm rms without it, "

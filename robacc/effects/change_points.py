@@ -1,0 +1,109 @@
+"""Step changes as a search builds them: every part that can move, and the poses where its step may lie."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.effects.base import Effect
+from robacc.effects.step import Step, sequence_of
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+CHANGE_POINT = Step.name
+"""Name of the effect that a search over the poses finds."""
+FEWEST = 5
+"""Poses on each side of a step that a search demands: fewer deviating poses are outliers."""
+_MIXED_SHARE = 0.25
+"""Least rate, relative to random order, at which a pose and its neighbour in joint space are on either side."""
+_MOST_COMPARED = 800
+"""Largest number of poses whose neighbours are sought."""
+
+
+def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
+    """Yield every form of a step, before all poses: the base, turning or not, the target or targets, each joint."""
+    if Step.missing(arm, data) is not None:
+        return
+    turns = data.rotation is not None
+    forms = [Step((), "base"), Step((), "base", turning=True), Step((), "target", turning=turns)]
+    if data.target is not None:
+        names = np.unique(data.target)
+        forms += [Step((), "target", target=str(name), turning=turns) for name in names if names.size > 1]
+    forms += [Step((joint,), "joint") for joint in arm.names]
+    for form in forms:
+        yield form.starting(float(sequence_of(data).min()), data)
+
+
+def at_place(form: Effect, place: float, data: Measurements) -> Effect:
+    """Return the step of the same form at a place of the sequence."""
+    assert isinstance(form, Step)
+    return form.starting(place, data)
+
+
+def is_step(effect: Effect) -> bool:
+    """Return whether an effect is a step, whose place a search finds."""
+    return isinstance(effect, Step)
+
+
+def place_of(effect: Effect) -> float:
+    """Return the place of a step in the sequence, s or line."""
+    assert isinstance(effect, Step)
+    return float(effect.from_line or 0) if effect.from_time is None else effect.from_time
+
+
+def same_form(first: Effect, second: Effect) -> bool:
+    """Return whether two steps differ in their place at most."""
+    if not isinstance(first, Step) or not isinstance(second, Step):
+        return False
+    plain = [dataclasses.replace(step, from_line=None, from_time=None, file=None) for step in (first, second)]
+    return plain[0] == plain[1]
+
+
+def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+    """Return ``(N,)`` each pose's number in the sequence, and ``(P,)`` the place before each number but the first.
+
+    A time lies half-way between two poses; a line is that of the first pose after it. Rows of a visit, numbered
+    ``(N,)``, have the same number.
+    """
+    sequence = sequence_of(data)
+    start = np.full(int(visits.max(initial=0)) + 1, np.inf)
+    np.minimum.at(start, visits, sequence)
+    values, number = np.unique(start[visits], return_inverse=True)
+    before = 0.5 * (values[1:] + values[:-1]) if sequence is data.time else values[1:]
+    return number.astype(np.int64), before
+
+
+def place_text(place: float, effect: Effect, data: Measurements) -> str:
+    """Return a place of a step as text: the first pose after it, with its time where the step has one."""
+    assert isinstance(effect, Step)
+    sequence = sequence_of(data)
+    after = np.flatnonzero(sequence >= place)
+    line = data.place(int(after[np.argmin(sequence[after])])) if after.size else "the end"
+    return line if effect.from_time is None else f"{place:.6g} s ({line})"
+
+
+def mixed_places(data: Measurements, number: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return ``(P,)`` whether poses before and after each place lie between each other in joint space.
+
+    Where they do not, as in poses sorted by a joint, a step is not distinguishable from an error of that joint. The
+    measure is how often a pose and its nearest neighbour lie on either side, relative to poses in random order.
+    """
+    count = int(number.max()) + 1
+    if data.q is None:
+        return np.ones(count - 1, dtype=bool)
+    rows = np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_COMPARED)).round().astype(np.int64))
+    q = data.q[:, rows] / np.maximum(np.ptp(data.q[:, rows], axis=1), 1e-12)[:, None]
+    square = np.sum(np.square(q), axis=0)
+    distance = square[:, None] + square - 2 * q.T @ q
+    np.fill_diagonal(distance, np.inf)
+    first, second = number[rows], number[rows[np.argmin(distance, axis=1)]]
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    # A pair is on either side of the places low + 1 … high.
+    crossing = np.cumsum(np.bincount(low + 1, minlength=count + 1) - np.bincount(high + 1, minlength=count + 1))
+    before = np.cumsum(np.bincount(first, minlength=count))
+    share = before[:-1] / rows.size
+    return np.asarray(crossing[1:count] / rows.size >= _MIXED_SHARE * 2 * share * (1 - share))

@@ -1,0 +1,230 @@
+"""A step change between two poses: the base was moved, the target was bumped, or a joint's zero jumped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import PurePath
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from robacc.chain import BASE, TOOL
+from robacc.effects.base import About, Driver, Effect, Part, Term, register, varies
+from robacc.effects.base_frame import FRAME_LABELS
+from robacc.effects.driver import circumstance_driver
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+_SAME_SHARE = 0.1
+"""Share of the run within which two steps of the same part, identified on different poses, are the same."""
+
+
+@register
+@dataclass(frozen=True)
+class Step(Effect):
+    """Coordinates of the base, of the target, or of one joint that change by a constant at one time or line.
+
+    Poses without a time, without lines, or of another file than ``file`` come after the step: the arm is as it is now.
+    """
+
+    part: Literal["base", "target", "joint"] = "base"
+    from_line: int | None = None
+    """Line (or row) of the first pose after the step, as messages count it."""
+    from_time: float | None = None
+    """s, the time of the step; it is used in place of the line where poses have a time."""
+    file: str | None = None
+    """Name of the file that the line belongs to; None for any."""
+    target: str | None = None
+    """Name of the only target that moved; None for all."""
+    turning: bool = False
+    """True if the base, or the target, turns too."""
+    span: float = field(default=0.0, compare=False)
+    """Length of the run, s or lines; 0 if unknown."""
+
+    name = "step"
+    joints_optional: ClassVar[bool] = True
+    missing_reasons = ("the poses have neither a time_s that varies nor lines",)
+    about = About(
+        summary="a step change between two poses: the base moved, the target was bumped, or a joint's zero jumped",
+        equation="base or tool x, y, z (and its turns), or theta_j, + c from one pose on, 0 before it",
+        unit="rad (m for a prismatic joint), m for the base and the target",
+        usual_size="5e-5 to 5e-3 rad, 5e-5 to 5e-3 m; a motor turn over the gear ratio where an encoder lost a turn",
+        usual_range=(5e-5, 5e-3),
+        needs="time_s, or rows in the order of measurement",
+        confused_with="frame_drift where it is gradual; joint errors where all poses after the step differ from those "
+        "before it in a joint",
+        source="G. Lorden, Annals of Mathematical Statistics 42 (1971) 1897: likelihood ratio over all change points",
+        example="{effect: step, part: target, from_time_s: 1800, values: {x: 2e-4, y: -1e-4, z: 5e-5}}",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Return the reason if the poses have no sequence."""
+        return None if varies(data.time) or data.rows is not None else cls.missing_reasons[0]
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return a step in the middle of the run: of the base, or of the zero of ``joints``."""
+        sequence = sequence_of(data)
+        part: Literal["base", "joint"] = "base" if joints is None else "joint"
+        return cls(tuple(joints or ()), part).starting(float(np.median(sequence)), data)
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield nothing: a trace searches for the step's place."""
+        yield from ()
+
+    def starting(self, at: float, data: Measurements) -> Step:
+        """Return the same step at a time (s) or line of ``data``."""
+        sequence = sequence_of(data)
+        timed = varies(data.time)
+        return Step(
+            self.joints,
+            self.part,
+            None if timed else math.ceil(at),
+            at if timed else None,
+            None if timed or data.source is None else PurePath(data.source).name,
+            self.target,
+            self.turning,
+            float(np.ptp(sequence)),
+        )
+
+    def after(self, data: Measurements) -> Array:
+        """Return ``(N,)`` 1 for poses after the step, 0 for poses before it."""
+        now = np.ones(data.n)
+        if self.from_time is not None:
+            return now if data.time is None else (data.time >= self.from_time).astype(float)
+        elsewhere = self.file is not None and data.source is not None and PurePath(data.source).name != self.file
+        if self.from_line is None or data.rows is None or elsewhere:
+            return now
+        return (data.rows >= self.from_line).astype(float)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return one term a joint, or three or six of the base or the target."""
+        after = self.after(data)
+        if self.part == "joint":
+            return tuple(
+                Term(
+                    f"{self.name}.{joint}",
+                    "rad" if arm.is_revolute(joint) else "m",
+                    1e-4,
+                    (Part(arm.axis_motion(joint), after),),
+                )
+                for joint in self.joints
+            )
+        owner = BASE if self.part == "base" else TOOL
+        if self.target is not None:
+            after = after * (data.target == self.target if data.target is not None else 1.0)
+        return tuple(
+            Term(
+                f"{self.name}.{label}",
+                "m" if label in "xyz" else "rad",
+                1e-4,
+                (Part(arm.chain.index(owner, motion), after),),
+            )
+            for label, motion in FRAME_LABELS.items()
+            if self.turning or label in "xyz"
+        )
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the time, or the line."""
+        if self.from_time is not None and data.time is not None:
+            return circumstance_driver("time_s", data)
+        return None if data.rows is None else Driver("line", "1", data.rows.astype(float), False)
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other`` is a step of the same part at nearly the same place."""
+        if not isinstance(other, Step) or self._subject() != other._subject():
+            return False
+        places = [step.from_line if step.from_time is None else step.from_time for step in (self, other)]
+        span = max(self.span, other.span)
+        if None in places or span == 0.0:
+            return True
+        return abs(float(places[0] or 0) - float(places[1] or 0)) <= _SAME_SHARE * span
+
+    def _subject(self) -> tuple[object, ...]:
+        return (self.part, self.joints, self.target)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the part, the place of the step and what moved."""
+        values = {
+            "part": None if self.part == "joint" else self.part,
+            "from_line": self.from_line,
+            "from_time_s": self.from_time,
+            "file": self.file,
+            "target": self.target,
+            "turning": self.turning or None,
+        }
+        return {key: value for key, value in values.items() if value is not None}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``part``, ``from_line`` or ``from_time_s``, ``file``, ``target``, ``turning``."""
+        other_settings = dict(settings)
+        part = other_settings.pop("part", "joint" if joints else "base")
+        line, time = other_settings.pop("from_line", None), other_settings.pop("from_time_s", None)
+        file, target = other_settings.pop("file", None), other_settings.pop("target", None)
+        turning = other_settings.pop("turning", False)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        if part not in ("base", "target", "joint") or (part == "joint") != bool(joints):
+            raise ValueError(f"{cls.name}: part is base or target without joints, or leave it out and give joints")
+        if (line is None) == (time is None):
+            raise ValueError(f"{cls.name} needs from_line or from_time_s, the place of the step")
+        if not _is_number(line, int) or not _is_number(time, int, float):
+            raise ValueError(f"{cls.name}: from_line must be a whole number, from_time_s a number of seconds")
+        if any(not isinstance(text, str | None) for text in (file, target)) or not isinstance(turning, bool):
+            raise ValueError(f"{cls.name}: file and target are names, turning true or false")
+        if (target is not None and part != "target") or (turning and part == "joint"):
+            raise ValueError(f"{cls.name}: target belongs to part: target, turning to the base or the target")
+        return cls(joints, part, line, None if time is None else float(time), file, target, turning)
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return what moved, from where on and by how much, and what to do."""
+        shift = math.hypot(*(values.get(f"{self.name}.{label}", 0.0) for label in "xyz")) * 1e3
+        turn = math.hypot(*(values.get(f"{self.name}.{label}", 0.0) for label in ("roll", "pitch", "yaw"))) * 1e3
+        size = f"{shift:.3g} mm" + (f" and {turn:.3g} mrad" if self.turning else "")
+        place = between[0] if between else self._place()
+        start = f"from {place} on" + ("" if between is None or between[1] == between[2] else _interval(between))
+        if self.part == "base":
+            check = "check the mounting of the base and the instrument's tripod, and measure from there again"
+            return f"{start} the base stands {size} elsewhere: {check}"
+        if self.part == "target":
+            which = "target" if self.target is None else f"target {self.target}"
+            check = "check its seat, and measure the poses before it again"
+            return f"{start} the {which} sits {size} elsewhere: {check}"
+        check = "look for a collision, a lost encoder count or a new mastering; master the joint and measure again"
+        jumps = ", ".join(
+            f"{joint} jumps by {1e3 * values.get(f'{self.name}.{joint}', 0.0):.3g} "
+            f"{'mrad' if arm.is_revolute(joint) else 'mm'}"
+            for joint in self.joints
+        )
+        return f"{start} the zero of {jumps}: {check}"
+
+    def _place(self) -> str:
+        return f"line {self.from_line}" if self.from_time is None else f"{self.from_time:.6g} s"
+
+    def __str__(self) -> str:
+        """``step[j2]``, ``step[base]``."""
+        return f"{self.name}[{','.join(self.joints) or self.target or self.part}]"
+
+
+def sequence_of(data: Measurements) -> Array:
+    """Return ``(N,)`` the quantity that orders the poses: the time if it varies, else the line in the file."""
+    if varies(data.time):
+        assert data.time is not None
+        return data.time
+    return np.arange(data.n, dtype=float) if data.rows is None else data.rows.astype(float)
+
+
+def _interval(between: tuple[str, str, str]) -> str:
+    return f" (95 % between {between[1]} and {between[2]})"
+
+
+def _is_number(value: Any, *kinds: type) -> bool:
+    return value is None or (type(value) in kinds and math.isfinite(value))

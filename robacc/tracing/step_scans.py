@@ -1,0 +1,187 @@
+"""Scan of the poses for steps: the score of a step at every place, from sums over the poses.
+
+A step at place k has the columns of its always-on form on the poses after k and zero before, so that its products with
+any column are sums over the poses after k. The products of all places follow from one pass over the poses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.effects.base import Effect
+from robacc.effects.change_points import FEWEST, at_place, place_of, same_form
+from robacc.fitting.whitening import Whitening
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+from robacc.tracing.candidates import Candidate
+from robacc.tracing.evidence import Columns, Family
+
+_MOST_PLACES = 48
+"""Largest number of places of a first scan; the best is then improved among all places."""
+_CREDIBLE = 0.95
+"""Posterior probability of a step's interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepScan:
+    """One form of a step, on all poses of a linearisation, and the places where it may lie."""
+
+    form: Effect
+    arm: Arm
+    data: Measurements
+    columns: Array
+    """``(M, Q, n)`` columns of the form before all poses, not whitened."""
+    number: NDArray[np.int64]
+    """``(n,)`` number of each pose in the sequence."""
+    places: Array
+    """``(P,)`` place of the step before each number but the first."""
+    eligible: NDArray[np.int64]
+    """Indices of the places that a search may use."""
+    log_prior: float
+    _candidates: dict[int, Candidate] = field(default_factory=dict)
+
+    def whitened(self, candidate: Candidate, whitening: Whitening) -> Array:
+        """Return ``(M, Q, n)`` whitened columns of a step of the form."""
+        after = np.stack([np.broadcast_to(term.parts[0].factor, self.data.n) for term in candidate.terms])
+        return np.moveaxis(whitening.apply(np.moveaxis(self.columns * after, 1, 0)), 0, 1)
+
+    def place_index(self, effect: Effect) -> int:
+        """Return the index of the place of a step."""
+        return min(int(np.searchsorted(self.places, place_of(effect))), self.places.size - 1)
+
+    def candidate(self, place: int) -> Candidate:
+        """Return the step at a place, by the place's index."""
+        if place not in self._candidates:
+            effect = at_place(self.form, float(self.places[place]), self.data)
+            self._candidates[place] = Candidate(effect, effect.terms(self.arm, self.data), self.log_prior)
+        return self._candidates[place]
+
+
+class StepFamily(Family):
+    """Steps of one form at several places, on some poses; their columns are never built."""
+
+    def __init__(
+        self, system: Columns, scan: StepScan, places: NDArray[np.int64], at: NDArray[np.int64], whitening: Whitening
+    ) -> None:
+        """Store the sums over the poses ``at`` after each of ``places``; ``whitening`` belongs to those poses."""
+        self.places, self.shrunk = places, False
+        weights = scan.candidate(int(scan.eligible[0])).weights
+        self._whitening, self._columns = whitening, scan.columns[:, :, at] * weights[:, None]
+        number = scan.number[at]
+        self._order = np.argsort(number, kind="stable")
+        # A step at place k begins at number k + 1.
+        self._starts = np.searchsorted(number[self._order], places + 1)
+        self.gram = np.moveaxis(self._sums(_gram_increments(whitening, self._columns, number)), 2, 0)
+        adjoint = whitening.apply_transposed(system.residual)
+        self.rhs = self._sums(np.einsum("mqn,mn->qn", self._columns, adjoint)).T
+        self._cross = np.zeros((0, places.size * self._columns.shape[1]))
+
+    def _sums(self, increments: Array) -> Array:
+        """Return ``(..., B)`` sums over the poses after each place of ``(..., n)``."""
+        total = np.concatenate((np.zeros((*increments.shape[:-1], 1)), np.cumsum(increments[..., self._order], -1)), -1)
+        result: Array = total[..., -1:] - total[..., self._starts]
+        return result
+
+    def cross(self, system: Columns) -> Array:
+        """Return ``(C, B Q)`` products of every column of the system with every column of the family."""
+        done = self._cross.shape[0]
+        if done < system.columns.shape[1]:
+            columns = np.moveaxis(system.columns[:, done:], 1, 0)
+            adjoint = np.moveaxis(self._whitening.apply_transposed(columns), 0, 1)
+            sums = self._sums(np.einsum("mqn,mcn->cqn", self._columns, adjoint))
+            self._cross = np.concatenate((self._cross, np.moveaxis(sums, 2, 1).reshape(len(sums), -1)))
+        return self._cross
+
+
+def scan_of(
+    form: Effect,
+    arm: Arm,
+    data: Measurements,
+    columns: Array,
+    places: tuple[NDArray[np.int64], Array],
+    usable: NDArray[np.bool_],
+    log_prior: float,
+) -> StepScan | None:
+    """Return the scan of a form over the ``usable`` places; None if there is no such place.
+
+    ``log_prior`` is that of a step of unknown place, which its places share.
+    """
+    number, before = places
+    eligible = np.flatnonzero(usable)
+    if eligible.size == 0:
+        return None
+    shared = log_prior - math.log(min(eligible.size, _MOST_PLACES))
+    return StepScan(form, arm, data, columns, number, before, eligible, shared)
+
+
+def usable_places(number: NDArray[np.int64], mixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return ``(P,)`` places with enough poses on each side that lie between each other in joint space."""
+    before = np.cumsum(np.bincount(number))[:-1]
+    return np.asarray(mixed & (before >= FEWEST) & (number.size - before >= FEWEST))
+
+
+def places_of(scan: StepScan, at: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return eligible places of which no two divide the poses ``at`` alike, with enough poses on either side."""
+    count = np.cumsum(np.bincount(scan.number[at], minlength=scan.places.size + 1))[:-1]
+    before = count[scan.eligible]
+    enough = (before >= FEWEST) & (at.size - before >= FEWEST)
+    _, first = np.unique(before[enough], return_index=True)
+    return scan.eligible[enough][first]
+
+
+def first_places(scan: StepScan, at: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the places of a first scan of the poses ``at``, evenly spread, each with enough poses on either side."""
+    eligible = places_of(scan, at)
+    if eligible.size <= _MOST_PLACES:
+        return eligible
+    return np.unique(eligible[np.linspace(0, eligible.size - 1, _MOST_PLACES).round().astype(np.int64)])
+
+
+def near_places(scan: StepScan, at: NDArray[np.int64], place: int) -> NDArray[np.int64]:
+    """Return all places about one of a first scan, as far as the neighbours of the scan."""
+    eligible = places_of(scan, at)
+    reach = -(-eligible.size // _MOST_PLACES) + 1
+    middle = int(np.searchsorted(eligible, place))
+    return eligible[max(middle - reach, 0) : middle + reach + 1]
+
+
+def credible_interval(evidence: Array) -> tuple[int, int]:
+    """Return first and last index of the 95 % interval of a step's place, from the evidence at every place."""
+    weight = np.exp(evidence - evidence.max())
+    order = np.argsort(-weight, kind="stable")
+    count = int(np.searchsorted(np.cumsum(weight[order]) / weight.sum(), _CREDIBLE)) + 1
+    return int(order[:count].min()), int(order[:count].max())
+
+
+def _gram_increments(whitening: Whitening, columns: Array, number: NDArray[np.int64]) -> Array:
+    """Return ``(Q, Q, n)``, of which the sum over the poses after a place is the Gram matrix of the step there.
+
+    Within a block of correlated rows, each row adds its product with itself and twice that with all later rows.
+    """
+    weighted = np.moveaxis(columns, 1, 0) * whitening.weight
+    # Each row alone; rows in blocks are overwritten.
+    result: Array = np.einsum("qmn,pmn->qpn", weighted, weighted)
+    for block in whitening.blocks:
+        count, n = block.rows.shape
+        components = columns.shape[0]
+        precision = np.swapaxes(block.factor, 1, 2) @ block.factor
+        later = number[block.rows][:, None, :] > number[block.rows][:, :, None]
+        same = number[block.rows][:, None, :] == number[block.rows][:, :, None]
+        share = np.tile(later + 0.5 * same, (1, components, components))
+        part = np.moveaxis(weighted[:, :, block.rows], 2, 0)  # (V, Q, M, n)
+        stacked = part.reshape(count, part.shape[1], components * n)
+        product = (stacked @ np.swapaxes(precision * share, 1, 2)).reshape(part.shape)
+        rows = np.einsum("vqmn,vpmn->qpvn", part, product)
+        result[:, :, block.rows] = rows + np.swapaxes(rows, 0, 1)
+    return result
+
+
+def scan_for(scans: Sequence[StepScan], effect: Effect) -> StepScan | None:
+    """Return the scan that an effect is a step of, or None."""
+    return next((scan for scan in scans if same_form(scan.form, effect)), None)

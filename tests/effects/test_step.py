@@ -1,0 +1,142 @@
+"""Step changes on an arm with kinematics of its own: part, place and size are found, and clean arms have none."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from independent_arm import DECLARED, TOOL, Run, measured, robot, run, target
+
+from robacc.effects.base import Effect
+from robacc.effects.change_points import mixed_places, places
+from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import known_effects
+from robacc.effects.step import Step
+from robacc.errors import InputError
+from robacc.geometry import rotation_about
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
+from robacc.tracing.trace import Trace, trace
+
+NOISE = 2e-5
+N = 90
+AT = 55
+"""Number of the first pose after the step, from 0: line 57 of the file."""
+
+
+def positions(poses: Run, part: str, size: float) -> np.ndarray:
+    """Targets of a run whose base, target or third joint steps at pose AT."""
+    result = []
+    for i, q in enumerate(poses.q.T):
+        after = i >= AT
+        tool = TOOL + after * (part == "target") * size * np.array([0.6, -0.6, 0.53])
+        zero = after * (part == "joint") * size * np.array([0, 0, 1, 0, 0, 0])
+        point = target(q + zero, tool)
+        if after and part == "base":
+            point = rotation_about(2, size) @ point + size * np.array([0.0, 0.8, -0.6])
+        result.append(point)
+    return np.array(result).T
+
+
+def traced(data: Measurements) -> Trace:
+    arm = Arm.of(robot())
+    declared = build(parse_requests(DECLARED), arm, data)
+    return trace(Model(arm, free=declared), data, n_folds=4, empirical=False)
+
+
+@pytest.mark.parametrize(
+    ("part", "timed", "size"), [("target", False, 2e-4), ("base", True, 2e-4), ("joint", False, 2e-4)]
+)
+def test_part_place_and_size_are_found(part: str, timed: bool, size: float) -> None:
+    poses = run(N, seed=4)
+    result = traced(measured(poses, positions(poses, part, size), NOISE, 4, timed=timed))
+    assert [finding.effect for finding in result.findings] == ["step"]
+    (finding,) = result.findings
+    assert finding.settings.get("part", "joint") == part
+    assert finding.joints == (("j3",) if part == "joint" else ())
+    assert finding.change is not None
+    place, low, high = finding.change
+    assert low <= place <= high
+    # A single pose shows steps of ten times the noise; the place may be off by a pose or two of small displacement.
+    expected = float(poses.time[AT - 1 : AT + 1].mean()) if timed else AT + 2
+    assert abs(place - expected) <= (70.0 if timed else 2)
+    assert low <= expected <= high
+    sizes = np.array([p.value for p in finding.parameters if p.unit == "m" or part == "joint"])
+    assert np.linalg.norm(sizes) == pytest.approx(size, rel=0.2)
+    assert finding.statement is not None
+    assert "line 5" in finding.statement
+    assert ("jumps" if part == "joint" else "elsewhere") in finding.statement
+
+
+def test_two_steps_are_found() -> None:
+    poses = run(N, seed=6)
+    position = positions(poses, "target", 2.5e-4)
+    late = np.arange(N) >= 75
+    position = np.where(late, position + np.array([[3e-4], [0.0], [-3e-4]]), position)
+    result = traced(measured(poses, position, NOISE, 6))
+    assert sorted(finding.settings["part"] for finding in result.findings) == ["base", "target"]
+    at = {finding.settings["part"]: finding.settings["from_line"] for finding in result.findings}
+    assert abs(at["target"] - (AT + 2)) <= 2
+    assert abs(at["base"] - 77) <= 2
+
+
+def test_clean_arms_have_no_step() -> None:
+    """Two arms here; twenty in the study that docs/explanation/tracing.md quotes."""
+    for seed in (31, 32):
+        poses = run(N, seed)
+        position = np.array([target(q) for q in poses.q.T]).T
+        assert traced(measured(poses, position, NOISE, seed)).findings == ()
+
+
+def test_poses_sorted_by_a_joint_have_no_usable_place() -> None:
+    poses = run(N, seed=8)
+    data = measured(poses, np.zeros((3, N)), NOISE, 8)
+    number, _ = places(data, np.arange(N))
+    assert mixed_places(data, number).mean() > 0.8
+    # Sorted by the joints: first all poses near one corner, then all near the other.
+    q = np.where(np.arange(N) < N // 2, 0.2, 0.8) + 0.05 * np.sin(np.arange(6)[:, None] * np.arange(N))
+    apart = dataclasses.replace(data, q=q)
+    assert not mixed_places(apart, number)[N // 2 - 1]
+
+
+def test_poses_of_another_file_come_after_the_step() -> None:
+    step = Step((), "target", from_line=40, file="poses.csv")
+    data = measured(run(60, 1), np.zeros((3, 60)), NOISE, 1)
+    np.testing.assert_array_equal(step.after(data), np.arange(2, 62) >= 40)
+    assert step.after(dataclasses.replace(data, source="folder/other.csv")).all()
+    assert step.after(dataclasses.replace(data, rows=None)).all()
+    timed = Step(("j2",), "joint", from_time=100.0)
+    assert timed.after(data).all()
+    late = dataclasses.replace(data, time=np.linspace(0, 199, 60))
+    np.testing.assert_array_equal(timed.after(late), late.time >= 100.0)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Step((), "base", from_line=12, turning=True),
+        Step((), "target", from_time=12.5, target="a"),
+        Step(("j2",), "joint", from_line=12, file="poses.csv"),
+    ],
+)
+def test_settings_are_read_back(effect: Effect) -> None:
+    assert Step.from_settings(effect.joints, effect.settings()) == effect
+    terms = effect.terms(Arm.of(robot()), measured(run(5, 1), np.zeros((3, 5)), NOISE, 1))
+    assert len(terms) == {"base": 6, "target": 3, "joint": 1}[effect.part]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"effect": "step", "values": {"x": 1e-4}}, "needs from_line or from_time_s"),
+        ({"effect": "step", "part": "floor", "from_line": 3, "values": {"x": 1e-4}}, "part is base or target"),
+        ({"effect": "step", "joints": ["j2"], "part": "base", "from_line": 3, "values": {"j2": 1e-4}}, "part is"),
+        ({"effect": "step", "from_line": 2.5, "values": {"x": 1e-4}}, "whole number"),
+        ({"effect": "step", "from_line": 2, "target": "a", "values": {"x": 1e-4}}, "target belongs to"),
+    ],
+)
+def test_wrong_entries_are_refused(entry: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        known_effects(dataclasses.replace(robot(), effects=(entry,)))

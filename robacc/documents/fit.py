@@ -183,6 +183,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
                 "amplitude_std_rad": harmonic.amplitude_std,
                 "phase_rad": harmonic.phase,
                 "phase_std_rad": harmonic.phase_std,
+                "origin": harmonic.origin,
+                "aliases": list(harmonic.aliases),
             }
             for harmonic in finding.harmonics
         ],

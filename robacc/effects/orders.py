@@ -15,6 +15,9 @@ SAME_ORDER = 0.5
 ORDER_STEP = 0.25
 """Periods per turn between orders that are tried; the best is then improved off this grid."""
 HIGHEST_ORDER = 40.0
+"""Largest order that competes with every candidate."""
+HIGHEST_OF_ALL = 210.0
+"""Largest order that is tried where nothing else is significant: twice the ratio of common strain-wave gears."""
 _FEWEST = 8
 """Different angles that an order needs at least."""
 _CLOSEST = 0.1
@@ -26,12 +29,21 @@ def supported_orders(angle: Array) -> Array:
 
     Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps.
     """
+    lowest, highest = _limits(angle)
+    first = math.ceil(max(ORDER_STEP, lowest) / ORDER_STEP) * ORDER_STEP
+    return np.arange(first, min(HIGHEST_ORDER, highest) + 1e-9, ORDER_STEP)
+
+
+def high_orders(angle: Array) -> Array:
+    """Return the orders above :data:`HIGHEST_ORDER` that the spacing of poses supports."""
+    _, highest = _limits(angle)
+    return np.arange(HIGHEST_ORDER + ORDER_STEP, min(HIGHEST_OF_ALL, highest) + 1e-9, ORDER_STEP)
+
+
+def _limits(angle: Array) -> tuple[float, float]:
+    """Return the order of half a period over the range of angles, and the highest; the highest is 0 with few angles."""
     values = np.unique(np.round(angle, 6))
     if values.size < _FEWEST:
-        return np.zeros(0)
-    reach = float(values[-1] - values[0])
+        return ORDER_STEP, 0.0
     gap = float(np.quantile(np.diff(values), _CLOSEST))
-    highest = min(HIGHEST_ORDER, np.pi / max(gap, 1e-6))
-    lowest = max(ORDER_STEP, np.pi / reach)
-    first = math.ceil(lowest / ORDER_STEP) * ORDER_STEP
-    return np.arange(first, highest + 1e-9, ORDER_STEP)
+    return float(np.pi / (values[-1] - values[0])), float(np.pi / max(gap, 1e-6))

@@ -13,7 +13,7 @@ from robacc.effects.base import Effect
 from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
-from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
+from robacc.tracing.evidence import Columns, Conditioned, Family, LargeFamily, Scores, judge
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,
@@ -77,6 +77,8 @@ class CandidateScorer:
     places: Sequence[NDArray[np.int64]]
     """Columns in the system, for each candidate of the pool."""
     order_grids: Sequence[OrderGrid]
+    high_grids: Sequence[OrderGrid]
+    """Orders above those that compete with every candidate."""
     joint_columns: Array
     """``(M, J, N)`` whitened columns of each joint's variable."""
     expand: Expand
@@ -94,6 +96,7 @@ class CandidateScorer:
     _placed: dict[tuple[object, ...], NDArray[np.int64]] = field(default_factory=dict)
     _spectra: list[Family] = field(default_factory=list)
     _steps: list[tuple[StepScan, StepFamily]] = field(default_factory=list)
+    _high_spectra: list[Family] = field(default_factory=list)
     _block_families: list[Family] = field(default_factory=list)
     _ranges: dict[str, float] = field(default_factory=dict)
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
@@ -198,6 +201,29 @@ class CandidateScorer:
             p_value=min(1.0, entry.p_value * math.exp(HANDICAP)),
         )
 
+    def rank_high_orders(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
+        """Return the best high order of each joint beside ``present``, best first."""
+        if len(self._high_spectra) != len(self.high_grids):
+            self._high_spectra = [self._spectrum(grid, grid.orders, LargeFamily) for grid in self.high_grids]
+        keys = {finding.candidate.key for finding in present}
+        ranked: list[Ranked] = []
+        for grid, family in zip(self.high_grids, self._high_spectra, strict=True):
+            scores = family.judge(conditioned, best_only=True)
+            best = int(np.argmax(scores.evidence))
+            candidate = Candidate(of_order(grid.joint, float(grid.orders[best])), (), grid.log_prior)
+            if candidate.key not in keys:
+                ranked.append(_ranked(candidate, scores, best))
+        return sorted(ranked, key=lambda entry: -round(entry.total, 6))
+
+    def order_evidence(self, conditioned: Conditioned, joint: str) -> tuple[Array, Array]:
+        """Return all orders of a joint that the poses support, and the evidence of each."""
+        orders, evidence = [], []
+        for grid in (*self.order_grids, *self.high_grids):
+            if grid.joint == joint:
+                orders.append(grid.orders)
+                evidence.append(self._spectrum(grid, grid.orders, LargeFamily).judge(conditioned).evidence)
+        return (np.concatenate(orders), np.concatenate(evidence)) if orders else (np.zeros(0), np.zeros(0))
+
     def covers(self, present: Candidate, other: Candidate) -> bool:
         """Return whether a candidate in the model makes another candidate redundant."""
         return present.covers(other, self._ranges)
@@ -264,14 +290,14 @@ class CandidateScorer:
         """Return each form of a step at the middle of its places."""
         return [scan.candidate(int(steps.places[steps.places.size // 2])) for scan, steps in self._steps]
 
-    def _spectrum(self, grid: OrderGrid, orders: Array) -> Family:
+    def _spectrum(self, grid: OrderGrid, orders: Array, kind: type[Family] = Family) -> Family:
         """Return cosine and sine of evenly spaced orders, each computed from the order before."""
         waves = np.empty((orders.size, grid.angle.size), dtype=np.complex128)
         waves[0] = np.exp(1j * orders[0] * grid.angle)
         waves[1:] = np.exp(1j * (orders[1] - orders[0]) * grid.angle) if orders.size > 1 else 1.0
         np.cumprod(waves, axis=0, out=waves)
         basis = np.stack((waves.real, waves.imag), axis=1)
-        return Family(self.system, self.joint_columns[:, grid.number], basis, False)
+        return kind(self.system, self.joint_columns[:, grid.number], basis, False)
 
     def similarity(self, chosen: Sequence[Chosen], finding: Chosen, rival: Candidate) -> float:
         """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.orders import supported_orders
+from robacc.effects.orders import high_orders, supported_orders
 from robacc.effects.periodic import PERIODIC, periodic_joints, profile
 from robacc.errors import UsageError
 from robacc.geometry import Array
@@ -138,8 +138,10 @@ def named_candidates(
     return candidates, missing
 
 
-def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[OrderGrid]:
-    """Return, for each rotary joint, the orders that its poses can identify."""
+def order_grids(
+    arm: Arm, data: Measurements, only: Sequence[str] | None = None, *, high: bool = False
+) -> list[OrderGrid]:
+    """Return, for each rotary joint, the orders that its poses can identify; with ``high`` those above the usual."""
     if only is not None and PERIODIC not in only:
         return []
     q = commanded(data, PERIODIC)
@@ -147,7 +149,7 @@ def order_grids(arm: Arm, data: Measurements, only: Sequence[str] | None = None)
     result = []
     for joint in names:
         angle = q[arm.number(joint)]
-        orders = supported_orders(angle)
+        orders = high_orders(angle) if high else supported_orders(angle)
         if orders.size == 0:
             continue
         # Neighbours of the grid are redundant: orders half a period of the range apart count as independent.

@@ -142,7 +142,7 @@ class Conditioned:
         coordinates_of_family = self._crossed.get(family)
         if coordinates_of_family is None:
             if self._removed is None:
-                coordinates_of_family = self.root.T @ family.cross(self.system)[self.active]
+                coordinates_of_family = family.coordinates(self)
             else:
                 full, directions = self._removed
                 above = full.crossed(family)
@@ -191,6 +191,10 @@ class Family:
             self._cross = np.concatenate((self._cross, shared @ flat.T))
         return self._cross
 
+    def coordinates(self, conditioned: Conditioned) -> Array:
+        """Return ``(R, B Q)`` orthonormal coordinates of a model times every column of the family."""
+        return np.asarray(conditioned.root.T @ self.cross(conditioned.system)[conditioned.active])
+
     def judge(self, conditioned: Conditioned, best_only: bool = False) -> Scores:
         """Return the scores of all candidates beside a model; with ``best_only`` of those that can be the best."""
         count, size = self.rhs.shape
@@ -205,6 +209,16 @@ class Family:
             np.full(count, self.shrunk),
             best_only,
         )
+
+
+class LargeFamily(Family):
+    """A family of so many candidates that its products with columns outside the model are not computed."""
+
+    def coordinates(self, conditioned: Conditioned) -> Array:
+        """Return ``(R, B Q)`` coordinates, from the model's columns alone."""
+        active = conditioned.system.columns[:, conditioned.active]
+        model = conditioned.root.T @ np.einsum("man,mn->an", active, self.column)
+        return np.asarray(model @ self.basis.reshape(-1, self.basis.shape[2]).T)
 
 
 def judge(

@@ -20,7 +20,13 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.cross_validation import CrossValidation
-from robacc.tracing.harmonics import Harmonic, fitted_harmonics, profile_harmonics
+from robacc.tracing.harmonics import (
+    Harmonic,
+    fitted_harmonics,
+    named_harmonics,
+    periodic_statement,
+    profile_harmonics,
+)
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.rivals import Alternative, lag_refitted, rivals
 from robacc.tracing.selection import SelectionStep
@@ -117,7 +123,7 @@ def describe_finding(
         implausible,
         (*_finding_warnings(fitted, final, data, folds_chosen), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
-        fitted.statement(final.model.arm, values, between),
+        periodic_statement(effect, harmonics) if harmonics else fitted.statement(final.model.arm, values, between),
         change,
     )
 
@@ -153,8 +159,10 @@ def _harmonics(
     if not orders_of(effect):
         return ()
     if effect.is_profile() and choice is not None:
-        return profile_harmonics(loop.selection, choice)
-    return fitted_harmonics(effect, coefficients, covariance)
+        harmonics = profile_harmonics(loop.selection, choice)
+    else:
+        harmonics = fitted_harmonics(effect, coefficients, covariance)
+    return named_harmonics(harmonics, loop.selection, choice, loop.final.model.arm, effect.joints[0])
 
 
 def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,15 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.effects.base import Effect
+from robacc.effects.gear_orders import order_tolerance, origin_of
 from robacc.effects.periodic import of_order, orders_of
 from robacc.fitting.parameters import FittedParameter
 from robacc.geometry import Array
+from robacc.robots.arm import Arm
 from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.candidates import Candidate, OrderGrid
 from robacc.tracing.selection import Selection
 
 _MOST_NAMED = 6
 """Largest number of harmonics named."""
+_ALIAS = 5.0
+"""Evidence (log Bayes factor) within which another order is an alias (odds of 150 to 1)."""
+_MOST_ALIASES = 3
 _WEAK = 0.1
 """Share of the strongest harmonic's evidence below which a harmonic is not named."""
 
@@ -32,6 +38,10 @@ class Harmonic:
     """Standard error; None, as the phase's, if cosine and sine are not identifiable."""
     phase: float
     phase_std: float | None
+    origin: str | None = None
+    """Physical origin that the order agrees with; None if there is none."""
+    aliases: tuple[float, ...] = ()
+    """Other orders that the poses do not distinguish from it."""
 
 
 def fitted_harmonics(effect: Effect, parameters: Sequence[FittedParameter], covariance: Array) -> tuple[Harmonic, ...]:
@@ -90,6 +100,59 @@ def profile_harmonics(selection: Selection, profile: Chosen) -> tuple[Harmonic, 
     covariance = np.asarray(variance * np.linalg.pinv(conditioned.block(columns), hermitian=True), dtype=np.float64)
     orders = [orders_of(harmonic.candidate.effect)[0] for harmonic in chosen]
     return tuple(_harmonics(orders, values, covariance))
+
+
+def named_harmonics(
+    harmonics: Sequence[Harmonic], selection: Selection, finding: Chosen | None, arm: Arm, joint: str
+) -> tuple[Harmonic, ...]:
+    """Return harmonics with their physical origins and, of a single order, its aliases."""
+    grid = next((grid for grid in selection.scorer.order_grids if grid.joint == joint), None)
+    if grid is None:
+        return tuple(harmonics)
+    tolerance = order_tolerance(float(np.ptp(grid.angle)))
+    ratio = arm.joint(joint).gear_ratio
+    aliases: tuple[float, ...] = ()
+    if len(harmonics) == 1 and finding is not None:
+        conditioned = selection.scorer.condition(selection.chosen, without=finding)
+        orders, evidence = selection.scorer.order_evidence(conditioned, joint)
+        aliases = _aliases(orders, evidence, harmonics[0].order, 10 * tolerance)
+    return tuple(
+        dataclasses.replace(harmonic, origin=origin_of(harmonic.order, ratio, tolerance), aliases=aliases)
+        for harmonic in harmonics
+    )
+
+
+def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic]) -> str | None:
+    """Return the origins of a periodic error's orders, or that it has none and is a profile."""
+    if effect.is_profile():
+        known = [harmonic for harmonic in harmonics if harmonic.origin is not None]
+        if not known:
+            return "a profile of the joint's error over its angle: no order agrees with a gear, a motor or an encoder"
+    origins = [f"order {harmonic.order:g}: {harmonic.origin}" for harmonic in harmonics if harmonic.origin is not None]
+    if not origins and harmonics:
+        origins = ["no physical origin of this order is known: read it as a profile of the joint's error"]
+    others = [f"{order:g}" for harmonic in harmonics for order in harmonic.aliases]
+    if others:
+        origins.append(f"orders {', '.join(others)} are not distinguishable from it on these poses")
+    return "; ".join(origins) or None
+
+
+def _aliases(orders: Array, evidence: Array, order: float, apart: float) -> tuple[float, ...]:
+    """Return peaks of the evidence more than ``apart`` from ``order`` that come within odds of its own."""
+    if orders.size == 0:
+        return ()
+    near = np.abs(orders - order) <= apart
+    limit = float(evidence[near].max(initial=0.0)) - _ALIAS
+    taken = near.copy()
+    result: list[float] = []
+    while len(result) < _MOST_ALIASES:
+        candidates = np.where(taken, -np.inf, evidence)
+        best = int(np.argmax(candidates))
+        if candidates[best] <= max(limit, 0.0):
+            break
+        result.append(float(orders[best]))
+        taken |= np.abs(orders - orders[best]) <= apart
+    return tuple(result)
 
 
 def _candidate(grid: OrderGrid, order: float) -> Candidate:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.change_points import CHANGE_POINT, is_step, mixed_places, places, step_forms
+from robacc.effects.orders import HIGHEST_ORDER
+from robacc.effects.periodic import searched_order
 from robacc.fitting.solver import Fit
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.whitening import Whitening
@@ -118,6 +120,7 @@ class LinearisedCandidates:
             self.pool,
             [place + count for place in self.places],
             order_grids(arm, data, self.only),
+            order_grids(arm, data, self.only, high=True),
             self.joint_columns[:, :, at],
             expand,
             self.rows[at],
@@ -148,7 +151,9 @@ class LinearisedCandidates:
             return Candidate(effect, terms, scan.log_prior)
         if any(term.group for term in terms):
             return Candidate(effect, terms, BLOCK_LOG_PRIOR)
-        searched = order_grids(self.model.arm, self.data, self.only)
+        order = searched_order(effect)
+        is_high = order is not None and order > HIGHEST_ORDER
+        searched = order_grids(self.model.arm, self.data, self.only, high=is_high)
         log_prior = next((grid.log_prior for grid in searched if (grid.joint,) == effect.joints), _OFF_GRID_LOG_PRIOR)
         return Candidate(effect, terms, log_prior)
 

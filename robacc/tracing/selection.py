@@ -104,6 +104,10 @@ class Selection:
             if without is not None:
                 ranking = [finding for finding in ranking if finding.candidate.key != without]
             best = ranking[0] if ranking else None
+            if (best is None or best.p_value > FALSE_ALARM) and without is None:
+                high = self.scorer.rank_high_orders(self.scorer.condition(self.chosen), self.chosen)
+                best = high[0] if high and high[0].p_value <= FALSE_ALARM else best
+                ranking = high[:1] + ranking if high and best is high[0] else ranking
             if best is None or best.p_value > FALSE_ALARM:
                 self.steps.append(SelectionStep("stop", None, ranking))
                 return

@@ -1,0 +1,82 @@
+"""Orders far above 40 are found, named by the gear, and their aliases listed; on an arm with matrices of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from independent_arm import DECLARED, measured, robot, run, target
+
+from robacc.effects.gear_orders import order_tolerance, origin_of
+from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_ORDER, ORDER_STEP, high_orders, supported_orders
+from robacc.effects.request import build, parse_requests
+from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
+from robacc.tracing.trace import Trace, trace
+
+
+def with_ratio(ratio: float | None) -> Robot:
+    joints = list(robot().joints)
+    joints[1] = dataclasses.replace(joints[1], gear_ratio=ratio)
+    return dataclasses.replace(robot(), joints=tuple(joints))
+
+
+def traced(order: float, ratio: float | None, n: int = 110, amplitude: float = 2e-4) -> Trace:
+    poses = run(n, seed=12)
+    turned = poses.q.copy()
+    turned[1] += amplitude * np.cos(order * poses.q[1] - 0.7)
+    data = measured(poses, np.array([target(q) for q in turned.T]).T, 2e-5, 12)
+    arm = Arm.of(with_ratio(ratio))
+    return trace(Model(arm, free=build(parse_requests(DECLARED), arm, data)), data, n_folds=3, empirical=False)
+
+
+@pytest.mark.parametrize(("order", "ratio", "word"), [(81.0, None, "typical gear of ratio 81"), (126.0, 63.0, "wave")])
+def test_a_high_order_is_found_and_named(order: float, ratio: float | None, word: str) -> None:
+    result = traced(order, ratio)
+    assert [(finding.effect, finding.joints) for finding in result.findings] == [("transmission_error", ("j2",))]
+    (harmonic,) = result.findings[0].harmonics
+    assert harmonic.order == pytest.approx(order, abs=0.1)
+    assert harmonic.amplitude == pytest.approx(2e-4, rel=0.15)
+    assert harmonic.origin is not None
+    assert word in harmonic.origin
+    assert result.findings[0].statement is not None
+
+
+def test_evenly_spaced_angles_have_aliases() -> None:
+    """Angles at multiples of a step show the orders n and 2 pi / step - n alike."""
+    from robacc.tracing.harmonics import _aliases
+
+    angle = np.arange(-30, 31) * (2 * np.pi / 98.25)
+    wave = np.cos(17.25 * angle - 0.3)
+    orders = np.arange(0.25, 120, 0.25)
+    evidence = []
+    for order in orders:
+        basis = np.stack((np.cos(order * angle), np.sin(order * angle)), axis=1)
+        fit = basis @ np.linalg.lstsq(basis, wave, rcond=None)[0]
+        evidence.append(100 * float(fit @ fit) / float(wave @ wave))
+    assert 81.0 in _aliases(orders, np.array(evidence), 17.25, 2.0)
+    assert _aliases(orders, np.where(np.abs(orders - 17.25) < 1, 50.0, 1.0), 17.25, 2.0) == ()
+
+
+def test_grids_meet_and_end_at_what_the_poses_support() -> None:
+    angle = np.random.default_rng(1).uniform(-2.5, 2.5, 200)
+    low, high = supported_orders(angle), high_orders(angle)
+    assert low[-1] == HIGHEST_ORDER
+    assert high[0] == HIGHEST_ORDER + ORDER_STEP
+    assert high[-1] == HIGHEST_OF_ALL
+    # Steps of a twentieth of a turn support ten periods per turn.
+    coarse = np.arange(-10, 11) * (2 * np.pi / 20)
+    assert high_orders(coarse).size == 0
+    assert supported_orders(coarse)[-1] == 10.0
+
+
+def test_origins() -> None:
+    tolerance = order_tolerance(5.0)
+    assert tolerance == pytest.approx(0.126, abs=1e-3)
+    assert "once per joint turn" in str(origin_of(1.0, None, tolerance))
+    assert "once per motor turn" in str(origin_of(99.97, 100.0, tolerance))
+    assert "twice per motor turn" in str(origin_of(-2 * -50.1, 50.0, tolerance))
+    assert origin_of(81.0, 100.0, tolerance) is None
+    assert origin_of(64.3, None, tolerance) is None

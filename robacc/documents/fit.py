@@ -167,6 +167,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
                 "similarity": rival.similarity,
                 "evidence_difference": rival.evidence_difference,
                 "settings": rival.settings,
+                "within_uncertainty": rival.within_uncertainty,
             }
             for rival in finding.alternatives
         ],

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.measurements import Measurements
@@ -12,13 +14,19 @@ from robacc.robots.arm import Arm
 @register
 @dataclass(frozen=True)
 class ApproachLag(Effect):
-    """Joint variable shifted by the signed speed of its last motion."""
+    """Joint variable shifted by the signed speed of its last motion.
+
+    With ``common`` all joints share a coefficient: a delay between the arm's clock and the instrument's.
+    """
+
+    common: bool = False
 
     name = "approach_lag"
     missing_reasons = ("no speed_q columns, and `ordered` is not set",)
     about = About(
         summary="the pose was read before the joint had settled, or the clocks differ: the last motion's speed shows",
-        equation="theta_j + c s_j, s_j the last motion's speed as a signed fraction of full speed",
+        equation="theta_j + c s_j, s_j the last motion's speed as a signed fraction of full speed; with common: true "
+        "the same c for all joints",
         unit="rad (m for a prismatic joint)",
         usual_size="1e-5 to 1e-3 rad at full speed; negative where the joint lags behind",
         usual_range=(1e-05, 0.001),
@@ -33,6 +41,14 @@ class ApproachLag(Effect):
         """Return the reason if there are no speeds."""
         return None if varies(data.speed) else cls.missing_reasons[0]
 
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield one joint at a time, and a delay common to all rotary joints."""
+        yield from (cls((joint,)) for joint in arm.names)
+        rotary = tuple(joint for joint in arm.names if arm.is_revolute(joint))
+        if len(rotary) > 1:
+            yield cls(rotary, common=True)
+
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the signed speed of the joint's last motion."""
         if joint is None:
@@ -42,6 +58,9 @@ class ApproachLag(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term a joint."""
         speed = needed(data.speed, "speed_q1 … (or `ordered`)", self.name)
+        if self.common:
+            parts = tuple(Part(arm.axis_motion(joint), speed[arm.number(joint)]) for joint in self.joints)
+            return (Term(f"{self.name}.common", "rad", 1e-4, parts),)
         return tuple(
             Term(
                 f"{self.name}.{joint}",
@@ -51,3 +70,22 @@ class ApproachLag(Effect):
             )
             for joint in self.joints
         )
+
+    def settings(self) -> dict[str, Any]:
+        """Return ``common`` where all joints share a coefficient."""
+        return {"common": True} if self.common else {}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``common: true``."""
+        other_settings = dict(settings)
+        common = other_settings.pop("common", False)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        if not isinstance(common, bool):
+            raise ValueError(f"{cls.name}: common must be true or false, found {common!r}")
+        return cls(joints, common)
+
+    def __str__(self) -> str:
+        """``approach_lag[j1]``, ``approach_lag[common]``."""
+        return f"{self.name}[common]" if self.common else super().__str__()

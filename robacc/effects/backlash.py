@@ -26,11 +26,11 @@ class Backlash(Effect):
     missing_reasons = ("no dir_q columns, `ordered` is not set, and no masses in the robot file",)
     about = About(
         summary="play in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
-        equation="theta_j + c sign(approach_j); where the approach is unknown, the sign of the gravity torque",
+        equation="theta_j + c sign(approach_j), or with by: gravity the sign of the gravity torque",
         unit="rad (m for a prismatic joint), half the gap",
         usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
         usual_range=(1e-05, 0.0005),
-        needs="dir_q1 … dir_qN, or `ordered`; else masses",
+        needs="dir_q1 … dir_qN, or `ordered`; by gravity: masses, and a torque that changes sign",
         confused_with="approach_lag where all speeds are similar, joint_compliance where gravity decides",
         source="a parameter times a regressor, as every effect here; Ruderman, Hoffmann, Bertram 2009 for the shape",
         example="{effect: backlash, joints: [j2], values: {j2: -1e-4}}",
@@ -51,8 +51,16 @@ class Backlash(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield one joint at a time; by gravity only if the approach is unknown."""
-        yield from (cls.default(arm, data, (joint,)) for joint in arm.names)
+        """Yield one joint at a time: by the approach if it is known, and by gravity if its torque changes sign."""
+        changes = np.zeros(len(arm.names), dtype=bool)
+        if arm.chain.bodies:
+            torque = gravity_torques(arm, commanded(data, cls.name))
+            changes = (torque.min(axis=1) < 0) & (torque.max(axis=1) > 0)
+        for joint in arm.names:
+            if varies(data.direction):
+                yield cls((joint,))
+            if changes[arm.number(joint)]:
+                yield cls((joint,), "gravity")
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the direction of approach, or gravity's torque if that decides the flank."""

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Term, register, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic
+from robacc.effects.base import About, Effect, Part, Term, commanded, register, weight_needed
+from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
+from robacc.geometry import Poses
+from robacc.gravity.torques import moments
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -14,7 +20,13 @@ from robacc.robots.arm import Arm
 @register
 @dataclass(frozen=True)
 class BaseCompliance(Elastic):
-    """The base tilted by c times the arm's moment about it, the same in both directions."""
+    """The base tilted by c times the arm's moment about it, the same in both directions.
+
+    With ``below`` it tilts about a point on its axis at an unknown distance below: the base also shifts by the tilt
+    times that distance. The shift follows the moment at the nominal pose.
+    """
+
+    below: bool = False
 
     name = "base_compliance"
     is_nonnegative = True
@@ -23,7 +35,8 @@ class BaseCompliance(Elastic):
     about = About(
         summary="the pedestal or floor gives way: the base tilts under the arm's moment about it",
         equation="turns of the base about x and y + c (m_x, m_y), the moment of the arm's weight about them at the "
-        f"deflected pose; {DEFLECTIONS}",
+        f"deflected pose; with below: true base x, y + c h (m_y, -m_x) too, h the height of the base over the "
+        f"point of the tilt; {DEFLECTIONS}",
         unit="rad/(N m)",
         usual_size="1e-9 to 1e-6 rad/(N m)",
         usual_range=(1e-09, 1e-06),
@@ -38,8 +51,47 @@ class BaseCompliance(Elastic):
         """Return the reason if there are no masses."""
         return None if arm.chain.bodies else cls.missing_reasons[0]
 
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield a tilt about the base's origin, and one about a point below it."""
+        yield cls()
+        yield cls(below=True)
+
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term."""
+        """Return the tilt, and with ``below`` the shift."""
         loads = weight_needed(arm, self.name)
-        parts = tuple(self.part(arm.chain.index(BASE, label), loads) for label in ("turn_x", "turn_y"))
-        return (Term(self.name, "rad/(N m)", 1e-6, parts),)
+        turns = tuple(arm.chain.index(BASE, label) for label in ("turn_x", "turn_y"))
+        parts = tuple(self.part(turn, loads) for turn in turns)
+        if not self.below:
+            return (Term(self.name, "rad/(N m)", 1e-6, parts),)
+        moment_x, moment_y = moments(arm, commanded(data, self.name), turns)
+        # Turns are about the base's own axes, translations along those of the measuring frame.
+        axes = Poses.from_xyz_rpy(np.zeros(3), np.array(arm.robot.base.rpy)).rotation.reshape(3, 3)
+        moved = axes[:, :1] * moment_y - axes[:, 1:2] * moment_x
+        shift = tuple(Part(arm.chain.index(BASE, label), moved[i]) for i, label in enumerate("xyz"))
+        return (
+            Term(f"{self.name}.tilt", "rad/(N m)", 1e-6, parts),
+            Term(f"{self.name}.shift", "m/(N m)", 1e-6, shift),
+        )
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return the height of the base over the point about which it tilts."""
+        tilt, shift = values.get(f"{self.name}.tilt", 0.0), values.get(f"{self.name}.shift", 0.0)
+        return f"the base tilts about a point {shift / tilt:.2g} m below its origin" if tilt else None
+
+    def settings(self) -> dict[str, Any]:
+        """Return the form, and ``below``."""
+        return super().settings() | ({"below": True} if self.below else {})
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``below: true``; ``deflection: equilibrium`` or ``rigid``."""
+        form, other_settings = deflection_setting(cls.name, settings)
+        below = other_settings.pop("below", False)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        if not isinstance(below, bool):
+            raise ValueError(f"{cls.name}: below must be true or false, found {below!r}")
+        return cls(joints, below, deflection=form)

@@ -108,12 +108,18 @@ def gravity_torques(arm: Arm, q: Array, loads: Sequence[Load] | None = None) -> 
 
     The default loads are the arm's own links.
     """
+    return moments(arm, q, arm.chain.joint_axis, own_weight(arm) if loads is None else loads)
+
+
+def moments(arm: Arm, q: Array, motions: Sequence[int], loads: Sequence[Load] | None = None) -> Array:
+    """Return the generalised force ``(K, N)`` of loads along each of ``motions`` at the nominal poses.
+
+    The default loads are the arm's own links.
+    """
     loads = own_weight(arm) if loads is None else loads
     counts = sorted({load.after for load in loads})
-    sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], arm.chain.joint_axis, counts)
+    sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], tuple(motions), counts)
     weights = Weights.place(loads, dict(zip(counts, sweep.frames, strict=True)))
     linear, angular = sweep.twists()
     gravity = np.array(arm.robot.gravity)
-    return np.stack(
-        [force(gravity, weights, k, linear[:, i], angular[:, i]) for i, k in enumerate(arm.chain.joint_axis)]
-    )
+    return np.stack([force(gravity, weights, k, linear[:, i], angular[:, i]) for i, k in enumerate(motions)])

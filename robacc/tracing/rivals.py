@@ -20,10 +20,14 @@ RIVAL = 5.0
 """Evidence (log Bayes factor) within which a rival is named as an alternative (odds of 150 to 1)."""
 _LEAST_SIMILARITY = 0.5
 """Similarity below which a rival explains another part of the residual."""
-_NEARLY_IDENTICAL = 0.95
+_LIKE = 0.8
 """Similarity from which a rival with less evidence is fitted in the finding's place …"""
 _REFITTED = 10
 """… if it is among this number of strongest rivals."""
+_MOST_FITTED = 3
+"""Largest number of rivals that are fitted in a finding's place."""
+_LEAST_DIFFERENCE = 1.645
+"""Standard errors by which the errors of the poses must differ for the finding to be better at 95 % confidence."""
 _MOST = 4
 """Largest number of alternatives named."""
 
@@ -39,10 +43,24 @@ class Alternative:
     evidence_difference: float
     """Evidence of the finding less evidence of the rival (log Bayes factor); negative if the rival's is larger."""
     settings: dict[str, object]
+    within_uncertainty: bool = False
+    """True if the finding has more evidence by the noise model, but the errors of the poses with the finding and with
+    the rival differ by less than their uncertainty."""
 
 
-Lag = Callable[[Ranked, Ranked], float | None]
-"""Function of a finding and a rival: the finding's evidence less the rival's; None if the rival cannot be fitted."""
+@dataclass(frozen=True, slots=True)
+class FittedRival:
+    """A rival fitted in a finding's place."""
+
+    lag: float
+    """Evidence of the finding less that of the rival (log Bayes factor)."""
+    difference: float
+    """Mean over the poses of the squared whitened error with the rival less that with the finding, in standard errors
+    (Q. H. Vuong, Econometrica 57 (1989) 307)."""
+
+
+Lag = Callable[[Ranked, Ranked], FittedRival | None]
+"""Function of a finding and a rival, which fits the rival in its place; None if it cannot be fitted."""
 
 
 def rivals(
@@ -56,6 +74,7 @@ def rivals(
     ranked, ranking = selection.contest(finding)
     names = {str(finding.candidate.effect)}
     alternatives: list[Alternative] = []
+    n_fitted = 0
     for place, rival in enumerate(ranking):
         effect = rival.candidate.effect
         name = str(effect)
@@ -63,24 +82,29 @@ def rivals(
         behind = lag > RIVAL
         if name in names or len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):
             continue
+        within_uncertainty = False
         similarity = selection.similarity(finding, rival.candidate)
-        if similarity < (_NEARLY_IDENTICAL if behind else _LEAST_SIMILARITY):
+        if similarity < (_LIKE if behind else _LEAST_SIMILARITY):
             continue
         if behind and refitted is not None:
-            fitted = refitted(ranked, rival)
-            if fitted is None or fitted > RIVAL:
+            fitted = refitted(ranked, rival) if n_fitted < _MOST_FITTED else None
+            n_fitted += 1
+            if fitted is None or (fitted.lag > RIVAL and fitted.difference >= _LEAST_DIFFERENCE):
                 continue
-            lag = fitted
+            lag, within_uncertainty = fitted.lag, fitted.lag > RIVAL
         names.add(name)
-        alternatives.append(Alternative(effect.name, effect.joints, similarity, lag, effect.settings()))
+        alternatives.append(
+            Alternative(effect.name, effect.joints, similarity, lag, effect.settings(), within_uncertainty)
+        )
     return ranked, tuple(sorted(alternatives, key=lambda other: other.evidence_difference))
 
 
 def lag_refitted(loop: SearchResult, finding: Chosen, effect: Effect, data: Measurements) -> Lag:
-    """Return the function that fits a rival in the place of ``effect`` and returns its lag in evidence.
+    """Return the function that fits a rival in the place of ``effect`` and compares the two.
 
     The evidence's likelihood is replaced by that of the two fits; None if the rival cannot be fitted.
     """
+    poses = np.unique(data.groups()[loop.final.inliers], return_inverse=True)[1]
     final = loop.final
     train = data.subset(np.flatnonzero(final.inliers))
     options = dataclasses.replace(SEARCH, robust=False, misfit=final.misfit, scatter=final.scatter)
@@ -90,15 +114,22 @@ def lag_refitted(loop: SearchResult, finding: Chosen, effect: Effect, data: Meas
     def linear(ranked: Ranked) -> float:
         return -0.5 * conditioned.dof * math.log1p(-min(ranked.gain / conditioned.cost, 0.999999999))
 
-    def lag(ranked: Ranked, rival: Ranked) -> float | None:
+    def lag(ranked: Ranked, rival: Ranked) -> FittedRival | None:
         free = frames_first((*others, rival.candidate.effect))
         try:
             fit_with_rival = refit(final, (*loop.declared.model.free, *free), train, options)
         except RobaccError:
             return None
-        costs = [float(np.sum(np.square(f.whitening.apply(f.residual * f.inliers)))) for f in (final, fit_with_rival)]
+        errors = [
+            np.sum(np.square(f.whitening.apply(f.residual * f.inliers)[:, f.inliers]), axis=0)
+            for f in (final, fit_with_rival)
+        ]
+        costs = [float(np.sum(squares)) for squares in errors]
+        by_pose = np.bincount(poses, weights=errors[1] - errors[0])
+        spread = float(np.std(by_pose, ddof=1)) / math.sqrt(by_pose.size) if by_pose.size > 1 else 0.0
         difference = (ranked.total - linear(ranked)) - (rival.total - linear(rival))
         dof = fit_with_rival.residual.size - fit_with_rival.identifiability.columns.size
-        return difference + 0.5 * dof * math.log(costs[1] / costs[0])
+        separation = float(np.mean(by_pose)) / spread if spread > 0 else math.inf
+        return FittedRival(difference + 0.5 * dof * math.log(costs[1] / costs[0]), separation)
 
     return lag

@@ -24,11 +24,12 @@ EFFECTS = tuple(REGISTRY)
 ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")
 N = 5
 OTHER_FORMS = {
+    "approach_lag": ({"common": True},),
     "backlash": ({"by": "gravity"},),
     "joint_compliance": ({"masses": "unknown"}, {"masses": "uncertain", "deflection": "rigid"}),
     "lateral_compliance": ({"deflection": "rigid"},),
     "payload_compliance": ({"deflection": "rigid"},),
-    "base_compliance": ({"deflection": "rigid"},),
+    "base_compliance": ({"deflection": "rigid"}, {"below": True}),
     "transmission_error": ({"orders": [3.5], "shrunk": True},),
     "thermal_expansion": ({"time_constant_s": 600.0}, {"slides": False}),
 }

@@ -91,6 +91,11 @@ def _alternative(finding: Mapping[str, Any], alternative: Mapping[str, Any]) -> 
     names = f"{effect_name(finding)} or {effect_name(alternative)}"
     if alternative["similarity"] > _INDISTINGUISHABLE:
         return f"{names}: same predictions"
+    if alternative.get("within_uncertainty"):
+        return (
+            f"{names}: predictions {100 * alternative['similarity']:.0f} % similar, and the errors with either differ "
+            "by less than their uncertainty"
+        )
     return (
         f"{names}: predictions {100 * alternative['similarity']:.0f} % similar, odds of the alternative "
         f"{odds(alternative['evidence_difference'])}"

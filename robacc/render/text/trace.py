@@ -162,6 +162,11 @@ def _alternative(alternative: Alternative) -> str:
     text = f"not distinguishable from {alternative.effect}{joints} on these poses"
     if alternative.similarity > _INDISTINGUISHABLE:
         return f"{text}: same predictions"
+    if alternative.within_uncertainty:
+        return (
+            f"{text}: predictions {100 * alternative.similarity:.0f} % similar, and the errors with either differ "
+            "by less than their uncertainty"
+        )
     return (
         f"{text}: predictions {100 * alternative.similarity:.0f} % similar, odds of the alternative "
         f"{odds(alternative.evidence_difference)}"

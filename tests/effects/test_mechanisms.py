@@ -1,0 +1,127 @@
+"""Wind-up, hardening, loaded backlash, a common delay and a pedestal, on an arm with matrices of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from independent_arm import DECLARED, DH, GRAVITY, LIMITS, Run, link_frames, measured, robot, run, target, torques
+
+from robacc.effects.base import Effect
+from robacc.effects.request import build, parse_requests
+from robacc.fitting.solver import Options, fit
+from robacc.geometry import rotation_about
+from robacc.gravity.torques import gravity_torques
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
+from robacc.tracing.loop import search
+
+NOISE = 1e-5
+N = 80
+ARM = Arm.of(robot())
+POSES = run(N, seed=21)
+TORQUES = np.array([torques(q) for q in POSES.q.T]).T
+
+
+def positions(turn: np.ndarray) -> np.ndarray:
+    """Targets with joint 2 turned by (N,) rad."""
+    moved = POSES.q.copy()
+    moved[1] += turn
+    return np.array([target(q) for q in moved.T]).T
+
+
+def found(data: Measurements) -> list[Effect]:
+    """What a search beside frames, zeros and geometry finds."""
+    declared = build(parse_requests(DECLARED), ARM, data)
+    return list(search(Model(ARM, free=declared), data, empirical=False).effects)
+
+
+def coefficients(data: Measurements, effects: list[Effect]) -> dict[str, float]:
+    declared = build(parse_requests(DECLARED), ARM, data)
+    fitted = fit(Model(ARM, free=(*declared, *effects)), data, Options())
+    return dict(zip(fitted.names, fitted.theta.tolist(), strict=True))
+
+
+def test_torques_of_the_independent_arm_agree() -> None:
+    np.testing.assert_allclose(gravity_torques(ARM, POSES.q), TORQUES, atol=1e-5)
+
+
+def test_friction_windup_is_found_beside_the_spring() -> None:
+    """A spring and friction that grows with the load: each with its own coefficient, and no play."""
+    turn = 8e-7 * TORQUES[1] - 2.5e-7 * np.abs(TORQUES[1]) * POSES.direction[1]
+    data = measured(POSES, positions(turn), NOISE, 1, directed=True)
+    effects = found(data)
+    assert sorted(map(str, effects)) == ["friction_windup[j2]", "joint_compliance[j2]"]
+    values = coefficients(data, effects)
+    assert values["friction_windup.j2"] == pytest.approx(-2.5e-7, rel=0.1)
+    assert values["joint_compliance.j2"] == pytest.approx(8e-7, rel=0.05)
+
+
+def test_a_hardening_spring_is_found() -> None:
+    reference = float(np.abs(TORQUES[1]).max())
+    turn = 6e-4 * (TORQUES[1] / reference) - 3e-4 * (TORQUES[1] / reference) ** 3
+    data = measured(POSES, positions(turn), NOISE, 2)
+    effects = found(data)
+    assert "joint_hardening[j2]" in map(str, effects)
+    (hardening,) = [effect for effect in effects if effect.name == "joint_hardening"]
+    values = coefficients(data, effects)
+    at_largest = values["joint_hardening.j2"] * (reference / hardening.settings()["torque_nm"]) ** 3
+    assert at_largest == pytest.approx(-3e-4, rel=0.15)
+
+
+def test_backlash_whose_flank_gravity_decides_is_found_although_the_approach_is_known() -> None:
+    turn = 1.5e-4 * np.sign(TORQUES[1])
+    data = measured(POSES, positions(turn), NOISE, 3, directed=True)
+    (effect,) = found(data)
+    assert (effect.name, effect.joints, effect.settings()) == ("backlash", ("j2",), {"by": "gravity"})
+    assert coefficients(data, [effect])["backlash.j2"] == pytest.approx(1.5e-4, rel=0.05)
+
+
+def test_one_delay_is_common_to_all_joints() -> None:
+    """All joints are read 12 ms late, at speeds of up to 0.02 rad/s that rise to the move's largest: one number."""
+    rng = np.random.default_rng(5)
+    speed = rng.uniform(-1, 1, (6, N))
+    moved = POSES.q - 2e-4 * speed
+    position = np.array([target(q) for q in moved.T]).T
+    data = dataclasses.replace(measured(POSES, position, NOISE, 5), speed=speed)
+    (effect,) = found(data)
+    assert str(effect) == "approach_lag[common]"
+    assert coefficients(data, [effect])["approach_lag.common"] == pytest.approx(-2e-4, rel=0.05)
+
+
+@pytest.mark.parametrize("height", [0.0, 1.2])
+def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
+    compliance = 5e-7
+    rows = []
+    for q in POSES.q.T:
+        frames = link_frames(q)
+        weights = [(mass, (f @ np.append(com, 1.0))[:3]) for f, (*_, mass, com) in zip(frames, DH, strict=True)]
+        moment = sum(np.cross(point, [0.0, 0.0, -mass * GRAVITY]) for mass, point in weights)
+        tilt = rotation_about(0, compliance * moment[0]) @ rotation_about(1, compliance * moment[1])
+        pivot = np.array([0.0, 0.0, -height])
+        rows.append(tilt @ (target(q) - pivot) + pivot)
+    data = measured(POSES, np.array(rows).T, NOISE, 6)
+    effects = found(data)
+    values = coefficients(data, effects)
+    if height == 0.0:
+        # A tilt about the base's origin and a first joint that bends are the same on an upright axis.
+        assert str(effects[0]) in ("base_compliance", "lateral_compliance[j1]")
+        assert (len(effects), effects[0].settings()) == (1, {})
+        assert [values[name] for name in values if "compliance" in name] == [pytest.approx(compliance, rel=0.05)]
+        return
+    assert [effect.name for effect in effects] == ["base_compliance"]
+    assert effects[0].settings() == {"below": True}
+    assert values["base_compliance.tilt"] == pytest.approx(compliance, rel=0.05)
+    assert values["base_compliance.shift"] / values["base_compliance.tilt"] == pytest.approx(height, rel=0.1)
+    statement = effects[0].statement(ARM, values)
+    assert statement is not None
+    assert "1.2 m below" in statement or "1.1 m below" in statement or "1.3 m below" in statement
+
+
+def test_the_poses_cover_both_signs_of_the_torque() -> None:
+    """Otherwise loaded backlash would be a constant, and the tests above would test nothing."""
+    assert isinstance(POSES, Run)
+    assert len(LIMITS) == 6
+    assert TORQUES[1].min() < 0 < TORQUES[1].max()

@@ -53,6 +53,9 @@ _OF_EVERY_ARM = ("joint_offset", "link_geometry")
 """Effects by which every nominal model deviates."""
 _MOST_REPEATABILITY = 1e-4
 """Largest plausible repeatability at the target, m (data sheets: 0.02 to 0.1 mm)."""
+_MOST_PRESUMED = 1.2e-4
+"""Remaining error, m rms, up to which noise that nothing confirms may be presumed: a laser tracker at some metres
+(0.03 to 0.05 mm along each axis) and a data sheet's repeatability together."""
 _SMALL_POSE_ERROR = 1e-5
 """Error common to all visits of a pose that no instrument resolves, m."""
 _MANY_OUTLIERS = 0.05
@@ -396,6 +399,15 @@ def _left(
         structured = True
         hints.append(f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance")
     known = noise.p_value is not None
+    residual = final.residual[:3, final.inliers]
+    rms = float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
+    unconfirmed = not known and (repeatability is None or repeatability.source == "residual")
+    if unconfirmed and loop.effects and rms > _MOST_PRESUMED:
+        structured = True
+        hints.append(
+            f"the remaining error, {1e3 * rms:.3g} mm rms, is more than usual instrument noise and repeatability; "
+            "neither sigma columns nor repeated poses confirm it, so part of it may have a cause outside the model"
+        )
     if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
         structured = True
         p_value = min(p_value, noise.p_value)
@@ -405,9 +417,8 @@ def _left(
         )
         if best is not None and best.p_value > FALSE_ALARM:
             hints.append("nothing that was tried depends on it: repeatability, or an effect outside the catalogue")
-    residual = final.residual[:3, final.inliers]
     return Unexplained(
-        float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0)))),
+        rms,
         math.sqrt(3) * noise.noise.position if known else None,
         structured,
         p_value,

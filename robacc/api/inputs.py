@@ -46,10 +46,10 @@ def load_robot(
         text = robot_to_yaml(with_si_effects(source))
         return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot")
     from robacc.io.files import sha256_of
-    from robacc.modelling.robot_file import read_robot
+    from robacc.modelling.robot_file import read_robot, robot_path
 
     robot = read_robot(source, base_link=base_link, tip_link=tip_link)
-    return robot, InputFile.at(os.fspath(source), sha256_of(source), "robot")
+    return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), "robot")
 
 
 def load_optional_robot(

@@ -33,6 +33,7 @@ COMMANDS = {
     "report": "Write stored results as an HTML page with charts and tables, to read, print and sign.",
     "plot": "Write a chart of a stored result as SVG, PNG or PDF.",
     "show": "Show the chain, joints, limits, reach and masses of a robot file or URDF.",
+    "robots": "List the arms that come with the package; --robot NAME takes one.",
     "effects": "List the effects: equation, unit, usual size, required data and similar effects.",
     "init": "Write a commented robot file and a CSV of poses to start from, for a URDF or a number of joints.",
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",

@@ -237,9 +237,11 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
     from robacc.documents.envelope import InputFile, envelope
     from robacc.documents.many import entry, many_pieces, totals
     from robacc.io.files import sha256_of
+    from robacc.modelling.robot_file import robot_path
 
     options = tasks[0].options
-    shared = ((options.robot, "robot"), (options.scale, "scale"), (tasks[0].gate, "gate"))
+    robot = None if options.robot is None else robot_path(options.robot)
+    shared = ((robot, "robot"), (options.scale, "scale"), (tasks[0].gate, "gate"))
     head = envelope(
         "estimate-many",
         totals(outcomes),

@@ -28,7 +28,8 @@ PosesArgument = Annotated[
     str, typer.Argument(metavar="POSES", help="CSV or Parquet of measured poses; - reads standard input.")
 ]
 RobotOption = Annotated[
-    str | None, typer.Option("--robot", metavar="FILE", help="Robot file (YAML) or URDF of the measured robot.")
+    str | None,
+    typer.Option("--robot", metavar="FILE", help="Robot file (YAML), URDF, or an arm of robacc robots: ur10e."),
 ]
 BaseLinkOption = Annotated[
     str | None, typer.Option("--base-link", metavar="NAME", help="First link of the chain in a URDF.")
@@ -83,7 +84,7 @@ ConfidenceOption = Annotated[
     float, typer.Option("--confidence", metavar="P", help="Confidence level of every interval, between 0.5 and 1.")
 ]
 NeededRobotOption = Annotated[
-    str, typer.Option("--robot", metavar="FILE", help="Robot file (YAML) or URDF of the measured robot.")
+    str, typer.Option("--robot", metavar="FILE", help="Robot file (YAML), URDF, or an arm of robacc robots: ur10e.")
 ]
 WriteModelOption = Annotated[
     str | None, typer.Option("--write-model", metavar="FILE", help="File for the fitted robot, as a robot file (YAML).")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -16,11 +17,42 @@ _TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
 _EXPECTED = "give a robot file (YAML) or a URDF"
 
 
+def robot_path(source: str | os.PathLike[str]) -> str:
+    """Return the file that a robot's name or path stands for; the name of an arm of the package is its file.
+
+    A file of that name in the working folder comes first. Any other text is returned as it is.
+    """
+    name = os.fspath(source)
+    if not _may_be_arm(name):
+        return name
+    from robacc.robots.library import find_arm
+
+    arm = find_arm(name)
+    return name if arm is None else os.fspath(arm.path)
+
+
+def _may_be_arm(name: str) -> bool:
+    """Return whether a text can be the name of an arm of the package: no file, no path, no suffix of a file."""
+    has_suffix = bool(re.fullmatch(r"\.[a-z]\w*", PurePath(name).suffix.lower()))
+    return bool(name) and name != "-" and PurePath(name).name == name and not has_suffix and not os.path.lexists(name)
+
+
+def _check_name(name: str) -> None:
+    """Raise InputError for a text that can only be the name of an arm, and is the name of none."""
+    if not _may_be_arm(name):
+        return
+    from robacc.robots.library import similar_arms
+
+    near = " or ".join(similar_arms(name))
+    fix = f"did you mean {near}?" if near else f"robacc robots lists the arms; {_EXPECTED}"
+    raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
+
+
 def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, tip_link: str | None = None) -> Robot:
     """Read a robot file (YAML) or a URDF; the content decides which it is.
 
     Args:
-        path: The file.
+        path: The file, or the name of an arm of the package (``ur10e``).
         base_link: URDF only: first link of the chain.
         tip_link: URDF only: last link of the chain.
 
@@ -28,11 +60,12 @@ def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, ti
         InputError: The file cannot be read, is in another format, or has errors.
         UsageError: The URDF has no such link, or a link is named for a robot file, which has only one chain.
     """
-    name = os.fspath(path)
+    name = robot_path(path)
+    _check_name(name)
     suffix = PurePath(name).suffix.lower()
     if suffix in _MESHES:
         raise InputError(Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED))
-    text = read_text(path)
+    text = read_text(name)
     if suffix == ".xacro":
         fix = "convert it first: xacro robot.xacro > robot.urdf"
         raise InputError(Problem("is xacro, not URDF", name, fix=fix))

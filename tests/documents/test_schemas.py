@@ -140,6 +140,7 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "estimate, one pose": lambda _: few(1),
     "estimate, three poses": lambda _: few(3),
     "estimate, positions of repeated poses": lambda _: repeated(),
+    "robots": lambda _: run("robots", "kuka"),
     "estimate-many": lambda folder: run("estimate", POSES, f"{folder}/none.csv", "--robot", ROBOT),
     "predict, against": lambda _: against(),
     "calibrate, holdout": lambda _: holdout(),

@@ -46,6 +46,7 @@ def effects(
     from robacc.effects.catalogue import catalogue, document
     from robacc.errors import UsageError
     from robacc.io.files import sha256_of
+    from robacc.modelling.robot_file import robot_path
     from robacc.render.text.effects import draw_effects
 
     if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
@@ -56,7 +57,7 @@ def effects(
     entries = catalogue(name, arm, data)
     inputs = []
     if robot is not None:
-        inputs.append(results.InputFile.at(robot, sha256_of(robot), "robot"))
+        inputs.append(results.InputFile.at(robot, sha256_of(robot_path(robot)), "robot"))
     if data is not None:
         inputs.append(results.InputFile.at(poses or "-", data.sha256 or "", "poses"))
     options = {"effect": name, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}

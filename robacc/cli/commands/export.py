@@ -30,7 +30,7 @@ def export(
     from robacc.errors import UsageError
     from robacc.fitting.apply_fit import absorb_constants
     from robacc.io.files import sha256_of, write_text
-    from robacc.modelling.robot_file import read_robot
+    from robacc.modelling.robot_file import read_robot, robot_path
     from robacc.render.text.console import say_warnings
     from robacc.robots.urdf import robot_to_urdf
 
@@ -46,7 +46,7 @@ def export(
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if form is PlainFormat.json:
         payload = {"urdf_sha256": sha256_of(urdf), "not_carried": list(losses)}
-        inputs = (results.InputFile.at(model, sha256_of(model), "robot"),)
+        inputs = (results.InputFile.at(model, sha256_of(robot_path(model)), "robot"),)
         options = {"base_link": base_link, "tip_link": tip_link}
         emit(
             form,

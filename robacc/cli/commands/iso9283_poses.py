@@ -109,9 +109,10 @@ def _write_summary(
     from robacc.documents import envelope as results
     from robacc.documents.iso9283 import proposal_payload
     from robacc.io.files import sha256_of
+    from robacc.modelling.robot_file import robot_path
     from robacc.render.text.iso9283_poses import draw_proposal
 
-    inputs = (results.InputFile.at(robot, sha256_of(robot), "robot"),)
+    inputs = (results.InputFile.at(robot, sha256_of(robot_path(robot)), "robot"),)
     payload = {**proposal_payload(proposal), "file_sha256": sha256_of(output)}
     emit(
         form,

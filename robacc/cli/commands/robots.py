@@ -1,0 +1,43 @@
+"""``robacc robots``: the arms that come with the package."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from robacc.cli.options import OutputOption, PlainFormat, PlainFormatOption
+
+
+def robots(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[TEXT]", help="Part of a maker's or an arm's name; default: every arm.")
+    ] = None,
+    form: PlainFormatOption = PlainFormat.table,
+    output: OutputOption = "-",
+) -> None:
+    """List the arms that come with the package; --robot NAME of every command takes one.
+
+    Each is the nominal model of a data sheet: register it to your measurements, and check its limits and tool.
+
+    Example: robacc robots ur
+    """
+    from robacc.cli.output import emit
+    from robacc.documents import envelope as results
+    from robacc.errors import InputError, Problem
+    from robacc.render.text.robots import draw_robots
+    from robacc.robots.library import library, similar_arms
+
+    wanted = (name or "").lower()
+    arms = [arm for arm in library() if wanted in f"{arm.key} {arm.maker} {arm.model}".lower()]
+    if not arms:
+        near = ", ".join(similar_arms(wanted))
+        fix = f"did you mean {near}?" if near else "robacc robots lists all of them"
+        raise InputError(Problem(f"no arm of the package has {name!r} in its name", fix=fix))
+    payload = {"robots": [arm.document() for arm in arms]}
+    emit(
+        form,
+        output,
+        table=lambda stream: draw_robots(arms, stream),
+        document=lambda: results.envelope("robots", payload, options={"name": name}, inputs=(), seed=None),
+    )

@@ -105,7 +105,7 @@ def estimate(
     arguments = locals()
     check_range("seed", seed, 0)
     check_choice("frame", frame, ("tool", "base", None))
-    arm, arm_record = load_optional_robot(robot, base_link, tip_link)
+    arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
     data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
     grades, scale_record = load_grade_scale(scale)
     aligned = effect_names(align)

@@ -84,7 +84,7 @@ def load_fit_inputs(
         InputError: A file or array cannot be used.
         UsageError: The poses have no joint columns, or a link does not exist.
     """
-    arm, arm_record = load_robot(robot, base_link, tip_link)
+    arm, arm_record = load_robot(robot, base_link, tip_link, poses)
 
     def read(source: StrPath | Measurements, kind: str) -> tuple[Measurements, InputFile]:
         data, record = load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind)

@@ -30,9 +30,11 @@ def path_of(source: object) -> str | None:
 
 
 def load_robot(
-    source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None
+    source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None, poses: object = None
 ) -> tuple[Robot, InputFile]:
     """Return the robot and its record; a robot without a file is recorded as the robot file it would make.
+
+    The joint columns of ``poses``, a path or poses read before, choose the chain of a URDF without a ``tip_link``.
 
     Raises:
         InputError: The file cannot be read or is wrong.
@@ -48,12 +50,29 @@ def load_robot(
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import read_robot, robot_path
 
-    robot = read_robot(source, base_link=base_link, tip_link=tip_link)
+    robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _joint_columns(poses))
     return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), "robot")
 
 
+def _joint_columns(poses: object) -> Sequence[str]:
+    """Return the names of a pose file's columns, or q1 … qN of poses read before; nothing for a pipe or a bad file."""
+    if isinstance(poses, Measurements):
+        return [] if poses.q is None else [f"q{i + 1}" for i in range(poses.q.shape[0])]
+    path = path_of(poses)
+    if path is None or not os.path.isfile(path):
+        return []
+    from robacc.io.open_table import open_table
+
+    try:
+        with open_table(path) as table:
+            return table.header().names
+    except (InputError, UsageError):
+        # The reader of the poses reports what is wrong with the file.
+        return []
+
+
 def load_optional_robot(
-    source: StrPath | Robot | None, base_link: str | None = None, tip_link: str | None = None
+    source: StrPath | Robot | None, base_link: str | None = None, tip_link: str | None = None, poses: object = None
 ) -> tuple[Robot | None, tuple[InputFile, ...]]:
     """Return :func:`load_robot` of ``source``, or no robot and no record if ``source`` is None.
 
@@ -65,7 +84,7 @@ def load_optional_robot(
         if base_link or tip_link:
             raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
         return None, ()
-    robot, record = load_robot(source, base_link, tip_link)
+    robot, record = load_robot(source, base_link, tip_link, poses)
     return robot, (record,)
 
 

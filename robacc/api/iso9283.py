@@ -85,7 +85,7 @@ def iso9283(
     check_range("seed", seed, 0)
     if [path_of(source) for source in poses].count(STDIN) > 1:
         raise UsageError("standard input can be read only once, but - is given more than once")
-    arm, arm_record = load_optional_robot(robot, base_link, tip_link)
+    arm, arm_record = load_optional_robot(robot, base_link, tip_link, next(iter(poses), None))
     loaded = [load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits) for source in poses]
     records = [record for _, record in loaded]
     aligned = effect_names(align)

@@ -128,7 +128,7 @@ def predict(
     check_range("seed", seed, 0)
     _check(poses, samples, against, align, noise, target)
     noise_std = _noise(noise)
-    arm, arm_record = load_robot(robot, base_link, tip_link)
+    arm, arm_record = load_robot(robot, base_link, tip_link, poses if against is None else against)
     read_tolerances, tolerance_record = _tolerances(tolerances, arm)
     grades, scale_record = load_grade_scale(scale)
     grades = grades or default_scale()

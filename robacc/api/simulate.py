@@ -166,7 +166,7 @@ def simulate(
         payloads=tuple(map(float, payload)),
     )
     _check(plan, poses)
-    arm, arm_record = load_robot(robot, base_link, tip_link)
+    arm, arm_record = load_robot(robot, base_link, tip_link, at)
     planned, records = _planned(at, arm, ignore_limits)
     try:
         body = simulate_poses(arm, plan, planned)

@@ -35,7 +35,8 @@ BaseLinkOption = Annotated[
     str | None, typer.Option("--base-link", metavar="NAME", help="First link of the chain in a URDF.")
 ]
 TipLinkOption = Annotated[
-    str | None, typer.Option("--tip-link", metavar="NAME", help="Last link of the chain in a URDF.")
+    str | None,
+    typer.Option("--tip-link", metavar="NAME", help="Last link of the chain in a URDF; default: by the joint columns."),
 ]
 AlignOption = Annotated[
     str | None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -48,13 +49,21 @@ def _check_name(name: str) -> None:
     raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
 
 
-def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, tip_link: str | None = None) -> Robot:
+def read_robot(
+    path: str | os.PathLike[str],
+    *,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    joint_columns: Callable[[], Sequence[str]] | None = None,
+) -> Robot:
     """Read a robot file (YAML) or a URDF; the content decides which it is.
 
     Args:
         path: The file, or the name of an arm of the package (``ur10e``).
         base_link: URDF only: first link of the chain.
         tip_link: URDF only: last link of the chain.
+        joint_columns: URDF only: returns the columns of a pose file, by which the chain is chosen without a
+            ``tip_link``; called for a URDF only.
 
     Raises:
         InputError: The file cannot be read, is in another format, or has errors.
@@ -72,7 +81,7 @@ def read_robot(path: str | os.PathLike[str], *, base_link: str | None = None, ti
     if suffix in _XML_SUFFIXES or text.lstrip().startswith("<"):
         from robacc.robots.urdf import parse_urdf
 
-        return parse_urdf(text, name, base_link, tip_link)
+        return parse_urdf(text, name, base_link, tip_link, joint_columns)
     if base_link is not None or tip_link is not None:
         raise UsageError(
             f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain"

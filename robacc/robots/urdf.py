@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import io
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
+from robacc.robots.urdf_chain import UrdfTree, choose_chain
 from robacc.robots.urdf_mimics import resolve_mimics
 from robacc.robots.urdf_sizes import check_sizes
 from robacc.robots.urdf_writer import robot_to_urdf
@@ -34,52 +33,23 @@ _UNIT_AXIS = 1e-12
 """An axis this near to unit length keeps its written numbers."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Tree:
-    """Links and joints of the file, as yourdfpy reads them."""
-
-    document: UrdfDocument
-    robot: Any
-    """yourdfpy's Robot."""
-    parent_joint: dict[str, Any]
-    """Joint that moves each link."""
-    elements: dict[str, Element]
-    """Element of each joint, by name."""
-
-    @property
-    def roots(self) -> list[str]:
-        """Links that no joint moves."""
-        return [link.name for link in self.robot.links if link.name not in self.parent_joint]
-
-    def leaves(self, base: str) -> list[str]:
-        """Return the links behind ``base`` that no joint follows."""
-        parents = {joint.parent for joint in self.robot.joints}
-        leaves = [link.name for link in self.robot.links if link.name not in parents]
-        return [name for name in leaves if name != base and self.path(base, name) is not None]
-
-    def path(self, base: str, tip: str) -> list[Any] | None:
-        """Return the joints from ``base`` to ``tip`` in order; None where ``tip`` is not behind ``base``."""
-        path: list[Any] = []
-        link = tip
-        while link != base:
-            joint = self.parent_joint.get(link)
-            # The length guards against a circle of joints, which has no root to stop at.
-            if joint is None or len(path) > len(self.parent_joint):
-                return None
-            path.append(joint)
-            link = joint.parent
-        return path[::-1]
-
-
-def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str | None = None) -> Robot:
+def parse_urdf(
+    text: str,
+    file: str,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    joint_columns: Callable[[], Sequence[str]] | None = None,
+) -> Robot:
     """Return one serial chain of a URDF, without opening a mesh or any other file.
 
     Args:
         text: The URDF.
         file: Its name, for messages.
         base_link: Link that the chain starts at; default: the root.
-        tip_link: Link that the chain ends at; default: the only leaf with the most moving joints before it, then with
-            the most joints.
+        tip_link: Link that the chain ends at; default: the link that ``joint_columns`` imply, else the only leaf with
+            the most moving joints before it, then with the most joints.
+        joint_columns: Returns the names of a pose file's columns, by which
+            :func:`~robacc.robots.urdf_chain.choose_chain` chooses the chain.
 
     A joint that follows a joint outside the chain becomes a joint variable, because nothing in the chain moves it.
 
@@ -89,8 +59,7 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
     """
     document = read_document(text, file)
     tree = _read_tree(document)
-    base = _choose_base(tree, base_link)
-    tip = _choose_tip(tree, base, tip_link)
+    base, tip = choose_chain(tree, base_link, tip_link, joint_columns)
     path = tree.path(base, tip)
     if not path:
         raise UsageError(f"{file}: link {tip!r} is not behind link {base!r}")
@@ -107,7 +76,7 @@ def parse_urdf(text: str, file: str, base_link: str | None = None, tip_link: str
     return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip)
 
 
-def _read_tree(document: UrdfDocument) -> _Tree:
+def _read_tree(document: UrdfDocument) -> UrdfTree:
     from yourdfpy import URDF
 
     model = URDF.load(
@@ -129,56 +98,10 @@ def _read_tree(document: UrdfDocument) -> _Tree:
             document.report(elements[joint.name], joint.name, message)
         parent_joint.setdefault(joint.child, joint)
     document.finish()
-    return _Tree(document, model.robot, parent_joint, elements)
+    return UrdfTree(document, model.robot, parent_joint, elements)
 
 
-def _choose_base(tree: _Tree, base_link: str | None) -> str:
-    if base_link is not None:
-        return _known_link(tree, base_link, "`base_link`")
-    roots = tree.roots
-    if len(roots) == 1:
-        return roots[0]
-    if not roots:
-        message = (
-            "the joints form a loop: there is no link to start from" if tree.parent_joint else "the file has no links"
-        )
-        raise InputError(Problem(message, tree.document.file))
-    message = f"{len(roots)} links could be the base: {_listing(roots)}"
-    raise InputError(Problem(message, tree.document.file, fix="choose one with `base_link`"))
-
-
-def _choose_tip(tree: _Tree, base: str, tip_link: str | None) -> str:
-    if tip_link is not None:
-        return _known_link(tree, tip_link, "`tip_link`")
-    ranks: dict[tuple[int, int], list[str]] = {}
-    for leaf in tree.leaves(base):
-        path = tree.path(base, leaf) or []
-        moving = sum(joint.type != "fixed" and joint.mimic is None for joint in path)
-        ranks.setdefault((moving, len(path)), []).append(leaf)
-    if not ranks:
-        raise InputError(Problem(f"no joint follows the link {base!r}", tree.document.file))
-    best = ranks[max(ranks)]
-    if len(best) == 1:
-        return best[0]
-    leaves = [leaf for rank in sorted(ranks, reverse=True) for leaf in ranks[rank]]
-    message = f"{len(best)} chains are equally long; the tree ends at {_listing(leaves)}"
-    raise InputError(Problem(message, tree.document.file, fix="choose one with `tip_link`"))
-
-
-def _known_link(tree: _Tree, name: str, parameter: str) -> str:
-    names = [link.name for link in tree.robot.links]
-    if name in names:
-        return name
-    suggestions = difflib.get_close_matches(name, names, 3, 0.5) or names
-    raise UsageError(f"{parameter}: {tree.document.file} has no link {name!r}; it has {_listing(suggestions)}")
-
-
-def _listing(names: Sequence[str]) -> str:
-    text = ", ".join(names[:12])
-    return f"{text} and {len(names) - 12} more" if len(names) > 12 else text
-
-
-def _read_joint(tree: _Tree, joint: Any) -> Joint:
+def _read_joint(tree: UrdfTree, joint: Any) -> Joint:
     document, element = tree.document, tree.elements[joint.name]
     kind = _TYPES.get(joint.type)
     if kind is None:
@@ -250,7 +173,7 @@ def _read_limits(document: UrdfDocument, element: Element, joint: Any) -> tuple[
     return lower, upper
 
 
-def _read_inertial(tree: _Tree, link_name: str) -> tuple[float | None, Vector | None]:
+def _read_inertial(tree: UrdfTree, link_name: str) -> tuple[float | None, Vector | None]:
     link = next(link for link in tree.robot.links if link.name == link_name)
     if link.inertial is None or link.inertial.mass is None:
         return None, None

@@ -78,13 +78,13 @@ def _load(
     ordered: bool,
     ignore_limits: bool,
 ) -> tuple[Robot | None, Measurements | None]:
+    from robacc.api.inputs import load_robot
     from robacc.diagnostics.robot_poses import read_robot_poses
-    from robacc.modelling.robot_file import read_robot
     from robacc.render.text.console import say_warnings
 
     if robot is None:
         return None, None
-    arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
+    arm, _ = load_robot(robot, base_link, tip_link, poses)
     if poses is None:
         return arm, None
     data = read_robot_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)

@@ -40,7 +40,7 @@ LAYERS = (
 )
 """From the ground up. A package stands for all of its modules."""
 PLACES = {name: number for number, names in enumerate(LAYERS) for name in names}
-READS_PACKAGE_DATA = {"robacc.accuracy.grade_scale"}
+READS_PACKAGE_DATA = {"robacc.accuracy.grade_scale", "robacc.robots.library"}
 OPENS_FILES = (
     "robacc.io.",
     "robacc.documents.gate_files",

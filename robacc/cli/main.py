@@ -35,7 +35,7 @@ COMMANDS = {
     "show": "Show the chain, joints, limits, reach and masses of a robot file or URDF.",
     "robots": "List the arms that come with the package; --robot NAME takes one.",
     "effects": "List the effects: equation, unit, usual size, required data and similar effects.",
-    "init": "Write a commented robot file and a CSV of poses to start from, for a URDF or a number of joints.",
+    "init": "Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.",
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
     "export": "Write a robot model as URDF, with a warning for every part that a URDF cannot represent.",
     "schema": "Print the JSON Schema of a command's result: keys, units and required keys.",

@@ -13,7 +13,7 @@ from robacc.cli.options import BaseLinkOption, TipLinkOption
 
 def init(
     source: Annotated[
-        str | None, typer.Argument(metavar="[URDF]", help="URDF of the arm; without it, give --joints.")
+        str | None, typer.Argument(metavar="[URDF]", help="URDF, or arm of robacc robots; else give --joints.")
     ] = None,
     joints: Annotated[
         int | None, typer.Option("--joints", metavar="N", help="Number of joints of the example arm, without a URDF.")
@@ -27,15 +27,15 @@ def init(
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
 ) -> None:
-    """Write a commented robot file and a CSV of poses to start from, for a URDF or a number of joints.
+    """Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.
 
     Both files are valid. The rows of the CSV are simulated; replace them with your measurements.
 
     Example: robacc init --joints 6 --folder my-arm
     """
     from robacc.errors import UsageError
-    from robacc.io.files import make_folder, write_text
-    from robacc.modelling.robot_file import read_robot
+    from robacc.io.files import make_folder, read_text, write_text
+    from robacc.modelling.robot_file import read_robot, robot_path
     from robacc.robots.yaml_robot import parse_robot
     from robacc.simulation.templates import poses_template, robot_template, urdf_template
 
@@ -50,9 +50,12 @@ def init(
         text = robot_template(joints or 0, *names)
     else:
         model = read_robot(source, base_link=base_link, tip_link=tip_link)
-        if model.convention != "urdf":
+        if (path := robot_path(source)) != source:
+            text = read_text(path)
+        elif model.convention != "urdf":
             raise UsageError(f"{source} is a robot file already; robacc init needs a URDF")
-        text = urdf_template(model, PurePath(source).name, *names)
+        else:
+            text = urdf_template(model, PurePath(source).name, *names)
     arm = parse_robot(text, files[0])
     table, rows = poses_template(arm, *names)
     make_folder(folder)

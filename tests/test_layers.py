@@ -27,7 +27,7 @@ LAYERS = (
     ("robacc.accuracy",),
     ("robacc.simulation", "robacc.diagnostics"),
     ("robacc.tracing",),
-    ("robacc.calibration", "robacc.correction", "robacc.iso_9283", "robacc.prediction"),
+    ("robacc.calibration", "robacc.controllers", "robacc.correction", "robacc.iso_9283", "robacc.prediction"),
     ("robacc.comparison", "robacc.gates", "robacc.outcomes"),
     ("robacc.documents",),
     ("robacc.render.text",),

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
+from keyword import iskeyword
 from typing import Annotated, Any
 
 import typer
@@ -37,10 +38,12 @@ COMMANDS = {
     "effects": "List the effects: equation, unit, usual size, required data and similar effects.",
     "init": "Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.",
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
-    "export": "Write a robot model as URDF, with a warning for every part that a URDF cannot represent.",
+    "export": "Write a robot model for a controller, a driver or a simulator, with the error that remains there.",
+    "import": "Write a robot file from the kinematics of a controller or of its ROS driver.",
     "schema": "Print the JSON Schema of a command's result: keys, units and required keys.",
 }
-"""Each command and its line in ``robacc --help``; its module and its function have the same name, with _ for -."""
+"""Each command and its line in ``robacc --help``; its module and its function have the same name, with _ for -, and a
+trailing _ where Python reserves the name."""
 
 INTERRUPTED = 130
 """Exit status of an interrupted program in a shell: 128 + SIGINT."""
@@ -89,6 +92,7 @@ class CheckedCommand(TyperCommand):
 def _load(name: str) -> Any:
     """Import the module of a command and return the command."""
     program, module = typer.Typer(add_completion=False, rich_markup_mode=None), name.replace("-", "_")
+    module = f"{module}_" if iskeyword(module) else module
     program.command(name, cls=CheckedCommand)(getattr(import_module(f"robacc.cli.commands.{module}"), module))
     return typer.main.get_command(program)
 

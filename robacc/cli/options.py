@@ -97,5 +97,5 @@ HoldoutOption = Annotated[
 FoldsOption = Annotated[
     int, typer.Option("--folds", metavar="K", min=2, max=50, help="Number of folds of cross-validation.")
 ]
-OUTPUTS = frozenset({"output", "per_pose", "per_target", "write_model", "junit", "report", "urdf"})
+OUTPUTS = frozenset({"output", "per_pose", "per_target", "write_model", "junit", "report", "urdf", "document"})
 """Parameters of commands that name files to write."""

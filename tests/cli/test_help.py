@@ -21,6 +21,7 @@ FILES = {
     "targets.csv": SAMPLE / "iso9283" / "plan.csv",
     "model.yaml": SAMPLE / "truth.yaml",
     "cycles.csv": SAMPLE / "iso9283" / "poses.csv",
+    "calibration.conf": ROOT / "tests" / "controllers" / "samples" / "calibration.conf",
     "gate.yaml": ROOT / "configs" / "gates" / "machine_tending.yaml",
 }
 """What the examples name, by the sample that stands in for it."""

@@ -7,6 +7,7 @@ import inspect
 import re
 from collections.abc import Iterator
 from importlib import import_module
+from keyword import iskeyword
 from pathlib import Path
 from types import FunctionType
 
@@ -56,7 +57,7 @@ def test_no_text_of_the_library_has_an_option():
 
 def test_every_marked_name_is_a_parameter_of_a_call():
     functions = [call for call in (getattr(robacc, name) for name in robacc.__all__) if isinstance(call, FunctionType)]
-    modules = {name.replace("-", "_") for name in COMMANDS}
+    modules = {f"{name}_" if iskeyword(name) else name.replace("-", "_") for name in COMMANDS}
     functions += [getattr(import_module(f"robacc.cli.commands.{name}"), name) for name in modules]
     parameters = {name for function in functions for name in inspect.signature(function).parameters}
     for name, path in library_files():

@@ -20,7 +20,7 @@ from robacc.cli.main import COMMANDS, app
 Document = dict[str, Any]
 FILES = sorted((Path(robacc.__file__).parent / "schemas").glob("*.json"))
 NAMES = [path.name.removeprefix("robacc.").removesuffix(".json").rpartition("-")[0] for path in FILES]
-NO_RESULT = {"report", "plot", "schema", "init"}
+NO_RESULT = {"report", "plot", "schema", "init", "import"}
 """Commands that write no JSON."""
 CORRECT = (
     "correct",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,7 +19,10 @@ class TargetFrame(StrEnum):
 
 def correct(
     targets: Annotated[
-        str, typer.Argument(metavar="TARGETS", help="CSV of targets: joints, or wanted poses as cmd_ columns.")
+        str,
+        typer.Argument(
+            metavar="TARGETS", help="CSV of targets: joints, or wanted poses as cmd_ columns; or a robot program."
+        ),
     ],
     model: Annotated[
         str, typer.Option("--model", metavar="FILE", help="Robot file of the real arm, as --write-model writes it.")
@@ -70,6 +73,10 @@ def correct(
         str | None,
         typer.Option("--per-target", metavar="FILE", help="CSV of commands, corrections and expected errors."),
     ] = None,
+    frames: Annotated[
+        list[str] | None,
+        typer.Option("--frames", metavar="FILE", help="Tools and bases that a program only names; may be repeated."),
+    ] = None,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     form: PlainFormatOption = PlainFormat.table,
@@ -77,7 +84,9 @@ def correct(
 ) -> None:
     """Compute the commands that make the real arm reach its targets, and write them as a CSV.
 
-    The CSV has the joints to command, and the wanted poses as cmd_ columns. With --output, the corrections and the
+    A robot program (KUKA .src, .dat, ABB .mod, FANUC .ls, URScript .script) becomes the same program with other
+    numbers in its targets, in the frames of the program. The CSV has the joints to command, and the wanted poses as
+    cmd_ columns. With --output, the corrections and the
     expected errors are written to standard output. A target that cannot be corrected keeps its nominal command.
 
     Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
@@ -88,9 +97,27 @@ def correct(
     from robacc.cli.output import emit
     from robacc.errors import UsageError
     from robacc.io.files import write_text
+    from robacc.programs.reading import is_program
     from robacc.render.text.console import say_warnings
     from robacc.render.text.correct import draw_correction
 
+    if is_program(targets):
+        if output == "-" or form is PlainFormat.json or per_target is not None or frame is TargetFrame.base:
+            raise UsageError("a program needs --output, and takes no --format json, --per-target and --frame")
+        options = {
+            "ordered": ordered,
+            "payload": payload,
+            "temperature": temperature,
+            "time": time,
+            "most": most,
+            "weight": weight,
+            "beyond_range": beyond_range,
+            "scale": scale,
+        }
+        _correct_program(targets, model, nominal, frames or [], output, options)
+        return
+    if frames:
+        raise UsageError("--frames belongs to a robot program")
     if form is PlainFormat.json and output == "-":
         raise UsageError("--format json needs --output, the CSV that it describes")
     result = run_correct(
@@ -118,3 +145,17 @@ def correct(
         return
     result.write(output)
     emit(form, "-", table=lambda stream: draw_correction(result, (targets, model), stream), document=result.document)
+
+
+def _correct_program(
+    path: str, model: str, nominal: str | None, frames: list[str], output: str, options: dict[str, Any]
+) -> None:
+    """Write a program with corrected targets, and one line for what was corrected."""
+    from robacc.api.correct_program import correct_program
+    from robacc.io.files import write_bytes
+    from robacc.render.text.console import say_warnings
+
+    result = correct_program(path, model=model, nominal=nominal, frames=frames, **options)
+    say_warnings(result.warnings)
+    write_bytes(output, result.data)
+    print(f"{result.n_corrected} of {len(result.program.targets)} targets corrected in {output}")

@@ -1,0 +1,149 @@
+"""Call that corrects the targets of a robot program: ``robacc correct PROGRAM``."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.api.correct import Corrected, _nominal, correct
+from robacc.api.inputs import StrPath, load_robot
+from robacc.errors import InputError, Problem
+from robacc.geometry import Array, Poses
+from robacc.measurements import Measurements
+from robacc.programs.flange import FlangeTargets, flange_targets, joint_targets, values_at
+from robacc.programs.program import Program
+from robacc.programs.reading import read_program
+from robacc.programs.writing import with_targets
+from robacc.robots.description import Frame, Robot
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectedProgram:
+    """Program with corrected targets."""
+
+    program: Program
+    data: bytes
+    """The corrected program: the same bytes but for the numbers of targets."""
+    corrections: tuple[Corrected, ...]
+    """Corrections of the joint targets and of the Cartesian ones, as far as the program has them."""
+    unchanged: tuple[tuple[int, str, str], ...]
+    """Line, name and reason of each target that is not corrected."""
+
+    @property
+    def n_corrected(self) -> int:
+        """Number of corrected targets."""
+        return sum(result.n_corrected for result in self.corrections)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the configuration, the unchanged targets and what the program computes."""
+        lines = [f"line {line}: {name} is not corrected: {reason}" for line, name, reason in self.unchanged]
+        lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
+        if any(target.kind == "cartesian" for target in self.program.targets):
+            lines.append(
+                "configurations of Cartesian targets are not read; the joints nearest to the last joint target before "
+                "them are taken, or a solution within the limits where there is none"
+            )
+        return tuple(lines)
+
+
+def correct_program(
+    path: StrPath,
+    *,
+    model: StrPath | Robot,
+    nominal: StrPath | Robot | None = None,
+    frames: Sequence[StrPath] = (),
+    **options: Any,
+) -> CorrectedProgram:
+    """Correct the targets of a robot program.
+
+    Joint targets mean the pose that the nominal robot has there. Cartesian targets lead through their tool and base to
+    a pose of the flange in the robot's base frame. Joint and Cartesian targets are corrected each in their own order.
+
+    Args:
+        path: Program of a dialect of :func:`robacc.programs.reading.read_program`.
+        model: Robot file of the real arm.
+        nominal: Robot file that the controller computes with; None for the one that the model was fitted from.
+        frames: Files with tools and bases that the program only names.
+        options: Further arguments of :func:`robacc.api.correct.correct`.
+
+    Raises:
+        InputError: The program cannot be read, or none of its targets can be corrected.
+        UsageError: As :func:`robacc.api.correct.correct`.
+    """
+    program = read_program(path, frames)
+    if not program.targets:
+        fix = "give the file that declares them"
+        raise InputError(Problem("has no targets that can be corrected", program.file, fix=fix))
+    arm, _ = load_robot(model)
+    controller = _nominal(nominal, arm)[0]
+    flange_arm = dataclasses.replace(controller, tool=Frame(), targets={})
+    values: list[Sequence[float] | None] = [None] * len(program.targets)
+    unchanged: list[tuple[int, str, str]] = []
+    results = []
+    cartesian = flange_targets(program)
+    for index, reason in cartesian.unknown:
+        unchanged.append((program.targets[index].line, program.targets[index].name, reason))
+    numbers, q = joint_targets(program)
+    groups: list[tuple[tuple[int, ...], Measurements]] = []
+    if numbers:
+        groups.append((numbers, Measurements(np.zeros((3, len(numbers))), q=q)))
+    if cartesian.numbers:
+        groups.append((cartesian.numbers, _wanted(program, cartesian)))
+    for group, data in groups:
+        result = correct(data, model=arm, nominal=flange_arm, frame="base", **options)
+        results.append(result)
+        new = _values(program, group, result)
+        for index, value, refusal in zip(group, new, result.targets.refusals, strict=True):
+            if refusal is None:
+                values[index] = value
+            else:
+                unchanged.append((program.targets[index].line, program.targets[index].name, refusal.reason))
+    if not any(value is not None for value in values):
+        problems = [
+            Problem(f"{name} is not corrected: {reason}", program.file, line) for line, name, reason in unchanged
+        ]
+        raise InputError(problems or [Problem("no target can be corrected", program.file)])
+    return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(sorted(unchanged)))
+
+
+def _wanted(program: Program, targets: FlangeTargets) -> Measurements:
+    """Return Cartesian targets as commanded poses, with the joints that choose their configurations."""
+    q = _joints_before(program, targets.numbers)
+    flange = targets.flange
+    return Measurements(
+        np.zeros_like(flange.translation),
+        q=q,
+        commanded_position=flange.translation,
+        commanded_rotation=flange.rotation,
+    )
+
+
+def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
+    """Return the joints ``(J, N)`` of the last joint target before each Cartesian one; None without a joint target."""
+    before: dict[int, tuple[float, ...]] = {}
+    last: tuple[float, ...] | None = None
+    first: tuple[float, ...] | None = None
+    for move in program.moves:
+        target = program.targets[move.target]
+        if target.kind == "joint":
+            last = target.values
+            first = first or last
+        elif last is not None:
+            before.setdefault(move.target, last)
+    if first is None:
+        return None
+    start = first
+    return np.array([before.get(i, start) for i in numbers], dtype=float).T
+
+
+def _values(program: Program, numbers: Sequence[int], result: Corrected) -> list[tuple[float, ...]]:
+    """Return the corrected values of targets of one kind."""
+    if program.targets[numbers[0]].kind == "joint":
+        return [tuple(column) for column in result.targets.q.T.tolist()]
+    command: Poses = result.targets.pair.from_measuring(result.targets.command)
+    return values_at(program, numbers, command)

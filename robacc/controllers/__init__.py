@@ -1,0 +1,1 @@
+"""Parameters of robot controllers: a model written in their formats, and read back."""

@@ -1,0 +1,116 @@
+"""``robacc correct PROGRAM``: the real arm reaches what the program means, and only numbers change."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robacc.api.correct_program import correct_program
+from robacc.errors import InputError
+from robacc.programs.flange import flange_targets
+from robacc.programs.fresh import joint_target, write_program
+from robacc.programs.program import Dialect
+from robacc.programs.reading import read_program
+from robacc.robots.arm import Arm
+from robacc.robots.description import Frame, Robot
+from robacc.robots.yaml_robot import parse_robot
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def arms() -> tuple[Robot, Robot]:
+    """The nominal arm, and the real one with other links and zeros."""
+    path = ROOT / "configs" / "robots" / "puma560.yaml"
+    nominal = parse_robot(path.read_text(encoding="utf-8"), path.name)
+    nominal = dataclasses.replace(nominal, effects=(), tool=Frame((0.0, 0.0, 0.05)))
+    random = np.random.default_rng(4)
+    joints = [
+        dataclasses.replace(
+            joint, parameters={name: value + 5e-4 * random.normal() for name, value in joint.parameters.items()}
+        )
+        for joint in nominal.joints
+    ]
+    return nominal, dataclasses.replace(nominal, joints=tuple(joints))
+
+
+def flange(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Poses of the flange in the robot's base frame."""
+    return Arm.of(dataclasses.replace(robot, base=Frame(), tool=Frame(), targets={})).chain.forward(q).matrices()
+
+
+Q = np.array([[0.2, -0.3, 0.4, 0.3, 0.8, -0.2], [-0.4, -0.2, 0.3, -0.2, 0.7, 0.5], [0.6, -0.4, 0.2, 0.1, 1.0, 0.1]]).T
+
+
+def test_joint_targets_bring_the_real_arm_to_the_nominal_pose(tmp_path: Path) -> None:
+    nominal, real = arms()
+    path = tmp_path / "joints.script"
+    path.write_text(write_program(Dialect.urscript, [joint_target(f"t{i}", q) for i, q in enumerate(Q.T)]))
+    result = correct_program(path, model=real, nominal=nominal)
+    assert result.n_corrected == 3
+    path.write_bytes(result.data)
+    q = np.array([target.values for target in read_program(path).targets]).T
+    # Seven decimals of a radian, six joints, and less than a metre.
+    np.testing.assert_allclose(flange(real, q), flange(nominal, Q), atol=1e-6)
+
+
+def test_cartesian_targets_lead_through_tool_and_base(tmp_path: Path) -> None:
+    nominal, real = arms()
+    home = ",".join(f"{np.degrees(v):.6f}" for v in Q[:, 0])
+    unused = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+    text = f"""MODULE m
+PERS tooldata t:=[TRUE,[[10,20,150],[0.92387953,0,0.38268343,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+PERS wobjdata w:=[FALSE,TRUE,"",[[400,-100,50],[0.70710678,0,0,0.70710678]],[[0,0,0],[1,0,0,0]]];
+CONST jointtarget home:=[[{home}],{unused}];
+CONST robtarget p1:=PLACE1;
+CONST robtarget p2:=PLACE2;
+PROC main()
+  MoveAbsJ home\\NoEOffs,v100,fine,tool0;
+  MoveL p1,v100,fine,t\\WObj:=w; ! approach
+  MoveL p2,v100,fine,t\\WObj:=w;
+  MoveL Offs(p2,0,0,10),v100,fine,t\\WObj:=w;
+ENDPROC
+ENDMODULE
+"""
+    from scipy.spatial.transform import Rotation
+
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = Rotation.from_euler("z", 90, degrees=True).as_matrix(), (0.4, -0.1, 0.05)
+    tool = np.eye(4)
+    tool[:3, :3], tool[:3, 3] = Rotation.from_euler("y", 45, degrees=True).as_matrix(), (0.01, 0.02, 0.15)
+    for i, pose in enumerate(flange(nominal, Q[:, 1:]), start=1):
+        target = np.linalg.inv(base) @ pose @ tool
+        x, y, z, w = Rotation.from_matrix(target[:3, :3]).as_quat()
+        place = ",".join(f"{1e3 * value:.6f}" for value in target[:3, 3])
+        turn = ",".join(f"{value:.10f}" for value in (w, x, y, z))
+        text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[0,0,0,0],{unused}]")
+    path = tmp_path / "cell.mod"
+    path.write_text(text)
+    result = correct_program(path, model=real, nominal=nominal)
+    assert result.n_corrected == 3
+    assert any("Offs(p2" in warning for warning in result.warnings)
+    path.write_bytes(result.data)
+    commanded = flange_targets(read_program(path)).flange
+    # The joints at which the controller has the commanded poses, by the corrected joint of the same pose.
+    from robacc.api.correct import correct
+    from robacc.measurements import Measurements
+
+    direct = correct(
+        Measurements(np.zeros((3, 2)), q=Q[:, 1:]),
+        model=real,
+        nominal=dataclasses.replace(nominal, tool=Frame()),
+        frame="base",
+    )
+    np.testing.assert_allclose(commanded.matrices(), flange(nominal, direct.targets.q), atol=1e-6)
+    np.testing.assert_allclose(flange(real, direct.targets.q), flange(nominal, Q[:, 1:]), atol=1e-6)
+    assert b"! approach" in result.data
+
+
+def test_targets_without_frames_stay(tmp_path: Path) -> None:
+    nominal, real = arms()
+    with pytest.raises(InputError, match="the tool 3 is in none of the files read"):
+        correct_program(ROOT / "tests" / "programs" / "samples" / "pick.ls", model=real, nominal=nominal)
+    with pytest.raises(InputError, match="has no targets"):
+        correct_program(ROOT / "tests" / "programs" / "samples" / "nopos.ls", model=real, nominal=nominal)

@@ -1,0 +1,315 @@
+"""Controllers' formats hold the same arm: forward kinematics of the tests' own agree with those of the model."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from robacc.controllers.dh_table import dh_table
+from robacc.controllers.formats import ControllerFormat, export_model
+from robacc.controllers.import_text import parse_controller_file
+from robacc.controllers.joint_frames import joint_frames
+from robacc.controllers.restricted import remaining_error
+from robacc.errors import InputError, UsageError
+from robacc.geometry import Array
+from robacc.robots.arm import Arm
+from robacc.robots.description import Frame, Joint, Mimic, Robot
+from robacc.robots.yaml_robot import parse_robot
+
+ROOT = Path(__file__).resolve().parents[2]
+ROBOTS = sorted((ROOT / "configs" / "robots").glob("*.yaml"))
+CONF = Path(__file__).parent / "samples" / "calibration.conf"
+MICROMETRE = 1e-6
+UR10 = {
+    "d": (0.1273, 0, 0, 0.163941, 0.1157, 0.0922),
+    "a": (0, -0.612, -0.5723, 0, 0, 0),
+    "alpha": (np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0),
+}
+"""The maker's published table."""
+UR10E = {
+    "d": (0.1807, 0, 0, 0.17415, 0.11985, 0.11655),
+    "a": (0, -0.6127, -0.57155, 0, 0, 0),
+    "alpha": UR10["alpha"],
+}
+
+
+def transform(rotation: Rotation, xyz: Array | tuple[float, ...] = (0, 0, 0)) -> Array:
+    result = np.eye(4)
+    result[:3, :3] = rotation.as_matrix()
+    result[:3, 3] = xyz
+    return result
+
+
+def about(axis: str, angle: float) -> Array:
+    return transform(Rotation.from_euler(axis, angle))
+
+
+def along(x: float = 0, y: float = 0, z: float = 0) -> Array:
+    return transform(Rotation.identity(), (x, y, z))
+
+
+def of_frame(frame: Frame) -> Array:
+    return transform(Rotation.from_euler("xyz", frame.rpy), frame.xyz)
+
+
+def dh(theta: float, d: float, a: float, alpha: float) -> Array:
+    return about("z", theta) @ along(z=d) @ along(x=a) @ about("x", alpha)
+
+
+def perturbed(path: Path, seed: int = 3) -> Robot:
+    """A robot with every constant off by about a millimetre and a milliradian, Hayati's among them."""
+    robot = parse_robot(path.read_text(encoding="utf-8"), path.name)
+    random = np.random.default_rng(seed)
+    joints = [
+        dataclasses.replace(
+            joint,
+            parameters={
+                name: value + 1e-3 * random.normal() for name, value in {"beta": 0.0, **joint.parameters}.items()
+            },
+        )
+        for joint in robot.joints
+    ]
+    base = Frame((0.1, -0.2, 0.3), (0.01, 0.02, 0.5))
+    return dataclasses.replace(
+        robot, joints=tuple(joints), base=base, tool=Frame((0.05, -0.02, 0.2), (0.3, -0.4, 0.5)), effects=(), targets={}
+    )
+
+
+def samples(robot: Robot, n: int = 40) -> Array:
+    random = np.random.default_rng(5)
+    limits = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables])
+    return limits[:, :1] + (limits[:, 1:] - limits[:, :1]) * random.random((len(limits), n))
+
+
+def model_poses(robot: Robot, q: Array) -> Array:
+    return Arm.of(robot).chain.forward(q).matrices()
+
+
+def errors(first: Array, second: Array) -> tuple[float, float]:
+    position = float(np.max(np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)))
+    return position, float(np.max(np.abs(first[:, :3, :3] - second[:, :3, :3])))
+
+
+def assert_same(first: Array, second: Array, limit: float = MICROMETRE) -> None:
+    position, rotation = errors(first, second)
+    assert position < limit
+    assert rotation < limit
+
+
+@pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("is_perturbed", [False, True])
+def test_a_dh_table_gives_the_same_poses(path: Path, is_perturbed: bool) -> None:
+    robot = perturbed(path) if is_perturbed else parse_robot(path.read_text(encoding="utf-8"), path.name)
+    table = dh_table(joint_frames(robot))
+    q = samples(robot)
+    made = []
+    for values in q.T:
+        pose = of_frame(robot.base) @ table.base.matrices()
+        for row, joint, value in zip(table.rows, robot.variables, values, strict=True):
+            is_revolute = joint.type == "revolute"
+            theta, d = row.theta + value * is_revolute, row.d + value * (not is_revolute)
+            pose = pose @ dh(theta, d, row.a, row.alpha)
+        made.append(pose @ table.tool.matrices() @ of_frame(robot.tool))
+    assert_same(np.array(made), model_poses(robot, q), 1e-9)
+
+
+@pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("form", [ControllerFormat.mdh, ControllerFormat.json])
+def test_tables_and_json_are_read_back(path: Path, form: ControllerFormat) -> None:
+    robot = perturbed(path)
+    exported = export_model(robot, form)
+    if form is ControllerFormat.mdh:
+        again = parse_robot(exported.text, "mdh.yaml")
+        assert again.convention == "modified"
+    else:
+        again = parse_controller_file(exported.text, "arm.json")
+    q = samples(robot)
+    assert_same(model_poses(again, q), model_poses(robot, q), 1e-9)
+    assert exported.remaining.position_max < 1e-9
+    assert exported.not_carried == ()
+
+
+def test_json_holds_both_tables() -> None:
+    robot = perturbed(ROBOTS[0])
+    document = json.loads(export_model(robot, ControllerFormat.json).text)
+    q = samples(robot)
+
+    def frame(key: str) -> Array:
+        return of_frame(Frame(tuple(document[key]["xyz"]), tuple(document[key]["rpy"])))
+
+    modified, standard = [], []
+    for values in q.T:
+        first = second = frame("dh_base")
+        for joint, value in zip(document["joints"], values, strict=True):
+            row, other = joint["dh"], joint["modified_dh"]
+            first = first @ dh(row["theta"] + value, row["d"], row["a"], row["alpha"])
+            second = second @ about("x", other["alpha"]) @ along(x=other["a"])
+            second = second @ about("z", other["theta"] + value) @ along(z=other["d"])
+        standard.append(first @ frame("dh_tool"))
+        modified.append(second @ frame("modified_dh_tool"))
+    assert_same(np.array(standard), model_poses(robot, q), 1e-9)
+    assert_same(np.array(modified), model_poses(robot, q), 1e-9)
+
+
+def deltas(text: str) -> dict[str, list[float]]:
+    found = re.findall(r"^delta_(\w+) = \[(.*)\]$", text, re.M)
+    return {name: [float(part) for part in values.split(",")] for name, values in found}
+
+
+def ur_poses(text: str, nominal: dict[str, tuple[float, ...]], q: Array) -> Array:
+    """What the controller computes at the flange from its nominal table and a calibration file."""
+    change = deltas(text)
+    result = []
+    for values in q.T:
+        pose = np.eye(4)
+        for i, value in enumerate(values):
+            pose = pose @ dh(
+                value + change["theta"][i],
+                nominal["d"][i] + change["d"][i],
+                nominal["a"][i] + change["a"][i],
+                nominal["alpha"][i] + change["alpha"][i],
+            )
+        result.append(pose)
+    return np.array(result)
+
+
+def test_ur_calibration_makes_the_controller_compute_the_model() -> None:
+    robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
+    exported = export_model(robot, ControllerFormat.ur_calibration)
+    assert exported.arm == "ur10"
+    change = deltas(exported.text)
+    assert change["a"][5] == change["alpha"][5] == 0, "the controller has neither behind the last axis"
+    assert max(map(abs, change["d"])) > 0.1, "nearly parallel axes give large offsets, as in the maker's files"
+    q = samples(robot)
+    attained = of_frame(robot.base) @ ur_poses(exported.text, UR10, q) @ of_frame(exported.tool)
+    assert_same(attained, model_poses(robot, q))
+    assert exported.remaining.position_max < MICROMETRE
+
+
+def test_calibration_conf_is_read() -> None:
+    text = CONF.read_text(encoding="ascii")
+    robot = parse_controller_file(text, "calibration.conf", "ur10e")
+    q = samples(robot)
+    assert_same(model_poses(robot, q), ur_poses(text, UR10E, q))
+    # Its joint frames stand where the nominal arm has them, not hundreds of metres away.
+    assert max(abs(joint.parameters[axis]) for joint in robot.joints for axis in "xyz") < 0.7
+
+
+def test_calibration_conf_comes_back() -> None:
+    text = CONF.read_text(encoding="ascii")
+    robot = parse_controller_file(text, "calibration.conf", "ur10e")
+    exported = export_model(robot, ControllerFormat.ur_calibration, template=text)
+    q = samples(robot)
+    assert_same(ur_poses(exported.text, UR10E, q), ur_poses(text, UR10E, q))
+    kept = [line for line in text.splitlines() if not line.startswith("delta_")]
+    assert [line for line in exported.text.splitlines() if not line.startswith("delta_")] == kept
+
+
+def link_poses(text: str, q: Array) -> Array:
+    """What a URDF with the origins of a kinematics file computes at the last joint's frame."""
+    links = {name: value for name, value in yaml.safe_load(text)["kinematics"].items() if name != "hash"}
+    result = []
+    for values in q.T:
+        pose = np.eye(4)
+        for link, value in zip(links.values(), values, strict=True):
+            rpy = (link["roll"], link["pitch"], link["yaw"])
+            pose = pose @ transform(Rotation.from_euler("xyz", rpy), (link["x"], link["y"], link["z"]))
+            pose = pose @ about("z", value)
+        result.append(pose)
+    return np.array(result)
+
+
+@pytest.mark.parametrize(("form", "name"), [(ControllerFormat.ur_kinematics, "ur10"), (ControllerFormat.xarm, "panda")])
+def test_ros_kinematics_files_hold_the_arm(form: ControllerFormat, name: str) -> None:
+    robot = perturbed(ROOT / "configs" / "robots" / f"{name}.yaml")
+    exported = export_model(robot, form)
+    q = samples(robot)
+    attained = of_frame(robot.base) @ link_poses(exported.text, q) @ of_frame(exported.tool)
+    assert_same(attained, model_poses(robot, q), 1e-9)
+    again = parse_controller_file(exported.text, "kinematics.yaml")
+    assert_same(model_poses(again, q), link_poses(exported.text, q), 1e-9)
+    assert len(again.joints) == len(robot.joints)
+
+
+def test_the_hash_of_the_arm_is_kept() -> None:
+    robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
+    template = "kinematics:\n  shoulder: {}\n  hash: calib_12345\n"
+    text = export_model(robot, ControllerFormat.ur_kinematics, template=template).text
+    assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12345"
+
+
+@pytest.mark.parametrize("form", [ControllerFormat.urdf, ControllerFormat.mdh])
+def test_effects_that_a_format_lacks_are_fitted_not_cut_off(form: ControllerFormat) -> None:
+    path = ROOT / "configs" / "robots" / "puma560.yaml"
+    rigid = parse_robot(path.read_text(encoding="utf-8"), path.name)
+    entry = {"effect": "joint_compliance", "joints": ["j2", "j3"], "values": {"j2": 2e-5, "j3": 3e-5}}
+    names = rigid.variable_names
+    entry = {**entry, "joints": [names[1], names[2]], "values": {names[1]: 2e-5, names[2]: 3e-5}}
+    model = dataclasses.replace(rigid, effects=(entry,))
+    exported = export_model(model, form)
+    cut_off = remaining_error(model, rigid)
+    assert exported.refitted == ("joint_compliance",)
+    assert 0 < exported.remaining.position_rms < 0.8 * cut_off.position_rms
+    assert exported.remaining.position_max >= exported.remaining.position_rms
+
+
+def test_joint_offsets_are_those_of_the_model() -> None:
+    path = ROOT / "configs" / "robots" / "ur10.yaml"
+    nominal = parse_robot(path.read_text(encoding="utf-8"), path.name)
+    offsets = np.array([1.0, -2.0, 3.0, -0.5, 0.25, 1.5]) * 1e-3
+    joints = [
+        dataclasses.replace(joint, parameters={**joint.parameters, "theta": joint.parameters["theta"] + offset})
+        for joint, offset in zip(nominal.joints, offsets, strict=True)
+    ]
+    model = dataclasses.replace(nominal, joints=tuple(joints), tool=Frame((0.1, 0.0, 0.1)))
+    exported = export_model(model, ControllerFormat.joint_offsets, nominal=nominal)
+    rows = [line.split(",") for line in exported.text.splitlines() if not line.startswith("#")][1:]
+    np.testing.assert_allclose([float(row[1]) for row in rows], np.degrees(offsets), atol=1e-6)
+    assert exported.remaining.position_max < MICROMETRE
+    off_table = export_model(perturbed(path), ControllerFormat.joint_offsets, nominal=nominal)
+    assert off_table.remaining.position_rms > 1e-4, "link lengths cannot be mastered away"
+
+
+def test_arms_that_do_not_fit_a_format_are_refused() -> None:
+    puma = parse_robot(ROBOTS[2].read_text(encoding="utf-8"), "x")
+    with pytest.raises(UsageError, match="arms of Universal Robots"):
+        export_model(perturbed(ROOT / "configs" / "robots" / "puma560.yaml"), ControllerFormat.ur_calibration)
+    with pytest.raises(UsageError, match="revolute joints only"):
+        export_model(perturbed(ROOT / "configs" / "robots" / "scara.yaml"), ControllerFormat.xarm)
+    with pytest.raises(UsageError, match="needs the nominal model"):
+        export_model(puma, ControllerFormat.joint_offsets)
+    first = puma.joints[0]
+    follower = Joint("follower", "revolute", dict(first.parameters), mimic=Mimic(first.name))
+    with pytest.raises(UsageError, match="follower follows other joints"):
+        export_model(dataclasses.replace(puma, joints=(*puma.joints, follower)), ControllerFormat.json)
+
+
+@pytest.mark.parametrize(
+    ("text", "arm", "message"),
+    [
+        ("delta_theta = [ 0, 0, 0, 0, 0]\n", "ur5", ":1: delta_theta needs six numbers"),
+        ("delta_theta = [ 0, 0, 0, 0, 0, 0]\n", "ur5", "delta_a, delta_d, delta_alpha is missing"),
+        ("kinematics:\n  joint1: {x: 0, y: 0}\n", None, r":2, kinematics.joint1.z: is missing"),
+        ("kinematics:\n  arm: {x: 0, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}\n", None, "the joints are arm"),
+        ("robot: 1\n", None, "has no key kinematics"),
+        ("{", None, "is not JSON"),
+        ("{}", None, "is no kinematics file of robacc"),
+        ('{"schema": "robacc.kinematics/1", "joints": [{}]}', None, "a key is missing"),
+    ],
+)
+def test_bad_files_are_refused(text: str, arm: str | None, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        parse_controller_file(text, "file", arm)
+
+
+def test_calibration_conf_needs_its_arm() -> None:
+    text = CONF.read_text(encoding="ascii")
+    with pytest.raises(UsageError, match="does not say which arm it belongs to; name the arm, one of ur3"):
+        parse_controller_file(text, "calibration.conf")

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from robacc.errors import RobaccError as RobaccError
     from robacc.errors import UsageError as UsageError
     from robacc.measurements import Measurements as Measurements
+    from robacc.poses.reading import PoseFile as PoseFile
     from robacc.robots.description import Robot as Robot
 
 _HOMES = {
@@ -59,6 +60,7 @@ _HOMES = {
     "InputError": "errors",
     "Iso9283": "api.iso9283",
     "Measurements": "measurements",
+    "PoseFile": "poses.reading",
     "Predicted": "api.predict",
     "Problem": "errors",
     "Result": "api.result",

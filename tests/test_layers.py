@@ -48,6 +48,7 @@ OPENS_FILES = (
     "robacc.documents.read_result",
     "robacc.modelling.robot_file",
     "robacc.programs.reading",
+    "robacc.poses.column_map",
     "robacc.api.",
     "robacc.cli.",
 )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
 from robacc.measurements import Measurements
+from robacc.poses.plausibility import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.robots.description import Robot
 
 _LEADING_AXES: dict[str, tuple[int, ...]] = {
@@ -27,8 +28,13 @@ _ROTATION_TOLERANCE = 1e-3
 """Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit length."""
 
 
-def checked_poses(data: Measurements, robot: Robot | None = None) -> Measurements:
+def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units: bool = True) -> Measurements:
     """Return poses made of arrays or lists with every field as a float array of the right shape; ids become text.
+
+    Args:
+        data: The arrays.
+        robot: Robot whose joints they are.
+        check_units: Raise an error for values that cannot be in m and rad.
 
     Raises:
         InputError: An array has the wrong shape or a value that is not finite, a matrix is not a rotation, or the
@@ -36,15 +42,18 @@ def checked_poses(data: Measurements, robot: Robot | None = None) -> Measurement
     """
     columns = {name: getattr(data, name) for name in (*_LEADING_AXES, *_JOINT_FIELDS, *_TEXT_FIELDS)}
     arrays = {name: np.asarray(column) for name, column in columns.items() if column is not None}
-    n = arrays["position"].shape[-1] if arrays["position"].ndim else 0
+    n = _pose_count(arrays["position"])
     problems: list[Problem] = []
     for name, array in arrays.items():
         leading = _LEADING_AXES.get(name, () if name in _TEXT_FIELDS else _joint_axis(array, robot))
         if array.shape != (*leading, n):
             expected = ", ".join(map(str, (*leading, n)))
-            problems.append(_problem(data, name, f"expected an array of shape ({expected}), found {array.shape}"))
+            message = f"expected an array of shape ({expected}), found {array.shape}"
+            problems.append(_problem(data, name, message, _transposed(name, array, (n, *leading))))
         elif name not in _TEXT_FIELDS:
             problems += _number_problems(data, name, array)
+    if check_units and not problems and data.source is None:  # columns of a file were checked with their units
+        problems = _unit_problems(data, arrays, robot)
     if problems:
         raise InputError(problems)
     changes: dict[str, Any] = {
@@ -88,5 +97,44 @@ def _number_problems(data: Measurements, name: str, array: NDArray[Any]) -> list
     return []
 
 
-def _problem(data: Measurements, name: str, message: str) -> Problem:
-    return Problem(message, data.source, column=name)
+def _pose_count(position: NDArray[Any]) -> int:
+    """Return the number of poses, also of an array whose poses come first."""
+    if position.ndim == 2 and position.shape[1] == 3 != position.shape[0]:
+        return int(position.shape[0])
+    return int(position.shape[-1]) if position.ndim else 0
+
+
+def _transposed(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> str | None:
+    """Return the advice for an array whose poses come first, where its shape is ``shape``."""
+    if array.shape != shape or array.ndim < 2:
+        return None
+    call = f"{name}.T" if array.ndim == 2 else f"numpy.moveaxis({name}, 0, -1)"
+    return f"components come first and poses last, so give {call}"
+
+
+def _unit_problems(data: Measurements, arrays: dict[str, NDArray[Any]], robot: Robot | None) -> list[Problem]:
+    """Return a problem for each array that is in mm or degrees, as far as its values show it."""
+    problems = []
+    if not arrays["position"].size:
+        return []
+    for name in ("position", "commanded_position"):
+        if name in arrays and lengths_too_large(arrays[name]):
+            largest = f"{np.max(np.abs(arrays[name])):.4g}"
+            problems.append(_problem(data, name, f"found positions up to {largest}, which cannot be m", "give metres"))
+    joints = () if robot is None else robot.variables
+    for i, q in enumerate(arrays.get("q", ())):
+        revolute = i >= len(joints) or joints[i].type == "revolute"
+        if revolute and robot is not None and degrees_likely(q, joints[i].limits):
+            largest = f"{np.max(np.abs(arrays['q'])):.4g}"
+            message = f"found joint angles up to {largest}, which cannot be rad"
+            problems.append(_problem(data, "q", message, "give radians: numpy.radians(q)"))
+            break
+    for name, kind in (("sigma_position", "length"), ("sigma_rotation", "angle")):
+        if name in arrays and doubtful_sigma(arrays[name], kind)[0]:
+            typical = f"{np.median(arrays[name]):.3g} {'m' if kind == 'length' else 'rad'}"
+            problems.append(_problem(data, name, f"found a typical uncertainty of {typical}, which no instrument has"))
+    return problems
+
+
+def _problem(data: Measurements, name: str, message: str, fix: str | None = None) -> Problem:
+    return Problem(message, data.source, column=name, fix=fix)

@@ -15,6 +15,7 @@ from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
+from robacc.poses.reading import PoseFile
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
@@ -135,6 +136,15 @@ def load_poses(
     from robacc.diagnostics.robot_poses import read_robot_poses
 
     path = os.fspath(source)
+    if isinstance(path, PoseFile) and path.reading.commanded is not None and attained:
+        from robacc.api.commanded import read_with_commands
+
+        data, commands = read_with_commands(
+            path, path.reading.commanded, robot, ordered=ordered, ignore_limits=ignore_limits
+        )
+        record = InputFile.at(path, data.sha256 or "", kind)
+        stated = {**(record.reading or {}), "commanded": commands.name, "commanded_sha256": commands.sha256}
+        return require_poses(data), dataclasses.replace(record, reading=stated)
     if robot is None:
         from robacc.poses.csv_file import read_poses
 

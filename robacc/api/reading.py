@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 
 from robacc.api.arrays import checked_poses
 from robacc.api.inputs import StrPath, load_poses, with_si_effects
 from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
+from robacc.poses.reading import PoseFile
 from robacc.robots.description import Robot
 
-__all__ = ["read_poses", "read_result", "read_robot", "write_poses", "write_robot"]
+__all__ = ["PoseFile", "read_poses", "read_result", "read_robot", "write_poses", "write_robot"]
 
 
 def read_poses(
-    path: StrPath, *, robot: Robot | None = None, ordered: bool = False, ignore_limits: bool = False
+    path: StrPath,
+    *,
+    robot: Robot | None = None,
+    ordered: bool = False,
+    ignore_limits: bool = False,
+    angles: str | None = None,
+    units: str | None = None,
+    columns: StrPath | Mapping[str, str | None] | None = None,
+    skip_gaps: bool = False,
+    coverage: float | None = None,
+    sheet: str | None = None,
+    commanded: StrPath | None = None,
 ) -> Measurements:
-    """Read and check the measured poses of a CSV file.
+    """Read and check the measured poses of a file.
 
     Args:
         path: File to read; ``-`` is standard input.
@@ -26,6 +39,13 @@ def read_poses(
             directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
+        angles: Convention of three angles that form an orientation, such as ``fixed-xyz``.
+        units: Units of columns whose names have none, such as ``mm,deg``.
+        columns: Column map (YAML), or documented names by the names in the file.
+        skip_gaps: Leave out rows with a missing value, with a warning.
+        coverage: Coverage factor of uncertainties that the file calls U.
+        sheet: Sheet of a workbook.
+        commanded: Robot program, or table of joints or commanded poses, whose rows were measured.
 
     Returns:
         Arrays in SI units, components first and poses last: ``position`` is ``(3, N)``, ``q`` is ``(J, N)``.
@@ -39,6 +59,10 @@ def read_poses(
         >>> data.n, data.position.shape
         (60, (3, 60))
     """
+    stated = {"angles": angles, "units": units, "columns": columns, "coverage": coverage, "sheet": sheet}
+    stated["commanded"] = commanded
+    if skip_gaps or any(value is not None for value in stated.values()):
+        path = PoseFile(path, skip_gaps=skip_gaps, **stated)  # type: ignore[arg-type]
     return load_poses(os.fspath(path), robot, ordered=ordered, ignore_limits=ignore_limits)[0]
 
 
@@ -51,7 +75,7 @@ def write_poses(path: StrPath, data: Measurements) -> None:
     from robacc.io.files import write_pieces
     from robacc.poses.csv_file import pose_pieces
 
-    write_pieces(path, pose_pieces(checked_poses(data)))
+    write_pieces(path, pose_pieces(checked_poses(data, check_units=False)))
 
 
 def write_robot(path: StrPath, robot: Robot) -> None:

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from robacc.cli.reading import POSE_PARAMETERS, with_reading_options
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.render.text.console import say_error, say_interrupted
 from robacc.version import __version__
@@ -93,7 +94,10 @@ def _load(name: str) -> Any:
     """Import the module of a command and return the command."""
     program, module = typer.Typer(add_completion=False, rich_markup_mode=None), name.replace("-", "_")
     module = f"{module}_" if iskeyword(module) else module
-    program.command(name, cls=CheckedCommand)(getattr(import_module(f"robacc.cli.commands.{module}"), module))
+    function = getattr(import_module(f"robacc.cli.commands.{module}"), module)
+    if name in POSE_PARAMETERS:
+        function = with_reading_options(function, POSE_PARAMETERS[name])
+    program.command(name, cls=CheckedCommand)(function)
     return typer.main.get_command(program)
 
 

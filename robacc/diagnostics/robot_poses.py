@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 
 import numpy as np
@@ -10,6 +11,7 @@ from robacc.accuracy.pose_errors import commanded_poses
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import read_poses
 from robacc.poses.plausibility import check_scale
+from robacc.robots.assembly import build_chain
 from robacc.robots.description import Robot
 
 _SCALE_SAMPLE = 2000
@@ -46,10 +48,22 @@ def read_robot_poses(
         ordered=ordered,
         ignore_limits=ignore_limits,
         attained=attained,
+        orientation_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q).rotation,
     )
-    if attained and data.q is not None and data.n > 1:
-        # Rows at an uneven step, so that repeated visits of one pose are not sampled alone.
-        sample = data.subset(np.linspace(0, data.n - 1, min(data.n, _SCALE_SAMPLE)).astype(int))
-        nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
-        check_scale(sample.position, nominal, data.source)
+    if attained:
+        check_size(data, robot)
     return data
+
+
+def check_size(data: Measurements, robot: Robot) -> None:
+    """Raise an error for positions in another unit than the robot's lengths.
+
+    Raises:
+        InputError: The spread of the positions is about 1000 times too large or too small.
+    """
+    if data.q is None or data.n < 2:
+        return
+    # Rows at an uneven step, so that repeated visits of one pose are not sampled alone.
+    sample = data.subset(np.linspace(0, data.n - 1, min(data.n, _SCALE_SAMPLE)).astype(int))
+    nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
+    check_scale(sample.position, nominal, data.source)

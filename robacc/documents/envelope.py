@@ -8,6 +8,7 @@ from pathlib import PurePath
 from typing import Any
 
 from robacc.documents.digits import significant_document
+from robacc.poses.reading import PoseFile
 from robacc.version import __version__
 
 _SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
@@ -24,11 +25,19 @@ class InputFile:
     """Digest of the file's bytes, hexadecimal."""
     kind: str
     """``poses``, ``robot``, ``scale`` …"""
+    reading: Mapping[str, Any] | None = None
+    """Statements of the user on names of the file, such as units."""
 
     @classmethod
     def at(cls, path: str, sha256: str, kind: str) -> InputFile:
         """Return the record of the file at ``path``."""
-        return cls(path if path == "-" else PurePath(path).name, sha256, kind)
+        reading = path.reading.document() if isinstance(path, PoseFile) else None
+        return cls(str(path) if path == "-" else PurePath(path).name, sha256, kind, reading)
+
+    def document(self) -> dict[str, Any]:
+        """Return the record as it stands in a result."""
+        reading = {"reading": dict(self.reading)} if self.reading else {}
+        return {"name": self.name, "sha256": self.sha256, "kind": self.kind, **reading}
 
 
 def schema_version(command: str) -> int:
@@ -60,7 +69,7 @@ def envelope(
         "robacc": __version__,
         "command": command,
         "options": dict(options),
-        "inputs": [{"name": file.name, "sha256": file.sha256, "kind": file.kind} for file in inputs],
+        "inputs": [file.document() for file in inputs],
         "seed": seed,
         **significant_document(payload),
     }

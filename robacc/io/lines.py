@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import stat
 import threading
@@ -21,6 +22,9 @@ _BLOCK = 1 << 18
 """Bytes split at a time: the block, its lines and its numbers fit the second-level cache."""
 _BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_UTF16_LIMIT = 1 << 28
+"""Largest UTF-16 file, bytes: it is decoded in one piece."""
+_MOST_LINES = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +40,12 @@ class LineReader:
     """Reader of UTF-8 lines with any line end; it counts lines and computes the digest of the bytes."""
 
     def __init__(self, stream: BinaryIO, log: ProblemLog) -> None:
-        """Read ``stream``; bytes that are not UTF-8 go to ``log``."""
+        """Read ``stream``; ``log`` names the file in errors."""
         self._stream = stream
         self._log = log
+        self.encoding = "UTF-8"
+        self.not_utf8: list[Problem] = []
+        """Lines with bytes that are not UTF-8, up to :data:`_MOST_LINES`; they were read as Windows-1252."""
         self._digest = _Digest()
         self._size = _size(stream)
         self._consumed = 0
@@ -77,13 +84,33 @@ class LineReader:
             data += tail
             if len(tail) == MAX_LINE and not tail.endswith(b"\n"):
                 raise self._too_long(number + data.count(b"\n"))
-        self._digest.update(data)
-        if (number == 1 and data.startswith(_UTF16)) or b"\0" in data:
-            message = "the file is not UTF-8 text (it is UTF-16 or binary)"
-            raise InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
+        if self.encoding != "UTF-16":
+            self._digest.update(data)
+            if number == 1 and data.startswith(_UTF16):
+                return self._transcoded(data)
+        if b"\0" in data:
+            raise self._binary()
         if number == 1:
             data = data.removeprefix(_BOM)
         return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
+
+    def _transcoded(self, start: bytes) -> bytes:
+        """Return the first piece of a UTF-16 file as UTF-8, after reading all of it."""
+        data = start + self._stream.read(_UTF16_LIMIT - len(start))
+        if len(data) >= _UTF16_LIMIT:
+            raise InputError(Problem("the UTF-16 file is too large", self._log.file, fix="save it as UTF-8"))
+        self._digest.update(data[len(start) :])
+        try:
+            text = data.decode("utf-16")
+        except UnicodeDecodeError:
+            raise self._binary() from None
+        self.encoding, self._size = "UTF-16", 0
+        self._stream = io.BytesIO(text.encode("utf-8", errors="replace"))
+        return self._piece(1)
+
+    def _binary(self) -> InputError:
+        message = "the file is not UTF-8 text (it is UTF-16 or binary)"
+        return InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
 
     def _end_of_block(self, piece: bytes, start: int, number: int) -> int:
         end = piece.rfind(b"\n", start, start + _BLOCK) + 1 or piece.find(b"\n", start) + 1 or len(piece)
@@ -108,9 +135,11 @@ class LineReader:
         try:
             return line.decode()
         except UnicodeDecodeError as error:
-            message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
-            self._log.add(message, number, fix="save the file as UTF-8")
-            return line.decode(errors="replace")
+            if len(self.not_utf8) < _MOST_LINES:
+                message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
+                problem = Problem(message, self._log.file, number, fix="save the file as UTF-8")
+                self.not_utf8.append(problem)
+            return line.decode("cp1252", errors="replace")
 
 
 class _Digest:

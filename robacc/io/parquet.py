@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody
+from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody, TableOptions
 
 if TYPE_CHECKING:
     import pyarrow
@@ -40,7 +40,7 @@ _INDEX = re.compile(r"__index_level_\d+__")
 class ParquetReader:
     """Reader of one Parquet file: first :meth:`header`, then :meth:`body`."""
 
-    def __init__(self, stream: BinaryIO, file: str) -> None:
+    def __init__(self, stream: BinaryIO, file: str, options: TableOptions | None = None) -> None:
         """Read ``stream``, called ``file`` in messages.
 
         Raises:
@@ -57,6 +57,8 @@ class ParquetReader:
         self._sha256 = ""
         self._opened: ParquetFile | None = None
         self._names: list[str] = []
+        self._skip_gaps = options is not None and options.skip_gaps
+        self._gaps: set[int] = set()
 
     @property
     def sha256(self) -> str:
@@ -82,6 +84,10 @@ class ParquetReader:
         if not 0 <= rows <= _MOST_ROWS:
             raise self._error(f"found {rows} rows", f"expected at most {_MOST_ROWS}")
         return Header(tuple(name.strip() for name in self._names), None)
+
+    def description(self) -> str:
+        """Return nothing: a Parquet file has one form."""
+        return ""
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
@@ -114,7 +120,8 @@ class ParquetReader:
                 n_read = end
         if n_read != n:
             raise self._damaged(f"its header announces {n} rows, the data has another number")
-        return TableBody(table, tuple(map(np.concatenate, columns)), np.arange(1, n + 1, dtype=np.int64))
+        body = TableBody(table, tuple(map(np.concatenate, columns)), np.arange(1, n + 1, dtype=np.int64))
+        return body.without(self._gaps)
 
     def _seekable(self) -> BinaryIO:
         """Return the stream, or the content of a pipe, and store its digest."""
@@ -170,6 +177,9 @@ class ParquetReader:
         values: Array = column.cast(float64(), safe=False).to_numpy(zero_copy_only=False)
         rows = np.arange(first + 1, first + 1 + len(values))
         infinite = ~np.isfinite(values) & ~missing
+        if self._skip_gaps:
+            self._gaps.update(rows[missing | infinite].tolist())
+            return values
         if missing.any():
             self.log.add_rows(missing, rows, name, lambda i: "the value is missing, expected a number")
         if infinite.any():

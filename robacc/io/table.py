@@ -1,4 +1,4 @@
-"""Read a CSV file as columns of numbers and text, with every problem found in one pass.
+"""Read a text table as columns of numbers and text, with every problem found in one pass.
 
 :func:`numpy.loadtxt` parses a block of lines. A block that it refuses, or that has a value that is not finite, is
 parsed field by field to locate each problem.
@@ -7,9 +7,10 @@ parsed field by field to locate each problem.
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -18,12 +19,29 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
+from robacc.io.dialect import PLAIN, TableDialect, find_dialect
 from robacc.io.lines import Block, LineReader
 from robacc.io.problem_log import ProblemLog, clip
 
 MAX_COLUMNS = 2000
+_GAPS = frozenset(
+    {"", "-", "--", "---", "----", "nan", "-nan", "inf", "-inf", "+inf", "n/a", "#n/a", "na", "null", "none"}
+)
+"""Entries for a value that was not measured, in small letters."""
 MAX_TEXT = 256
 """Characters of an id; text columns are as wide as their longest entry."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableOptions:
+    """Freedom that a reader has."""
+
+    is_known: Callable[[str], bool] | None = None
+    """Whether a name is a documented one; None: only the documented form of a table is read."""
+    skip_gaps: bool = False
+    """Leave out rows with a missing value, in place of a problem for each."""
+    sheet: str | None = None
+    """Sheet of a workbook; None for its only sheet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +51,8 @@ class Header:
     names: tuple[str, ...]
     line: int | None
     """1-based line of the names; None where the file has no lines."""
+    dialect: TableDialect = PLAIN
+    """Form of the table, where it is not the documented one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +65,28 @@ class TableBody:
     """Columns of text, ``(N,)`` each."""
     lines: NDArray[np.int64]
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
+    gaps: tuple[int, ...] = ()
+    """Lines of the rows that were left out because a value is missing."""
+
+    def without(self, gaps: Collection[int]) -> TableBody:
+        """Return the rows that are not on the lines ``gaps``."""
+        if not gaps:
+            return self
+        complete = ~np.isin(self.lines, list(gaps))
+        texts = tuple(column[complete] for column in self.texts)
+        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)))
 
 
 class TableReader:
-    """Reader of one CSV file from front to back: first :meth:`header`, then :meth:`body`."""
+    """Reader of one text table from front to back: first :meth:`header`, then :meth:`body`."""
 
-    def __init__(self, stream: BinaryIO, file: str) -> None:
+    def __init__(self, stream: BinaryIO, file: str, options: TableOptions | None = None) -> None:
         """Read ``stream``, called ``file`` in messages."""
         self.file = file
         self.log = ProblemLog(file)
+        self.options = options or TableOptions()
+        self._dialect = PLAIN
+        self._gaps: set[int] = set()
         self._reader = LineReader(stream, self.log)
         self._blocks = self._reader.blocks()
         self._pending: Block | None = None
@@ -70,9 +103,12 @@ class TableReader:
         Raises:
             InputError: The file has no such line, or cannot be a comma-separated table.
         """
-        for block in self._blocks:
+        first = next(self._blocks, Block([], 1))
+        if self.options.is_known and (dialect := find_dialect(first.lines, self.options.is_known)) is not None:
+            return self._foreign_header(first, dialect)
+        for block in itertools.chain((first,), self._blocks):
             for i, line in enumerate(block.lines):
-                if not _is_row(line):
+                if not PLAIN.is_row(line):
                     continue
                 number = block.first + i
                 self._names = _header_names(line, number, self.file)
@@ -81,6 +117,26 @@ class TableReader:
         raise InputError(
             Problem("the file is empty", self.file, fix="expected a header row of column names and one row a pose")
         )
+
+    def _foreign_header(self, first: Block, dialect: TableDialect) -> Header:
+        """Return the names of a table in another form; columns without names are numbered."""
+        self._dialect = dialect
+        width = len(dialect.names) or len(dialect.split(first.lines[dialect.first_row]))
+        if width > MAX_COLUMNS:
+            problem = Problem(f"found {width} columns", self.file, fix=f"expected at most {MAX_COLUMNS}")
+            raise InputError(problem)
+        self._names = dialect.names or tuple(f"column {i + 1}" for i in range(width))
+        self._pending = Block(first.lines[dialect.first_row :], first.first + dialect.first_row)
+        line = dialect.first_row if dialect.header_line is None else dialect.header_line
+        return Header(self._names, first.first + line, dialect)
+
+    def description(self) -> str:
+        """Return how the table differs from the documented form, for a message; empty where it does not."""
+        encoding = self._reader.encoding
+        if self._reader.not_utf8:
+            encoding = "Windows-1252"
+        parts = [self._dialect.description(), "" if encoding == "UTF-8" else encoding]
+        return ", ".join(part for part in parts if part)
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
@@ -93,7 +149,11 @@ class TableReader:
             lines.append(parsed.lines)
             for column, part in zip(columns, parsed.texts, strict=True):
                 column.append(part)
-        return TableBody(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
+        if self._dialect is PLAIN:
+            for problem in self._reader.not_utf8:
+                self.log.add(problem.message, problem.line, fix=problem.fix)
+        body = TableBody(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
+        return body.without(self._gaps)
 
     def _remaining(self) -> Iterator[Block]:
         if self._pending is not None and self._pending.lines:
@@ -105,7 +165,7 @@ class TableReader:
         parsed = self._parse_fast(block.lines, numbers, texts)
         if parsed is not None and parsed.numbers.shape[1] == len(block.lines):
             return TableBody(parsed.numbers, parsed.texts, parsed.lines + block.first)
-        rows = [i for i, line in enumerate(block.lines) if _is_row(line)]
+        rows = [i for i, line in enumerate(block.lines) if self._dialect.is_row(line)]
         lines = [block.lines[i] for i in rows]
         parsed = self._parse_fast(lines, numbers, texts) if len(rows) < len(block.lines) else None
         if parsed is None:
@@ -119,13 +179,23 @@ class TableReader:
         # Without a type for every column a row with too many fields would pass unnoticed.
         kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(n_columns)]
         dtype = np.dtype(float) if only_numbers else np.dtype([(f"f{i}", kind) for i, kind in enumerate(kinds)])
-        if texts and any('"' in line for line in lines):
+        dialect = self._dialect
+        if (texts and (dialect.decimal_comma or any('"' in line for line in lines))) or (
+            dialect is not PLAIN and any('"' in line for line in lines)
+        ):
             return None
+        if dialect.decimal_comma:
+            lines = [line.replace(",", ".") for line in lines]
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # NumPy warns of a block without rows
                 table: NDArray[Any] = np.loadtxt(
-                    lines, dtype, comments=None, delimiter=",", ndmin=2 if only_numbers else 1, encoding="utf-8"
+                    lines,
+                    dtype,
+                    comments=None,
+                    delimiter=dialect.separator,
+                    ndmin=2 if only_numbers else 1,
+                    encoding="utf-8",
                 )
         except ValueError:
             return None
@@ -164,14 +234,16 @@ class TableReader:
 
     def _fields(self, number: int, line: str) -> list[str] | None:
         try:
-            fields = split_fields(line)
+            fields = self._dialect.split(line)
         except csv.Error as error:
             self.log.add(f"the row cannot be read ({error})", number, fix="close every quote on its line")
             return None
         n_fields, expected = len(fields), len(self._names)
         if n_fields == expected and any(fields):
             return fields
-        if not any(fields):
+        if self.options.skip_gaps and n_fields < expected:
+            self._gaps.add(number)
+        elif not any(fields):
             self.log.add("every field of the row is empty", number, fix="delete the line")
         else:
             comma = "write decimals with a point, not a comma" if n_fields > 1.5 * expected else None
@@ -179,9 +251,14 @@ class TableReader:
         return None
 
     def _number(self, field: str, line: int, column: str) -> float:
+        if self.options.skip_gaps and field.lower() in _GAPS:
+            self._gaps.add(line)
+            return math.nan
         if not field:
             self.log.add("the value is missing, expected a number", line, column)
             return math.nan
+        if self._dialect.decimal_comma and "." not in field:
+            field = field.replace(",", ".")
         try:
             # float() also accepts 1_000 and digits of other scripts, which are not numbers in a CSV file.
             value = float(field) if field.isascii() and "_" not in field else None
@@ -231,22 +308,6 @@ class _GrowingColumns:
         return self._numbers[:, : self._size]
 
 
-def split_fields(line: str) -> list[str]:
-    """Return the fields of one line, stripped.
-
-    Raises:
-        csv.Error: Quotes do not match.
-    """
-    if '"' not in line:
-        return [field.strip() for field in line.split(",")]
-    return [field.strip() for field in next(csv.reader((line,), strict=True, skipinitialspace=True))]
-
-
-def _is_row(line: str) -> bool:
-    stripped = line.lstrip()
-    return bool(stripped) and not stripped.startswith("#")
-
-
 def _header_names(line: str, number: int, file: str) -> tuple[str, ...]:
     """Return the names of the header row.
 
@@ -260,7 +321,7 @@ def _header_names(line: str, number: int, file: str) -> tuple[str, ...]:
     if line.count(",") >= MAX_COLUMNS:
         raise error_of(f"found {line.count(',') + 1} columns", f"expected at most {MAX_COLUMNS}")
     try:
-        names = tuple(split_fields(line))
+        names = tuple(PLAIN.split(line))
     except csv.Error as error:
         raise error_of(f"the header row cannot be read ({error})", "close every quote on its line") from error
     for separator, separator_name in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog, clip
 from robacc.poses.columns import AXES, QUATERNION, SIGMAS
+from robacc.poses.foreign_columns import compact
 from robacc.poses.layout import Layout, listing
 from robacc.poses.plausibility import (
     EXCESS_TOLERANCE,
@@ -215,6 +216,8 @@ class UnitChecks:
         if self.values.lines.size == 0:
             return frozenset()
         layout = self.values.layout
+        if layout.without_unit:
+            return self._ask_units()
         wrong_joints = self._joints(limits)
         too_large = [keys for keys in (AXES, COMMANDED_AXES) if self._lengths(keys)]
         if not too_large:
@@ -225,6 +228,23 @@ class UnitChecks:
         for keys in (SIGMAS, ("sigma_r",)):
             self._sigma(keys)
         return wrong_joints
+
+    def _ask_units(self) -> frozenset[str]:
+        """Report the columns of an export that need a unit, with what their values suggest; return their joints."""
+        columns = self.values.layout.without_unit
+        sizes = {}
+        for kind, quantity in (("length", "lengths"), ("angle", "angles"), ("joint", "joint variables")):
+            values = [self.values.column(column.key) for column in columns if column.kind == kind]
+            largest = max((float(np.max(np.abs(value))) for value in values if value is not None), default=None)
+            if largest is not None:
+                sizes[quantity] = f"{quantity} up to {largest:.4g}"
+        self.log.add(
+            f"these columns state no unit ({', '.join(sizes.values())})",
+            self.line,
+            compact([column.name for column in columns]),
+            "give `units`, for example mm,deg or m,rad",
+        )
+        return frozenset(self.values.layout.joints())
 
     def _refuse(self, keys: Sequence[str], message: str, unit: str, likely_unit: str) -> None:
         columns = [self.values.layout.columns[key] for key in keys]

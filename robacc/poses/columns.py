@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from robacc.io.problem_log import ProblemLog
+from robacc.poses.headings import TIME_KEYS
 
 Kind = Literal["length", "angle", "joint", "ratio", "number", "text"]
 
@@ -21,6 +22,20 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "deg": ("angle", 180.0 / math.pi),
 }
 """Quantity of each unit, and how many make one SI unit (x / 1e3 rounds once, x * 1e-3 twice)."""
+
+FOREIGN_UNITS: Mapping[str, tuple[str, float]] = {
+    "in": ("length", 1.0 / 0.0254),
+    "s": ("time", 1.0),
+    "ms": ("time", 1e3),
+    "us": ("time", 1e6),
+    "ns": ("time", 1e9),
+    "min": ("time", 1.0 / 60.0),
+    "h": ("time", 1.0 / 3600.0),
+    "kg": ("mass", 1.0),
+    "g": ("mass", 1e3),
+    "degC": ("temperature", 1.0),
+}
+"""The same for units that only names of instruments carry: no documented name ends in them."""
 
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -60,12 +75,15 @@ class Column:
     """Documented name without a unit: ``q1``, ``cmd_x``, ``dir_q2``."""
     kind: Kind
     unit: str | None
-    """Unit in the name; None for a bare name, which is SI."""
+    """Unit in the name, or as stated by the user; None for a bare name, which is SI."""
+    coverage: float = 1.0
+    """Coverage factor of an uncertainty."""
 
     @property
     def divisor(self) -> float:
         """Number of the column's unit that makes one SI unit."""
-        return 1.0 if self.unit is None else UNITS[self.unit][1]
+        factor = 1.0 if self.unit is None else (UNITS.get(self.unit) or FOREIGN_UNITS[self.unit])[1]
+        return factor * self.coverage
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,3 +171,17 @@ def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int
         log.add(f"found unit {unit} in the name, expected {expected}", line, name)
         unit = None
     return Column(name, index, key, kind, unit)
+
+
+def is_documented(name: str) -> bool:
+    """Return whether a name, with or without its unit, is a documented one."""
+    return any(text in FIXED_KINDS or JOINT_COLUMN.fullmatch(text) for text in (name, split_unit(name)[0]))
+
+
+def time_column(name: str, index: int) -> Column | None:
+    """Return the column of a time that a column map names ``time``, ``date`` or ``time_ms``; None for another name."""
+    stem, _, unit = name.rpartition("_")
+    if name in TIME_KEYS:
+        return Column(name, index, name, "text", None)
+    known = stem == "time" and FOREIGN_UNITS.get(unit, ("", 0.0))[0] == "time"
+    return Column(name, index, "time", "text", unit) if known else None

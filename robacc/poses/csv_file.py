@@ -6,14 +6,16 @@ import csv
 import dataclasses
 import io
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import Counted
-from robacc.geometry import Array, exp_so3, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
+from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.open_table import Table, open_table
+from robacc.io.problem_log import ProblemLog
+from robacc.io.table import TableBody, TableOptions
 from robacc.measurements import Measurements
 from robacc.poses.checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values
 from robacc.poses.columns import (
@@ -26,20 +28,19 @@ from robacc.poses.columns import (
     RPY,
     SIGMAS,
     TEXTS,
+    is_documented,
 )
 from robacc.poses.duplicate_rows import duplicate_row_warnings
+from robacc.poses.headings import TIME_KEYS
 from robacc.poses.layout import Layout, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of
+from robacc.poses.orientation import AngleChoice, OrientationAt, rotations
 from robacc.poses.plausibility import lengths_too_large
+from robacc.poses.reading import reading_of
+from robacc.poses.timestamps import read_times
 
-_CONVERSIONS: Mapping[str, Callable[[Array], Array]] = {
-    QUATERNION[0]: rotation_from_quaternion,
-    ROTATION_VECTOR[0]: exp_so3,
-    RPY[0]: rotation_from_rpy,
-}
-"""Conversion of each representation to a rotation, by its first column."""
 _BLOCK = 4096
-"""Rotations converted at a time: the working arrays of a block fit the cache."""
+"""Rows written at a time."""
 
 
 def read_poses(
@@ -53,11 +54,14 @@ def read_poses(
     ignore_limits: bool = False,
     units_check: bool = True,
     attained: bool = True,
+    commands: bool = True,
+    orientation_at: OrientationAt | None = None,
 ) -> Measurements:
     """Return the validated poses of a CSV or Parquet file.
 
     Args:
-        path: File to read; ``-`` is standard input.
+        path: File to read; ``-`` is standard input. A :class:`~robacc.poses.reading.PoseFile` also states units,
+            angles and columns that the file's names leave open.
         joint_names: The robot's joints in chain order; their names stand for ``q1 … qN``. None: no robot is known.
         joint_types: ``revolute`` or ``prismatic`` of each; None: a joint's unit may be an angle or a length.
         limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
@@ -70,15 +74,19 @@ def read_poses(
             outside by more than 0.05 degree or 0.5 mm, and a warning below.
         units_check: Raise an error for bare columns whose values look like degrees or millimetres.
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
+        commands: Whether joints or commanded poses are required; without, they come from another file.
+        orientation_at: Nominal orientations of the robot, which show the convention of ambiguous angles.
 
     Raises:
         InputError: Every problem of the file, with line and column.
     """
-    with open_table(os.fspath(path)) as reader:
+    reading = reading_of(path)
+    options = TableOptions(is_documented, reading.skip_gaps, reading.sheet)
+    with open_table(os.fspath(path), options) as reader:
         header = reader.header()
         log = reader.log
-        layout = read_layout(header, log, joint_names, joint_types, attained)
-        values = _read_values(reader, layout)
+        layout = read_layout(header, log, joint_names, joint_types, attained, reading, commands)
+        values, remarks = _read_values(reader, layout)
         _check_target_column(layout, target_names or (), reader, header.line)
         rows = RowChecks(values, log, ignore_limits=ignore_limits)
         rows.check_magnitudes()
@@ -86,24 +94,48 @@ def read_poses(
         wrong_joints = units.run(limits) if units_check else frozenset()
         rows.run(limits, target_names, wrong_joints)
         check_visits(values, ordered, log)
+        angles = AngleChoice(values, reading, orientation_at, log, header.line)
+        conventions = angles.run()
         log.raise_if_any()
-        data = _measurements(values, ordered, log.counted)
-        motion_warnings = (f"{reader.file}: {text}" for text in data.warnings)
+        data = _measurements(values, ordered, log.counted, conventions)
+        doubts = (f"{reader.file}: {text}" for text in (*remarks, *angles.remarks, *data.warnings))
         duplicates = duplicate_row_warnings(values, reader.file, log.counted)
-        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *motion_warnings, *duplicates)
+        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates)
         return dataclasses.replace(data, source=reader.file, sha256=reader.sha256, warnings=warnings)
 
 
-def _read_values(reader: Table, layout: Layout) -> Values:
+def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:
+    """Return the values of the columns in use, and remarks on how the table was read."""
     columns = layout.columns
     keys = [key for key in _numeric_order(layout) if key in columns]
-    texts = [key for key in TEXTS if key in columns]
+    times = [key for key in TIME_KEYS if key in columns]
+    texts = [*(key for key in TEXTS if key in columns), *times]
     body = reader.body([columns[key].index for key in keys], [columns[key].index for key in texts])
     for row, key in zip(body.numbers, keys, strict=True):
         if columns[key].divisor != 1.0:
             row /= columns[key].divisor
+    by_key = dict(zip(texts, body.texts, strict=True))
+    remarks = [text for text in (reader.description(), _gap_text(body, reader.log)) if text]
+    numbers = body.numbers
+    if times:
+        names = {key: columns[key].name for key in times}
+        read = read_times(
+            {key: by_key.pop(key) for key in times}, body.lines, names, columns[times[0]].divisor, reader.log
+        )
+        numbers = np.vstack([numbers, read.seconds])
+        keys.append("time_s")
+        remarks += [read.remark] if read.remark else []
     row_index = {key: i for i, key in enumerate(keys)}
-    return Values(layout, body.numbers, row_index, dict(zip(texts, body.texts, strict=True)), body.lines)
+    return Values(layout, numbers, row_index, by_key, body.lines), remarks
+
+
+def _gap_text(body: TableBody, log: ProblemLog) -> str:
+    """Return a warning of the rows that were left out because of a gap."""
+    if not body.gaps:
+        return ""
+    listed = ", ".join(map(str, body.gaps[:6])) + (" …" if len(body.gaps) > 6 else "")
+    count = len(body.gaps)
+    return f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
 
 
 def _numeric_order(layout: Layout) -> Iterator[str]:
@@ -122,7 +154,7 @@ def _check_target_column(layout: Layout, target_names: Sequence[str], reader: Ta
         reader.log.add(message, line, fix="add it with the measured target of each row")
 
 
-def _measurements(values: Values, ordered: bool, counted: Counted) -> Measurements:
+def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mapping[str, str]) -> Measurements:
     layout = values.layout
     position = values.column_set(AXES)
     if position is None:  # planned poses; for measured ones the log reported the missing columns
@@ -130,10 +162,10 @@ def _measurements(values: Values, ordered: bool, counted: Counted) -> Measuremen
     motion, warnings = motion_of(values, ordered, counted)
     return Measurements(
         position=position,
-        rotation=_rotation(values, layout.orientation),
+        rotation=rotations(values, layout.orientation, angles[""]),
         q=values.column_set(layout.joints()),
         commanded_position=values.column_set(COMMANDED_AXES),
-        commanded_rotation=_rotation(values, layout.commanded_orientation),
+        commanded_rotation=rotations(values, layout.commanded_orientation, angles["cmd_"]),
         sigma_position=values.column_set(SIGMAS),
         sigma_rotation=values.column("sigma_r"),
         pose=values.texts.get("pose"),
@@ -150,17 +182,6 @@ def _measurements(values: Values, ordered: bool, counted: Counted) -> Measuremen
         ordered=ordered,
         warnings=warnings,
     )
-
-
-def _rotation(values: Values, keys: tuple[str, ...] | None) -> Array | None:
-    """Return rotations ``(3, 3, N)`` from the file's representation; None where the file has none."""
-    if keys is None or (columns := values.column_set(keys)) is None:
-        return None
-    convert = _CONVERSIONS[keys[0].removeprefix("cmd_")]
-    result = np.empty((3, 3, columns.shape[1]))
-    for start in range(0, columns.shape[1], _BLOCK):
-        result[..., start : start + _BLOCK] = convert(columns[:, start : start + _BLOCK])
-    return result
 
 
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:

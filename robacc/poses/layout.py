@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+import difflib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from robacc.io.dialect import PLAIN
 from robacc.io.problem_log import ProblemLog, clip
 from robacc.io.table import Header
-from robacc.poses.columns import AXES, JOINT_COLUMN, ORIENTATIONS, SIGMAS, Column, Names, parse_column
+from robacc.poses.columns import AXES, JOINT_COLUMN, ORIENTATIONS, SIGMAS, Column, Names, parse_column, time_column
+from robacc.poses.foreign_columns import find_columns, statement
+from robacc.poses.headerless import with_known_names
+from robacc.poses.reading import AS_NAMED, Reading
 
 _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
+_ALIKE = 0.8
+"""Similarity of two names (0 to 1) from which one may be a slip of the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +34,10 @@ class Layout:
     """Keys of the attained orientation's three or four columns."""
     commanded_orientation: tuple[str, ...] | None
     warnings: tuple[str, ...]
+    angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Conventions that rx, ry, rz may belong to, by the prefix of the keys; without an entry they are documented."""
+    without_unit: tuple[Column, ...] = ()
+    """Columns of an export that need a unit and have none."""
 
     def group(self, keys: Sequence[str]) -> tuple[Column, ...] | None:
         """Return the columns of ``keys``; None where one of them is missing."""
@@ -44,6 +56,8 @@ def read_layout(
     joint_names: Sequence[str] | None,
     joint_types: Sequence[str] | None,
     attained: bool = True,
+    reading: Reading = AS_NAMED,
+    commands: bool = True,
 ) -> Layout:
     """Return the columns of a file; every problem goes to ``log``, and a column with a problem is left out.
 
@@ -53,12 +67,21 @@ def read_layout(
         joint_names: The robot's joints in chain order; None where no robot is known.
         joint_types: ``revolute`` or ``prismatic`` for each of them; None: q may be an angle or a length.
         attained: Whether the attained position is required.
+        reading: Statements of the user on names that leave a question open.
+        commands: Whether joints or commanded poses are required.
     """
-    names = Names.of(header.names, joint_names, joint_types)
+    if header.dialect is not PLAIN and header.dialect.headerless and reading.columns is None:
+        header = with_known_names(header, log.file)
+    mapped = _mapped(header, reading, log)
+    names = Names.of([name for name in mapped if name], joint_names, joint_types)
     columns: dict[str, Column] = {}
     unknown: list[str] = []
-    for index, name in enumerate(header.names):
+    for index, name in enumerate(mapped):
+        if name is None:
+            continue
         column = parse_column(name, index, names, log, header.line)
+        if reading.columns is not None and name is not None:
+            column = _as_in_map(column or time_column(name, index), header, reading)
         if column is None:
             unknown.append(name)
         elif column.key not in columns:
@@ -70,7 +93,62 @@ def read_layout(
     for name, count in Counter(unknown).items():
         if name and count > 1:
             log.add("the column is a duplicate", header.line, clip(name), "keep one of them")
-    return _Completeness(columns, unknown, names, log, header.line, attained).layout()
+    columns = {key: _with_stated_unit(column, reading) for key, column in columns.items()}
+    complete = _Completeness(columns, unknown, names, log, header.line, attained, commands)
+    if reading.columns is not None or not (header.dialect is not PLAIN or complete.lacks_a_pose()):
+        return complete.layout()
+    return _foreign_layout(header, columns, names, reading, complete)
+
+
+def _mapped(header: Header, reading: Reading, log: ProblemLog) -> list[str | None]:
+    """Return the documented name of each column that the user's map names, and the other names as they are."""
+    if reading.columns is None:
+        return list(header.names)
+    for name in reading.columns:
+        if name not in header.names:
+            nearest = difflib.get_close_matches(name, header.names, n=1, cutoff=0.6)
+            hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
+            log.add(f"the map names a column {clip(name)}, which the file does not have{hint}", header.line)
+    return [reading.columns.get(name, name) for name in header.names]
+
+
+def _as_in_map(column: Column | None, header: Header, reading: Reading) -> Column | None:
+    """Return a column of a map under its name in the file, with the coverage factor of its uncertainty."""
+    if column is None:
+        return None
+    coverage = (reading.coverage or 1.0) if column.key in SIGMAS or column.key == "sigma_r" else 1.0
+    return dataclasses.replace(column, name=header.names[column.index], coverage=coverage)
+
+
+def _with_stated_unit(column: Column, reading: Reading) -> Column:
+    if column.unit is not None or column.kind not in ("length", "angle", "joint"):
+        return column
+    unit = reading.unit_of.get("length" if column.kind == "length" else "angle")
+    return column if unit is None else dataclasses.replace(column, unit=unit)
+
+
+def _foreign_layout(
+    header: Header, known: Mapping[str, Column], names: Names, reading: Reading, documented: _Completeness
+) -> Layout:
+    """Return the layout of a file whose names are not all documented; a warning says what each was taken for."""
+    log = documented.log
+    result = find_columns(header, known, names, reading, log)
+    layout = dataclasses.replace(documented, columns=result.columns, unknown=result.unused).layout()
+    place = log.at(header.line)
+    warnings = []
+    if text := statement(result.columns, known):
+        warnings.append(f"{place}: columns: {text}")
+    if result.unused:
+        warnings.append(f"{place}: not used: {', '.join(_with_suggestion(name, names) for name in result.unused)}")
+    warnings += [f"{place}: {remark}" for remark in result.remarks]
+    return dataclasses.replace(layout, warnings=tuple(warnings), angles=result.angles, without_unit=result.without_unit)
+
+
+def _with_suggestion(name: str, names: Names) -> str:
+    """Return a name in quotes, with the documented name that it resembles."""
+    nearest = names.nearest(name)
+    alike = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= _ALIKE
+    return f"{clip(name)} (did you mean {nearest}?)" if alike else clip(name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +161,16 @@ class _Completeness:
     log: ProblemLog
     line: int | None
     attained: bool
+    commands: bool
+
+    def lacks_a_pose(self) -> bool:
+        """Return whether the attained position or any command is missing, so that other names may stand for them."""
+        position = not self.attained or set(AXES) <= self.columns.keys()
+        commands = any(key.startswith("cmd_") or JOINT_COLUMN.fullmatch(key) for key in self.columns)
+        return not (position and (commands or not self.commands or "pose" in self.columns))
 
     def layout(self) -> Layout:
+        """Return the layout; log sets that are incomplete."""
         self._check_set(AXES, "the attained position", required=self.attained)
         commanded = any(key.startswith("cmd_") for key in self.columns)
         self._check_set(tuple(f"cmd_{axis}" for axis in AXES), "the commanded position", required=commanded)
@@ -130,7 +216,7 @@ class _Completeness:
         count = len(joint_names) or max(joint_numbers or motion_numbers, default=0)
         if joint_numbers:
             self._check_joints(joint_numbers, count)
-        elif not commanded and (joint_names or "pose" not in self.columns):
+        elif self.commands and not commanded and (joint_names or "pose" not in self.columns):
             keys = f"q1 … q{count}" if joint_names else "q1 … qN"
             fix = f"expected {keys} (joint variables), or cmd_x, cmd_y, cmd_z (commanded pose)"
             self._report_missing(["q1"], fix, "the file has neither joint variables nor commanded poses: ")
@@ -148,7 +234,10 @@ class _Completeness:
             return
         counts = f"the robot has {count} joints, the file has columns for {len(joint_numbers)}: "
         names = f", or the joints' names {listing(joint_names)}" if joint_names else ""
-        self._report_missing(missing, f"expected q1 … q{count} without a gap{names}", counts if joint_names else "")
+        fix = f"expected q1 … q{count} without a gap{names}"
+        if joint_numbers == [1, 2, 3, 4]:
+            fix += "; if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`"
+        self._report_missing(missing, fix, counts if joint_names else "")
 
     def _warnings(self) -> list[str]:
         unknown_names = [name for name in dict.fromkeys(self.unknown) if name]

@@ -294,7 +294,18 @@ def test_results_are_compared_and_checked_without_files() -> None:
 
 FLAT = np.zeros((3, 4))
 WRONG_ARRAYS = {
-    "position: expected an array of shape (3, 3), found (4, 3)": {"position": np.zeros((4, 3))},
+    "position: expected an array of shape (3, 4), found (4, 3); components come first and poses last, so give "
+    "position.T": {"position": np.zeros((4, 3))},
+    "q: expected an array of shape (6, 4), found (4, 6); components come first and poses last, so give q.T": {
+        "q": np.zeros((4, 6))
+    },
+    "rotation: expected an array of shape (3, 3, 4), found (4, 3, 3); components come first and poses last, so give "
+    "numpy.moveaxis(rotation, 0, -1)": {"rotation": np.zeros((4, 3, 3))},
+    "position: found positions up to 1000, which cannot be m; give metres": {
+        "position": np.array([[0, 500, 900, 1000.0], [0, 10, 20, 30], [0, 0, 0, 0]])
+    },
+    "q: found joint angles up to 90, which cannot be rad; give radians: numpy.radians(q)": {"q": np.full((6, 4), 90.0)},
+    "sigma_position: found a typical uncertainty of 0.2 m, which no instrument has": {"sigma_position": FLAT + 0.2},
     "q: expected an array of shape (6, 4), found (5, 4)": {"q": np.zeros((5, 4))},
     "time: expected an array of shape (4), found (3,)": {"time": np.zeros(3)},
     "pose: expected an array of shape (4), found (2,)": {"pose": ["a", "b"]},

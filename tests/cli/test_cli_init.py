@@ -126,8 +126,8 @@ def test_nothing_is_written_over_unasked() -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        ((), 2, "give either a URDF or --joints"),
-        (("two.urdf", "--joints", "2"), 2, "give either a URDF or --joints"),
+        ((), 2, "give either a file or --joints"),
+        (("two.urdf", "--joints", "2"), 2, "give either a file or --joints"),
         (("--joints", "0"), 2, "expected 1 to 30 joints, found 0"),
         (("--joints", "31"), 2, "expected 1 to 30 joints, found 31"),
         (("--joints", "2", "--robot", "x", "--poses", "./x"), 2, "both name x; name two files"),

@@ -24,6 +24,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z]")
 SHOWS_COMMANDS = {
     "render/html/reproduce.py",  # the command that makes a result again
     "simulation/templates.py",  # comments of files that `robacc init` writes
+    "poses/column_proposal.py",  # the same
     "render/plots/canvas.py",  # variables of CSS
     "render/plots/palette.py",
     "render/text/parameter_names.py",

@@ -18,11 +18,11 @@ from robacc.poses.csv_file import read_poses
 BAD_FILES = {
     b"": "the file is empty; expected a header row",
     b"# only a comment\n\n": "the file is empty; expected a header row",
-    b"q1;x;y;z\n1;2;3;4\n": "1: the columns are separated by semicolons, expected commas; export the file with commas",
-    b"q1\tx\ty\tz\n": "1: the columns are separated by tabs, expected commas",
-    b"q1 x y z\n": "1: the columns are separated by spaces, expected commas",
+    b"a;b;c;d\nred;green;blue;grey\n": "1: the columns are separated by semicolons, expected commas; export the file",
+    b"a\tb\tc\td\n": "1: the columns are separated by tabs, expected commas",
+    b"a b c d\n": "1: the columns are separated by spaces, expected commas",
     b"0.1,1,2,3\n": "1: found numbers, expected a header row; begin the file with the columns' names",
-    "q1,x,y,z\n".encode("utf-16"): "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8",
+    b"\xff\xfea": "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8",
     "q1,x,y,z\n".encode("utf-16-le"): "the file is not UTF-8 text (it is UTF-16 or binary)",
     b'"q1,x,y,z\n': "1: the header row cannot be read (unexpected end of data); close every quote",
     b",".join(b"c%d" % i for i in range(100_000)): "1: found 100000 columns; expected at most 2000",
@@ -74,7 +74,8 @@ def test_bytes_that_are_not_utf8(read: Reader) -> None:
 
 BAD_HEADERS = {
     "q1,x,z": "1: column y is missing; expected x, y, z: the attained position",
-    "q1,X,z": "1: columns x, y are missing; expected x, y, z: the attained position (unknown in this file: X)",
+    "q1,X_mm,z": "1: column y is missing; expected x, y, z: the attained position",
+    "q1,Xa,z": "1: columns x, y are missing; expected x, y, z: the attained position (unknown in this file: Xa)",
     "x,y,z": "1: the file has neither joint variables nor commanded poses: column q1 is missing; "
     "expected q1 … qN (joint variables), or",
     "q1,q3,x,y,z": "1: column q2 is missing; expected q1 … q3 without a gap",

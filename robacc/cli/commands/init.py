@@ -10,18 +10,25 @@ import typer
 
 from robacc.cli.options import BaseLinkOption, TipLinkOption
 
+_TABLES = frozenset({".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".xlsx", ".xls", ".ods", ".parquet"})
+"""Ends of names of exports."""
+
 
 def init(
     source: Annotated[
-        str | None, typer.Argument(metavar="[URDF]", help="URDF, or arm of robacc robots; else give --joints.")
+        str | None,
+        typer.Argument(metavar="[FILE]", help="URDF, arm of robacc robots, or export of poses; else give --joints."),
     ] = None,
     joints: Annotated[
         int | None, typer.Option("--joints", metavar="N", help="Number of joints of the example arm, without a URDF.")
     ] = None,
     robot: Annotated[str, typer.Option("--robot", metavar="FILE", help="Robot file to write.")] = "robot.yaml",
     poses: Annotated[str, typer.Option("--poses", metavar="FILE", help="CSV to write.")] = "poses.csv",
+    columns: Annotated[
+        str, typer.Option("--columns", metavar="FILE", help="Column map to write for an export of poses.")
+    ] = "columns.yaml",
     folder: Annotated[
-        str, typer.Option("--folder", metavar="DIR", help="Folder of both files; made if it does not exist.")
+        str, typer.Option("--folder", metavar="DIR", help="Folder of the files; made if it does not exist.")
     ] = ".",
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     base_link: BaseLinkOption = None,
@@ -30,6 +37,9 @@ def init(
     """Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.
 
     Both files are valid. The rows of the CSV are simulated; replace them with your measurements.
+
+    For an export of an instrument or robot (CSV, text, workbook), write a column map instead: what each column is taken
+    for, to correct and to give to --columns.
 
     Example: robacc init --joints 6 --folder my-arm
     """
@@ -40,7 +50,10 @@ def init(
     from robacc.simulation.templates import poses_template, robot_template, urdf_template
 
     if (source is None) == (joints is None):
-        raise UsageError("give either a URDF or --joints, the number of joints")
+        raise UsageError("give either a file or --joints, the number of joints")
+    if source is not None and PurePath(source).suffix.lower() in _TABLES:
+        _write_columns(source, os.path.normpath(os.path.join(folder, columns)), folder, force)
+        return
     files = os.path.normpath(os.path.join(folder, robot)), os.path.normpath(os.path.join(folder, poses))
     _check_free(files, source, force)
     names = PurePath(files[0]).name, PurePath(files[1]).name
@@ -69,6 +82,24 @@ def init(
     print(f"  robacc show {files[0]}")
     print(f"  replace the rows of {files[1]} with your measurements")
     print(f"  robacc estimate {files[1]} --robot {files[0]} --align base_frame,tool_frame")
+
+
+def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
+    """Write the column map of an export and print the next steps."""
+    from robacc.errors import UsageError
+    from robacc.io.files import make_folder, write_text
+    from robacc.poses.column_proposal import propose_columns
+
+    if os.path.exists(path) and not force:
+        raise UsageError(f"{path} exists already; overwrite with --force, or name another file with --columns")
+    proposal = propose_columns(export, PurePath(path).name)
+    make_folder(folder)
+    write_text(path, proposal.text)
+    print(f"wrote {path} ({proposal.n_columns} columns of {export})")
+    print("next:")
+    if proposal.open_statements:
+        print(f"  fill in {' and '.join(proposal.open_statements)} in {path}")
+    print(f"  robacc estimate {export} --columns {path} --robot robot.yaml")
 
 
 def _check_free(files: tuple[str, str], urdf: str | None, force: bool) -> None:

@@ -38,9 +38,21 @@ def command_line(document: Document) -> str:
         if kind not in (first, "result"):
             arguments += [f"--{kind}", name]
     arguments += _options(document, set(files))
+    arguments += _reading(document)
     if document["seed"] is not None and document["command"] in _SEEDED:
         arguments += ["--seed", str(document["seed"])]
     return " ".join(shlex.quote(argument) for argument in arguments)
+
+
+def _reading(document: Document) -> Iterator[str]:
+    """Yield the options that were stated on the names of the poses' file."""
+    stated: dict[str, object] = next((record["reading"] for record in document["inputs"] if "reading" in record), {})
+    for name, value in stated.items():
+        if name == "commanded_sha256":
+            continue
+        yield f"--{name.replace('_', '-')}"
+        if value is not True:
+            yield "columns.yaml" if name == "columns" else f"{value}"
 
 
 def _options(document: Document, files: set[str]) -> Iterator[str]:

@@ -1,0 +1,94 @@
+"""Options of commands that read pose files: what the names of an export leave open.
+
+They are declared once here and added to the commands; a command gets paths that carry what was stated.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from functools import wraps
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+POSE_PARAMETERS = {
+    "estimate": ("poses",),
+    "trace": ("poses", "holdout"),
+    "calibrate": ("poses", "holdout"),
+    "iso9283": ("poses",),
+    "predict": ("poses", "against"),
+    "effects": ("poses",),
+}
+"""Parameters of each command that name pose files."""
+
+_ANGLES = Annotated[
+    str | None,
+    typer.Option(
+        "--angles",
+        metavar="NAME",
+        help="Convention of three angles: rotvec, fixed-xyz, moving-xyz, zyx, kuka-abc or zyz.",
+    ),
+]
+_UNITS = Annotated[
+    str | None,
+    typer.Option("--units", metavar="U,U", help="Units of columns whose names have none, such as mm,deg."),
+]
+_COLUMNS = Annotated[
+    str | None,
+    typer.Option("--columns", metavar="FILE", help="Column map (YAML) of an export; robacc init EXPORT writes it."),
+]
+_SKIP_GAPS = Annotated[bool, typer.Option("--skip-gaps", help="Leave out rows with a missing value, with a warning.")]
+_COVERAGE = Annotated[
+    float | None,
+    typer.Option("--coverage", metavar="K", help="Coverage factor of uncertainties called U: 1, or 2 if expanded."),
+]
+_SHEET = Annotated[str | None, typer.Option("--sheet", metavar="NAME", help="Sheet of a workbook.")]
+_COMMANDED = Annotated[
+    str | None,
+    typer.Option(
+        "--commanded", metavar="FILE", help="Robot program, or CSV of joints or commanded poses, that was measured."
+    ),
+]
+_OPTIONS: dict[str, tuple[Any, object]] = {
+    "angles": (_ANGLES, None),
+    "units": (_UNITS, None),
+    "columns": (_COLUMNS, None),
+    "skip_gaps": (_SKIP_GAPS, False),
+    "coverage": (_COVERAGE, None),
+    "sheet": (_SHEET, None),
+    "commanded": (_COMMANDED, None),
+}
+
+
+def with_reading_options(command: Callable[..., None], parameters: Sequence[str]) -> Callable[..., None]:
+    """Return the command with the options of this module; its ``parameters`` become paths with statements."""
+    hints = get_type_hints(command, include_extras=True)
+    declared = [
+        parameter.replace(annotation=hints[parameter.name])
+        for parameter in inspect.signature(command).parameters.values()
+    ]
+    added = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for name, (annotation, default) in _OPTIONS.items()
+    ]
+    keyword_only = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in declared]
+
+    @wraps(command)
+    def run(**arguments: Any) -> None:
+        stated = {name: arguments.pop(name) for name in _OPTIONS}
+        if any(stated.values()):
+            arguments |= {name: _stated(arguments[name], stated) for name in parameters}
+        command(**arguments)
+
+    run.__signature__ = inspect.Signature([*keyword_only, *added])  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*declared, *added)}
+    return run
+
+
+def _stated(paths: Any, stated: dict[str, Any]) -> Any:
+    from robacc.poses.reading import PoseFile
+
+    if isinstance(paths, list | tuple):
+        return [PoseFile(path, **stated) for path in paths]
+    return None if paths is None else PoseFile(paths, **stated)

@@ -1,0 +1,209 @@
+"""TableDialect of a text table: separator, decimal sign, comment marks and the place of its header.
+
+A file is first compared with the documented form (commas, points, the header in the first line). Only a file that is
+not of this form is examined further, so that documented files are read exactly as documented.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+NUMBER_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_COMMENTS = ("#", "//", "%", "!")
+_SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
+"""None: one or more blanks. Of separators that fit equally well the first is taken."""
+_EXAMINED = 400
+"""Lines that are examined; no instrument writes a longer preamble."""
+_SAMPLED = 8
+"""First lines of the table that are kept as a sample."""
+_FEWEST_NUMBERS = 2
+"""Fields with numbers that make a line a row of measurements."""
+_ABOVE = 3
+"""Lines above the first row in which its header is looked for: names, and units in a line of their own."""
+_UNIT_FIELD = re.compile(
+    r"[\[(<{]?\s*(m|mm|um|µm|μm|in|inch|rad|mrad|deg|degrees?|°|s|ms|sec|kg|°C|degC|C|-|)\s*[\])>}]?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TableDialect:
+    """Form of one text table."""
+
+    separator: str | None = ","
+    """One character; None stands for any number of blanks."""
+    decimal_comma: bool = False
+    comments: tuple[str, ...] = ("#",)
+    """Beginnings of lines that are skipped."""
+    header_line: int | None = None
+    """0-based index of the line of names; None: the first line that is no comment."""
+    first_row: int = 0
+    """0-based index of the first row of measurements below the header."""
+    names: tuple[str, ...] = ()
+    """Names of the columns, with their units where a line of its own gives them; empty without a header."""
+    preamble: tuple[str, ...] = field(default=(), repr=False)
+    """Lines above the rows that are neither names nor blank."""
+    sample: tuple[tuple[str, ...], ...] = field(default=(), repr=False)
+    """Fields of the first rows."""
+
+    @property
+    def headerless(self) -> bool:
+        """Return whether the table begins with numbers."""
+        return not self.names
+
+    def description(self) -> str:
+        """Return the deviations from the documented form, for a message; empty without any."""
+        names = {"\t": "tabs", ";": "semicolons", "|": "bars", None: "blanks"}
+        parts = [f"separated by {names[self.separator]}"] if self.separator in names else []
+        if self.decimal_comma:
+            parts.append("decimal comma")
+        return ", ".join(parts)
+
+    def split(self, line: str) -> list[str]:
+        """Return the fields of a line, stripped and without quotes.
+
+        Raises:
+            csv.Error: Quotes do not match.
+        """
+        if self.separator is None:
+            return line.split()
+        if '"' not in line:
+            fields = [part.strip() for part in line.split(self.separator)]
+        else:
+            reader = csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True)
+            fields = [part.strip() for part in next(reader)]
+        return fields
+
+    def is_row(self, line: str) -> bool:
+        """Return whether a line is neither blank nor a comment."""
+        stripped = line.lstrip()
+        return bool(stripped) and not stripped.startswith(self.comments)
+
+    def is_number(self, text: str) -> bool:
+        """Return whether a field is a number in this dialect."""
+        return bool(NUMBER_POINT.fullmatch(text) or (self.decimal_comma and _NUMBER_COMMA.fullmatch(text)))
+
+
+PLAIN = TableDialect()
+"""The documented form."""
+
+
+def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> TableDialect | None:
+    """Return the dialect of a table that begins with these lines; None for the documented form and for no table.
+
+    Args:
+        lines: First lines of the file, without their ends.
+        is_known: Whether a name is a documented column name.
+    """
+    head = next((line for line in lines if PLAIN.is_row(line)), None)
+    if head is None or any(is_known(name) for name in _split(PLAIN, head)):
+        return None
+    candidates = [
+        candidate
+        for separator in _declared_separator(lines) or _SEPARATORS
+        if (candidate := _candidate(list(lines[:_EXAMINED]), separator)) is not None
+    ]
+    if candidates:
+        return max(candidates, key=lambda item: item[0])[1]
+    return _without_rows(head, lines.index(head), is_known)
+
+
+def _without_rows(head: str, line: int, is_known: Callable[[str], bool]) -> TableDialect | None:
+    """Return the dialect of a header without rows, judged by its names."""
+    for separator in _SEPARATORS:
+        dialect = TableDialect(separator)
+        names = _split(dialect, head)
+        if len(names) > 1 and sum(map(is_known, names)) > len(names) / 2:
+            return TableDialect(separator, header_line=line, first_row=line + 1, names=tuple(names))
+    return None
+
+
+def _declared_separator(lines: Sequence[str]) -> tuple[str | None, ...]:
+    """Return the separator that a first line ``sep=;`` of a spreadsheet program states."""
+    match = re.fullmatch(r"\s*sep=(.)\s*", lines[0]) if lines else None
+    return (match[1],) if match else ()
+
+
+def _candidate(lines: list[str], separator: str | None) -> tuple[tuple[int, int], TableDialect] | None:
+    """Return the best table with this separator and its score; None where there is none."""
+    comma = separator != "," and _has_decimal_comma(lines, separator)
+    dialect = TableDialect(separator, comma, _COMMENTS)
+    best: tuple[int, int, int] | None = None  # rows, start, fields
+    start, width, rows = 0, 0, 0
+    for i, line in enumerate(lines):
+        if not dialect.is_row(line):
+            continue
+        fields = _split(dialect, line)
+        if sum(dialect.is_number(text) for text in fields) < _FEWEST_NUMBERS:
+            rows = 0
+            continue
+        if rows == 0 or len(fields) != width:
+            start, width, rows = i, len(fields), 0
+        rows += 1
+        if best is None or rows > best[0]:
+            best = (rows, start, width)
+    if best is None:
+        return None
+    rows, start, width = best
+    result = _with_header(lines, dialect, start, width)
+    # Names above the rows are as good as twice as many rows: a text may split into more fields at blanks.
+    return (rows * (2 if result.names else 1), width), result
+
+
+def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int) -> TableDialect:
+    """Return the dialect with the names that stand above the first row, if there are any."""
+    names: tuple[str, ...] = ()
+    units: list[str] | None = None
+    header_line = None
+    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:_ABOVE]
+    for i in above:
+        # An uncommented line decides; a comment gives names only if it has as many fields as the rows.
+        fields = _split(dialect, _uncommented(lines[i], dialect))
+        if len(fields) == width + 1 and not fields[-1]:
+            fields = fields[:-1]
+        if len(fields) == width - 1 and not _split(dialect, lines[start])[-1]:
+            fields = [*fields, ""]  # every row ends with a separator
+        if len(fields) != width:
+            continue
+        if units is None and all(_UNIT_FIELD.fullmatch(text) for text in fields) and any(fields):
+            units = fields
+            continue
+        if sum(bool(text) and not dialect.is_number(text) for text in fields) > width / 2:
+            names, header_line = tuple(fields), i
+            break
+    if names and units is not None:
+        names = tuple(f"{name} [{unit.strip('[]()<>{} ')}]" if unit.strip("[]()<>{} -") else name
+                      for name, unit in zip(names, units, strict=True))  # fmt: skip
+    preamble = tuple(line for i, line in enumerate(lines[:start]) if line.strip() and i != header_line)
+    rows = [tuple(_split(dialect, line)) for line in lines[start : start + _SAMPLED] if dialect.is_row(line)]
+    return replace(
+        dialect, header_line=header_line, first_row=start, names=names, preamble=preamble, sample=tuple(rows)
+    )
+
+
+def _uncommented(line: str, dialect: TableDialect) -> str:
+    stripped = line.strip()
+    for mark in dialect.comments:
+        if stripped.startswith(mark):
+            return stripped.lstrip("".join(set(mark))).strip()
+    return line
+
+
+def _has_decimal_comma(lines: Sequence[str], separator: str | None) -> bool:
+    dialect = TableDialect(separator, comments=_COMMENTS)
+    commas = points = 0
+    for line in lines:
+        for text in _split(dialect, line) if dialect.is_row(line) else ():
+            commas += bool(_NUMBER_COMMA.fullmatch(text))
+            points += bool(NUMBER_POINT.fullmatch(text)) and "." in text
+    return commas > points
+
+
+def _split(dialect: TableDialect, line: str) -> list[str]:
+    try:
+        return dialect.split(line)
+    except csv.Error:
+        return []

@@ -1,0 +1,116 @@
+"""Proposal of a column map: what the reader takes each column of an export for, as a file to correct."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from robacc.io.open_table import open_table
+from robacc.io.problem_log import ProblemLog
+from robacc.io.table import Header, TableOptions
+from robacc.poses.column_map import OPEN
+from robacc.poses.columns import Column, Names, is_documented, parse_column
+from robacc.poses.foreign_columns import ForeignColumns, find_columns
+from robacc.poses.headerless import with_known_names
+from robacc.poses.headings import TIME_KEYS
+from robacc.poses.reading import AS_NAMED
+
+_RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
+"""Documented names of angles about fixed axes."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnProposal:
+    """A column map, as text, and what it leaves open."""
+
+    text: str
+    open_statements: tuple[str, ...]
+    """Keys that the user has to fill in."""
+    n_columns: int
+    """Columns with a meaning."""
+
+
+def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnProposal:
+    """Return a column map for an export; statements that its names leave open stand as ``unknown``.
+
+    Raises:
+        InputError: The file cannot be read as a table.
+    """
+    name = os.fspath(path)
+    with open_table(name, TableOptions(is_documented)) as reader:
+        header = reader.header()
+    if not header.dialect.names and all(text.startswith("column ") for text in header.names):
+        header = _with_names_where_known(header, name)
+    log = ProblemLog(name)
+    names = Names.of(header.names, None, None)
+    known: dict[str, Column] = {}
+    for index, text in enumerate(header.names):
+        column = parse_column(text, index, names, log, header.line)
+        if column is not None:
+            known.setdefault(column.key, column)
+    found = find_columns(header, known, names, AS_NAMED, log)
+    statements = _statements(found)
+    lines = [
+        f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
+        "# Correct it where it is wrong, then add to any command:",
+        f"#   --columns {map_name}",
+        "",
+        "robacc_columns: 1",
+        *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
+        "columns:",
+        *_entries(header, found),
+    ]
+    unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
+    return ColumnProposal("\n".join(lines) + "\n", unanswered, len(found.columns))
+
+
+def _with_names_where_known(header: Header, name: str) -> Header:
+    from robacc.errors import InputError
+
+    try:
+        return with_known_names(header, name)
+    except InputError:
+        return header
+
+
+def _statements(found: ForeignColumns) -> dict[str, tuple[str, str]]:
+    """Return the value and the comment of each statement that the names leave open."""
+    result: dict[str, tuple[str, str]] = {}
+    candidates = [options for options in found.angles.values() if options != ("fixed-xyz",)]
+    if candidates:
+        options = candidates[0]
+        value = options[0] if len(options) == 1 else OPEN
+        result["angles"] = (value, f"convention of the angles: {', '.join(options)}")
+    if found.without_unit:
+        result["units"] = (OPEN, "of the names below without a unit, for example mm,deg")
+    if any(column.key.startswith("sigma") and not is_documented(column.name) for column in found.columns.values()):
+        result["coverage"] = (OPEN, "of the uncertainties: 1 if standard, 2 if expanded")
+    return result
+
+
+def _entries(header: Header, found: ForeignColumns) -> list[str]:
+    by_index = {column.index: column for column in found.columns.values()}
+    fixed = {prefix for prefix, options in found.angles.items() if options == ("fixed-xyz",)}
+
+    lines = []
+    for index, name in enumerate(header.names):
+        if not name:
+            continue
+        quoted = '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        column = by_index.get(index)
+        meaning = "" if column is None else _meaning(column, fixed)
+        lines.append(f"  {quoted}: {meaning}" if meaning else f"  {quoted}:    # not read")
+    return lines
+
+
+def _meaning(column: Column, fixed: Collection[str]) -> str:
+    """Return the documented name; ``fixed`` has the prefixes of angles that are certainly about fixed axes."""
+    key = column.key
+    prefix = "cmd_" if key.startswith("cmd_") else ""
+    if prefix in fixed and key.removeprefix(prefix) in _RPY:
+        key = prefix + _RPY[key.removeprefix(prefix)]
+    if key in TIME_KEYS:
+        return key if column.unit is None else f"{key}_{column.unit}"
+    plain = column.unit is None or key in ("temperature_c", "payload_kg")
+    return key if plain else f"{key}_{column.unit}"

@@ -1,0 +1,242 @@
+"""Columns of a table that an instrument or a robot wrote: what each name is taken for, and what must be asked."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from robacc.io.problem_log import ProblemLog
+from robacc.io.table import Header
+from robacc.poses.columns import FIXED_KINDS, FOREIGN_UNITS, UNITS, Column, Kind, Names
+from robacc.poses.headings import TIME_KEYS, Heading, Meaning, heading_of, is_of_ros, meaning_of
+from robacc.poses.reading import Reading
+
+_CANDIDATES: Mapping[str, tuple[str, ...]] = {
+    "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
+    "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
+    "wpr": ("fixed-xyz",),
+    "oat": ("zyz",),
+    "ur": ("rotvec",),
+}
+"""Conventions that a family of angle names may belong to; one alone is certain."""
+_PREAMBLE_UNITS = re.compile(r"\bunits?\b\W*(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE)
+_POSE_KEYS = ("x", "y", "z")
+
+
+@dataclass(slots=True)
+class ForeignColumns:
+    """Columns with a meaning, and the statements about them."""
+
+    columns: dict[str, Column] = field(default_factory=dict)
+    """By key; for times, the keys of :data:`~robacc.poses.headings.TIME_KEYS`."""
+    unused: list[str] = field(default_factory=list)
+    angles: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Conventions that the angles may belong to, by the prefix of their keys: ``""`` or ``cmd_``."""
+    remarks: list[str] = field(default_factory=list)
+    without_unit: tuple[Column, ...] = ()
+    """Lengths and angles whose unit is stated nowhere."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    heading: Heading
+    index: int
+    meaning: Meaning
+    key: str
+
+
+def find_columns(
+    header: Header, known: Mapping[str, Column], names: Names, reading: Reading, log: ProblemLog
+) -> ForeignColumns:
+    """Return the columns that the header's names stand for; ambiguous names and missing units go to ``log``.
+
+    Args:
+        header: Names in the file.
+        known: Columns whose names are documented; they stay as they are.
+        names: The robot's joints.
+        reading: Statements of the user.
+        log: Takes questions.
+    """
+    used = {column.index for column in known.values()}
+    result = ForeignColumns(dict(known))
+    candidates = [
+        candidate
+        for candidate in _candidates(header, names)
+        if candidate.index not in used and candidate.key not in known
+    ]
+    chosen = _without_conflicts(_renumbered(candidates, names, log, header.line), log, header.line)
+    units = _PreambleUnits.of(header)
+    nameless: list[Column] = []
+    for key, candidate in chosen.items():
+        column = _column(key, candidate, names, reading, units, log, header.line)
+        result.columns[key] = column
+        if column.unit is None and column.kind in ("length", "angle", "joint"):
+            nameless.append(column)
+        if candidate.meaning.family:
+            prefix = "cmd_" if key.startswith("cmd_") else ""
+            if not key.removeprefix(prefix).startswith("q"):
+                result.angles[prefix] = _CANDIDATES[candidate.meaning.family]
+        if candidate.meaning.commanded is False and key.startswith("q"):
+            result.remarks.append("joint variables are attained ones, used as commanded")
+    result.without_unit = tuple(nameless)
+    _ask_coverage([item for item in chosen.values() if item.meaning.expanded], reading, log, header.line)
+    taken = {column.index for column in result.columns.values()}
+    result.unused = [name for i, name in enumerate(header.names) if i not in taken and name]
+    result.remarks = [*dict.fromkeys(result.remarks), *units.remarks]
+    return result
+
+
+def _candidates(header: Header, names: Names) -> Iterator[_Candidate]:
+    headings = [heading_of(name) for name in header.names]
+    siblings = frozenset(heading.text for heading in headings)
+    for i, heading in enumerate(headings):
+        joint = _named_joint(heading, names)
+        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else meaning_of(heading, siblings)
+        if meaning is None:
+            continue
+        key = meaning.key
+        if meaning.commanded and key in FIXED_KINDS and f"cmd_{key}" in FIXED_KINDS:
+            key = f"cmd_{key}"
+        yield _Candidate(heading, i, meaning, key)
+
+
+def _named_joint(heading: Heading, names: Names) -> str | None:
+    """Return the key of the robot's joint whose name stands in the heading."""
+    text = heading.name.lower()
+    for i, name in enumerate(names.joint_names):
+        if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name.lower())}(?![a-z0-9])", text):
+            others = set(re.findall(r"[a-z]+", text.replace(name.lower(), " ")))
+            if not others & {"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"}:
+                return f"q{i + 1}"
+    return None
+
+
+def _renumbered(candidates: Sequence[_Candidate], names: Names, log: ProblemLog, line: int | None) -> list[_Candidate]:
+    """Return the candidates with joints numbered from 1 where the file numbers them from 0."""
+    numbers = {int(item.key[1:]) for item in candidates if re.fullmatch(r"q\d+", item.key)}
+    if 0 not in numbers:
+        return list(candidates)
+    return [
+        _Candidate(item.heading, item.index, item.meaning, f"q{int(item.key[1:]) + 1}")
+        if re.fullmatch(r"q\d+", item.key)
+        else item
+        for item in candidates
+    ]
+
+
+def _without_conflicts(candidates: Sequence[_Candidate], log: ProblemLog, line: int | None) -> dict[str, _Candidate]:
+    """Return one candidate a key; two that are equally good are a question."""
+    by_key: dict[str, list[_Candidate]] = {}
+    for candidate in candidates:
+        by_key.setdefault(candidate.key, []).append(candidate)
+    result = {}
+    for key, items in by_key.items():
+        if re.fullmatch(r"q\d+", key):
+            # The commanded joints are wanted; attained ones stand in where the file has no others.
+            items = (
+                [item for item in items if item.meaning.commanded]
+                or [item for item in items if item.meaning.commanded is None]
+                or items
+            )
+        if len(items) > 1 and FIXED_KINDS.get(key) != "text":
+            listed = " or ".join(repr(item.heading.name) for item in items)
+            log.add(f"found several columns for {key}: {listed}", line, fix="choose with `columns`")
+        result[key] = items[0]
+    return result
+
+
+def _column(
+    key: str,
+    candidate: _Candidate,
+    names: Names,
+    reading: Reading,
+    units: _PreambleUnits,
+    log: ProblemLog,
+    line: int | None,
+) -> Column:
+    heading, meaning = candidate.heading, candidate.meaning
+    kind: Kind = "text" if key in TIME_KEYS else names.kind(key)
+    unit = heading.unit
+    quantity = {"joint": "angle"}.get(kind, kind)
+    expected = {"temperature_c": "temperature", "payload_kg": "mass"}.get(key, "time" if key in TIME_KEYS else quantity)
+    if unit is not None and expected in ("length", "angle", "time", "temperature", "mass"):
+        found = {**UNITS, **FOREIGN_UNITS}[unit][0]
+        if found != expected and not (kind == "joint" and found == "length"):
+            log.add(f"found unit {unit} in the name of {key}, expected a unit of {expected}", line, heading.name)
+            unit = None
+    if unit is None and quantity in ("length", "angle"):
+        unit = reading.unit_of.get(quantity) or units.unit_of.get(quantity)
+        if unit is None and meaning.si:
+            unit = "m" if quantity == "length" else "rad"
+    if unit is not None and expected not in ("length", "angle", "time", "temperature", "mass"):
+        unit = None
+    coverage = (reading.coverage or 1.0) if meaning.expanded else 1.0
+    return Column(heading.name, candidate.index, key, kind, unit, coverage)
+
+
+@dataclass(frozen=True, slots=True)
+class _PreambleUnits:
+    """Unit of length that a line above the table states."""
+
+    unit_of: Mapping[str, str]
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def of(cls, header: Header) -> _PreambleUnits:
+        for text in header.dialect.preamble:
+            if match := _PREAMBLE_UNITS.search(text):
+                word = match["unit"].lower()
+                unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(word[:3], "in")
+                return cls({"length": unit}, (f"lengths in {unit}, as {text.strip()[:60]!r} says",))
+        return cls({}, ())
+
+
+def _ask_coverage(items: Sequence[_Candidate], reading: Reading, log: ProblemLog, line: int | None) -> None:
+    if items and reading.coverage is None:
+        log.add(
+            "an uncertainty U may be a standard uncertainty or an expanded one",
+            line,
+            compact([item.heading.name for item in items]),
+            "give `coverage`: 1 for a standard uncertainty, 2 for an expanded one with coverage factor 2",
+        )
+
+
+def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -> str:
+    """Return which column was taken for what, without the columns whose names are documented."""
+    taken = sorted((column for key, column in columns.items() if key not in documented), key=lambda item: item.index)
+    parts = []
+    run: list[Column] = []
+    for column in (*taken, None):
+        if column is not None and run and _continues(run[-1], column):
+            run.append(column)
+            continue
+        if run:
+            names, keys = [item.name for item in run], [_key_text(item) for item in run]
+            if len(run) > 2:
+                parts.append(f"{names[0]} … {names[-1]} -> {keys[0]} … {keys[-1]}")
+            else:
+                parts += [f"{name} -> {key}" for name, key in zip(names, keys, strict=True)]
+        run = [] if column is None else [column]
+    return ", ".join(parts)
+
+
+def _continues(before: Column, column: Column) -> bool:
+    """Return whether a joint's column follows that of the joint before it."""
+    numbers = [re.fullmatch(r"q(\d+)", item.key) for item in (before, column)]
+    return (
+        all(numbers) and before.unit == column.unit and int(numbers[1][1]) == int(numbers[0][1]) + 1  # type: ignore[index]
+    )
+
+
+def _key_text(column: Column) -> str:
+    if column.key in TIME_KEYS:
+        return "time_s"
+    if column.unit is None or column.key in ("temperature_c", "payload_kg"):
+        return column.key
+    return f"{column.key}_{column.unit}"
+
+
+def compact(names: Sequence[str]) -> str:
+    """Return the names, of many only the first and the last ones."""
+    return ", ".join(names) if len(names) <= 9 else f"{', '.join(names[:4])}, …, {', '.join(names[-2:])}"

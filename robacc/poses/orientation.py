@@ -1,0 +1,122 @@
+"""Orientations of a pose file: their representation, and the convention of angles that names leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from robacc.geometry import Array, rotation_from_quaternion, rotation_from_rpy
+from robacc.io.problem_log import ProblemLog
+from robacc.poses.angles import CONVENTIONS, AngleTrial, try_conventions
+from robacc.poses.checks import Values
+from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY
+from robacc.poses.reading import Reading
+
+OrientationAt = Callable[[Array], Array]
+"""Nominal orientations ``(3, 3, N)`` of the robot at joint variables ``(J, N)``."""
+_BLOCK = 4096
+"""Rotations converted at a time: the working arrays of a block fit the cache."""
+_SAMPLE = 400
+"""Poses that a trial of conventions uses at most."""
+_DOCUMENTED = ("rotvec", "fixed-xyz", "moving-xyz")
+"""Conventions that files use for columns rx, ry, rz, which are documented as a rotation vector."""
+
+
+def rotations(values: Values, keys: tuple[str, ...] | None, convention: str) -> Array | None:
+    """Return rotations ``(3, 3, N)`` from the file's representation; None where the file has none."""
+    if keys is None or (columns := values.column_set(keys)) is None:
+        return None
+    convert = _conversion(keys, convention)
+    result = np.empty((3, 3, columns.shape[1]))
+    for start in range(0, columns.shape[1], _BLOCK):
+        result[..., start : start + _BLOCK] = convert(columns[:, start : start + _BLOCK])
+    return result
+
+
+def _conversion(keys: tuple[str, ...], convention: str) -> Callable[[Array], Array]:
+    first = keys[0].removeprefix("cmd_")
+    if first == QUATERNION[0]:
+        return rotation_from_quaternion
+    return rotation_from_rpy if first == RPY[0] else CONVENTIONS[convention]
+
+
+class AngleChoice:
+    """Choice of the convention of attained and commanded angles: as stated, as named, or as the data show."""
+
+    def __init__(
+        self, values: Values, reading: Reading, orientation_at: OrientationAt | None, log: ProblemLog, line: int | None
+    ) -> None:
+        """Choose for ``values``; questions go to ``log``, and what the data showed to :attr:`remarks`."""
+        self._values = values
+        self._reading = reading
+        self._orientation_at = orientation_at
+        self._log = log
+        self._line = line
+        self.remarks: list[str] = []
+
+    def run(self) -> Mapping[str, str]:
+        """Return the convention of the angles by prefix, ``""`` and ``cmd_``."""
+        layout = self._values.layout
+        orientations = {"": layout.orientation, "cmd_": layout.commanded_orientation}
+        chosen = {prefix: self._stated(prefix) or "rotvec" for prefix in orientations}
+        if self._log.total or not self._values.lines.size:
+            return chosen  # without sound numbers a trial shows nothing
+        for prefix, keys in orientations.items():
+            if keys is not None and keys[0] == prefix + ROTATION_VECTOR[0] and not self._stated(prefix):
+                chosen[prefix] = self._tried(prefix, keys, orientations)
+        return chosen
+
+    def _stated(self, prefix: str) -> str | None:
+        """Return the convention that the user or the names state; None where they leave it open."""
+        named = self._values.layout.angles.get(prefix, ())
+        return named[0] if len(named) == 1 else self._reading.angles
+
+    def _tried(self, prefix: str, keys: tuple[str, ...], orientations: Mapping[str, tuple[str, ...] | None]) -> str:
+        """Return the convention that the data show; otherwise a question goes to the log."""
+        open_names = self._values.layout.angles.get(prefix)
+        n = self._values.lines.size
+        rows = np.linspace(0, n - 1, min(n, _SAMPLE)).astype(int)
+        known = self._known(prefix, rows, orientations)
+        angles = self._values.column_set(keys)
+        trial = None
+        if known is not None and angles is not None:
+            trial = try_conventions(angles[:, rows], known, open_names or _DOCUMENTED)
+        names = ", ".join(self._values.layout.columns[key].name for key in keys)
+        if open_names is None:
+            if trial is not None and trial.rules_out("rotvec"):
+                self._ask(names, "are documented as a rotation vector, which they do not fit", trial, _DOCUMENTED)
+            return "rotvec"
+        if trial is None or not trial.decided:
+            self._ask(names, "may be angles of several conventions", trial, open_names)
+            return open_names[0]
+        others = (name for name in trial.disagreement if name != trial.best)
+        worse = min(trial.disagreement[name] for name in others)
+        self.remarks.append(
+            f"{names} taken as {trial.best}: it fits the known orientations to "
+            f"{_degrees(trial.disagreement[trial.best])}, others miss by {_degrees(worse)}"
+        )
+        return trial.best
+
+    def _known(self, prefix: str, rows: Array, orientations: Mapping[str, tuple[str, ...] | None]) -> Array | None:
+        """Return orientations of the rows that do not depend on the angles in question; None where there are none."""
+        q = self._values.column_set(self._values.layout.joints())
+        if q is not None and self._orientation_at is not None:
+            return self._orientation_at(q[:, rows])
+        other = "" if prefix else "cmd_"
+        keys = orientations[other]
+        if keys is None or (columns := self._values.column_set(keys)) is None:
+            return None
+        certain = keys[0] != other + ROTATION_VECTOR[0] or self._stated(other)
+        return _conversion(keys, self._stated(other) or "rotvec")(columns[:, rows]) if certain else None
+
+    def _ask(self, names: str, doubt: str, trial: AngleTrial | None, conventions: Sequence[str]) -> None:
+        tried = ""
+        if trial is not None:
+            results = (f"{name} by {_degrees(size)}" for name, size in trial.disagreement.items())
+            tried = f" (they miss the known orientations: {', '.join(results)})"
+        self._log.add(f"these {doubt}{tried}", self._line, names, f"give `angles`: {', '.join(conventions)}")
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.degrees(angle):.2g} degrees"

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs
 from robacc.api.inputs import StrPath, fitted_pose_warnings, with_fitted_poses
 from robacc.api.result import Provenance, check_range, fields_of, options_of
+from robacc.effects.baseline import Baseline, default_baseline
 from robacc.effects.request import build, parse_requests
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -24,15 +25,17 @@ class Traced(FitResult, Trace):
 
     command: ClassVar[str] = "trace"
     fit_inputs: FitInputs
+    baseline: Baseline
+    """The declared effects, and whether the call declared them."""
     made: Provenance
 
     @classmethod
-    def of(cls, body: Trace, inputs: FitInputs, made: Provenance) -> Traced:
+    def of(cls, body: Trace, inputs: FitInputs, baseline: Baseline, made: Provenance) -> Traced:
         """Return ``body`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(body)
         fields["robot"] = with_fitted_poses(body.robot, inputs.files)
         fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
-        return cls(**fields, fit_inputs=inputs, made=made)
+        return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
 
     @property
     def converged(self) -> bool:
@@ -41,17 +44,18 @@ class Traced(FitResult, Trace):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.fit import trace_payload
+        from robacc.documents.fit import baseline_payload, trace_payload
 
         inputs = self.fit_inputs
-        return trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
+        document = trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
+        return {**document, "declared": baseline_payload(self.baseline)}
 
 
 def trace(
     poses: StrPath | Measurements,
     *,
     robot: StrPath | Robot,
-    declared: str | Sequence[str] = (),
+    declared: str | Sequence[str] | None = None,
     folds: int = 5,
     holdout: StrPath | Measurements | None = None,
     empirical: bool = True,
@@ -67,7 +71,9 @@ def trace(
     Args:
         poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
         robot: Robot file (YAML) or URDF that commanded the poses, or a robot read before.
-        declared: Effects known to be present, such as ``("base_frame", "tool_frame")``: part of the baseline.
+        declared: Effects known to be present, such as ``("base_frame", "tool_frame")``: part of the baseline. None for
+            the effects of every arm that the poses support: base_frame, tool_frame, joint_offset, link_geometry.
+            ``"none"`` or ``()`` for nothing.
         folds: Number of folds of cross-validation; each is held out in turn.
         holdout: Separate validation poses, in place of cross-validation.
         empirical: Allow empirical corrections after the named effects.
@@ -102,7 +108,9 @@ def trace(
     check_range("folds", folds, 2, 50)
     check_range("seed", seed, 0)
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link)
-    effects = build(parse_requests(joined(declared)), Arm.of(inputs.robot), inputs.data)
+    arm = Arm.of(inputs.robot)
+    baseline = _baseline(declared, arm, inputs.data)
+    effects = build(parse_requests(",".join(baseline.names)), arm, inputs.data)
     body = trace_effects(
         Model.of(inputs.robot, effects),
         inputs.data,
@@ -112,5 +120,16 @@ def trace(
         empirical=empirical,
         progress=progress or (lambda label, done, total: None),
     )
-    options = options_of(trace, arguments, **inputs.names, declared=joined(declared))
-    return Traced.of(body, inputs, Provenance(options, inputs.files, seed))
+    options = options_of(
+        trace, arguments, **inputs.names, declared=",".join(baseline.names) if declared is None else joined(declared)
+    )
+    return Traced.of(body, inputs, baseline, Provenance(options, inputs.files, seed))
+
+
+def _baseline(declared: str | Sequence[str] | None, arm: Arm, data: Measurements) -> Baseline:
+    """Return the declared effects, or those of every arm if ``declared`` is None."""
+    if declared is None:
+        return default_baseline(arm, data)
+    text = joined(declared).strip()
+    requests = parse_requests("" if text == "none" else text)
+    return Baseline(tuple(map(str, requests)), by_default=False)

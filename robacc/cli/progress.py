@@ -15,9 +15,11 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
         yield lambda label, done, total: None
         return
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    # The spinner and the clock move while a search, the longest step of all, is at work.
+    shown = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*shown, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=None)
 
         def show(label: str, done: int, total: int) -> None:

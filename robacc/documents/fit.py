@@ -13,6 +13,7 @@ from robacc.calibration import Calibration
 from robacc.documents.poses import curve_document, pose_document, robot_document
 from robacc.documents.stages import ErrorRows, stage_document
 from robacc.documents.statistics import parameters_document
+from robacc.effects.baseline import Baseline
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.identifiability import Identifiability
@@ -155,6 +156,15 @@ def _pose_keys(
     }
 
 
+def baseline_payload(baseline: Baseline) -> dict[str, Any]:
+    """Return the key ``declared``."""
+    return {
+        "effects": list(baseline.names),
+        "by_default": baseline.by_default,
+        "left_out": [{"effect": name, "why": why} for name, why in baseline.left_out],
+    }
+
+
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "effect": finding.effect,
@@ -173,6 +183,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
         ],
         "p_value": _number(finding.p_value),
         "evidence": _number(finding.evidence),
+        "size_at_tool_m": finding.size_at_tool,
+        "largest_at_tool_m": finding.largest_at_tool,
         "held_out_before_m": finding.held_out_before,
         "held_out_after_m": finding.held_out_after,
         "stability": {"folds": finding.stability[0], "of": finding.stability[1]},

@@ -22,6 +22,10 @@ class Request:
     joints: tuple[str, ...] | None
     """None for the default; ``("all",)`` for every joint it can act on."""
 
+    def __str__(self) -> str:
+        """Return the request as it is written."""
+        return self.name if self.joints is None else f"{self.name}[{','.join(self.joints)}]"
+
 
 def parse_requests(text: str) -> tuple[Request, ...]:
     """Parse names separated by commas, each with optional joints in brackets.

@@ -67,6 +67,11 @@ class Finding:
     warnings: tuple[str, ...]
     partial_residuals: tuple[PartialResidual, ...]
     """Partial residual of the effect over each driver, without and with it."""
+    size_at_tool: float | None
+    """RMS over the calibration poses of the distance by which the effect alone moves the target, m. None if the arm
+    without the effect cannot be evaluated."""
+    largest_at_tool: float | None
+    """Largest such distance, m."""
     statement: str | None = None
     """What the finding means and what to do; None if its coefficients say it."""
     change: tuple[float, float, float] | None = None
@@ -107,6 +112,7 @@ def describe_finding(
         between = (place, low, high)
     harmonics = _harmonics(loop, effect, choice, coefficients, final.covariance[np.ix_(columns, columns)])
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
+    moved = _motion(fitted, final, data)
     return Finding(
         effect.name,
         effect.joints,
@@ -121,8 +127,10 @@ def describe_finding(
         harmonics,
         _validity(fitted, final, data),
         implausible,
-        (*_finding_warnings(fitted, final, data, folds_chosen), *(() if implausible is None else (implausible,))),
+        (*_finding_warnings(fitted, final, moved, folds_chosen), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
+        None if moved is None else float(np.sqrt(np.mean(np.square(moved)))),
+        None if moved is None else float(np.max(moved)),
         periodic_statement(effect, harmonics) if harmonics else fitted.statement(final.model.arm, values, between),
         change,
     )
@@ -175,18 +183,18 @@ def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str
     )
 
 
-def _finding_warnings(effect: Effect, final: Fit, data: Measurements, chosen: tuple[int, int]) -> tuple[str, ...]:
+def _finding_warnings(effect: Effect, final: Fit, moved: Array | None, chosen: tuple[int, int]) -> tuple[str, ...]:
     warnings = []
     if chosen[1] and chosen[0] < _LEAST_STABILITY * chosen[1]:
         warnings.append(f"{effect} was found in only {chosen[0]} of {chosen[1]} folds")
-    n_poses = _decisive_poses(effect, final, data)
+    n_poses = None if moved is None else _decisive_poses(moved)
     if n_poses is not None:
         warnings.append(f"more than half of the contribution of {effect} comes from only {n_poses} poses")
     return tuple(warnings)
 
 
-def _decisive_poses(effect: Effect, final: Fit, data: Measurements) -> int | None:
-    """Return the number of poses that carry half of a finding's contribution, or None if they are many."""
+def _motion(effect: Effect, final: Fit, data: Measurements) -> Array | None:
+    """Return the distances ``(n,)`` by which the effect alone moves the target at the inliers, m."""
     bound = final.model.bind(data)
     number = final.model.free.index(effect)
     theta_without = np.where(np.array(final.owners) == number, 0.0, final.theta)
@@ -194,7 +202,13 @@ def _decisive_poses(effect: Effect, final: Fit, data: Measurements) -> int | Non
         moved = bound.poses(theta_without).translation - final.poses.translation
     except RobaccError:
         return None
-    share = np.sort(np.sum(np.square(moved[:, final.inliers]), axis=0))[::-1]
+    distances: Array = np.linalg.norm(moved[:, final.inliers], axis=0)
+    return distances
+
+
+def _decisive_poses(moved: Array) -> int | None:
+    """Return the number of poses that carry half of a finding's contribution, or None if they are many."""
+    share = np.sort(np.square(moved))[::-1]
     if share.sum() <= 0:
         return None
     count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1

@@ -248,3 +248,38 @@ def test_nothing_is_written_where_the_data_are_refused(files: Path, tmp_path: Pa
     assert done.exit_code == 3
     assert not model.exists()
     assert not output.exists()
+
+
+def test_what_is_declared_by_default_is_said_and_recorded(files: Path) -> None:
+    bare = ("trace", str(files / "poses.csv"), "--robot", str(files / "arm.yaml"))
+    done = run(*bare)
+    assert done.exit_code == 0
+    text = " ".join(done.stdout.split())
+    assert "declared effects: base_frame, tool_frame, joint_offset, link_geometry (default; --declared changes" in text
+    # What the effect does at the tool comes before its coefficients.
+    finding = text.index("1) backlash on j2 moves the tool by up to ")
+    assert finding < text.index("backlash.j2 = ")
+    found = json.loads(run(*bare, "--format", "json").stdout)
+    names = ["base_frame", "tool_frame", "joint_offset", "link_geometry"]
+    assert found["declared"] == {"effects": names, "by_default": True, "left_out": []}
+    assert found["options"]["declared"] == ",".join(names)
+    named = json.loads(run(*command(files, "--format", "json", declared=",".join(names))).stdout)
+    assert named["declared"]["by_default"] is False
+    assert named["findings"] == found["findings"]
+
+
+def test_the_size_at_the_tool_is_that_of_the_effect_alone(files: Path) -> None:
+    (finding,) = document(files)["findings"]
+    # Backlash turns j2 by its coefficient one way or the other: the target moves by that angle times its distance
+    # from the axis, which no pose has further than the arm is long.
+    (parameter,) = finding["parameters"]
+    reach = max(finding["largest_at_tool_m"], 0.0) / abs(parameter["value"])
+    assert 0.3 < reach < 1.5
+    assert 0.0 < finding["size_at_tool_m"] <= finding["largest_at_tool_m"]
+
+
+def test_nothing_is_declared_by_none(files: Path) -> None:
+    found = document(files, poses="clean")
+    assert found["declared"]["effects"] == ["base_frame", "tool_frame", "joint_offset"]
+    done = run(*command(files, declared="none,backlash"))
+    assert done.exit_code == 2

@@ -30,13 +30,14 @@ def trace(
     poses: PosesArgument,
     robot: NeededRobotOption,
     declared: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--declared",
             metavar="EFFECT,…",
-            help="Effects known to be present: part of the baseline and of the extended model.",
+            help="Effects known to be present, part of the baseline; none for nothing. Default: base_frame, "
+            "tool_frame, joint_offset and link_geometry, as far as the poses support them.",
         ),
-    ] = "",
+    ] = None,
     write_model: WriteModelOption = None,
     holdout: HoldoutOption = None,
     folds: FoldsOption = 5,
@@ -60,7 +61,7 @@ def trace(
 ) -> None:
     """Find the effects that explain the residual, and report the error before and after on held-out poses.
 
-    Example: robacc trace poses.csv --robot robot.yaml --declared base_frame,tool_frame --write-model better.yaml
+    Example: robacc trace poses.csv --robot robot.yaml --write-model better.yaml
     """
     from robacc.api.trace import trace as run_trace
     from robacc.cli.output import Outlets, deliver_fit
@@ -86,5 +87,5 @@ def trace(
         write_model,
         Outlets(form, output, gate, junit, report),
         result,
-        lambda stream: draw_trace(result, poses, robot, declared, stream),
+        lambda stream: draw_trace(result, poses, robot, result.baseline, stream),
     )

@@ -12,8 +12,8 @@ from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, p_value, three_digits
 from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
+from robacc.render.text.units import IN_MM, table_unit
 
-_IN_MM = 1e3
 _MAX_COEFFICIENTS = 60
 _MAX_NAMES = 6
 
@@ -53,14 +53,10 @@ def _parts(
 
 def _coefficients(result: Calibration) -> list[TextLine]:
     estimated = [parameter for parameter in result.parameters if parameter.std is not None]
-    rows = [
-        [
-            parameter.name,
-            *measured(parameter.value, parameter.std or 0.0),
-            "" if parameter.unit == "1" else parameter.unit,
-        ]
-        for parameter in estimated[:_MAX_COEFFICIENTS]
-    ]
+    rows = []
+    for parameter in estimated[:_MAX_COEFFICIENTS]:
+        factor, unit = table_unit(parameter.unit)
+        rows.append([parameter.name, *measured(factor * parameter.value, factor * (parameter.std or 0.0)), unit])
     lines = columns(["name", "value", "standard error", "unit"], rows)
     if len(estimated) > _MAX_COEFFICIENTS:
         lines.append(TextLine(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
@@ -70,7 +66,7 @@ def _coefficients(result: Calibration) -> list[TextLine]:
 def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     noise, fit = result.noise.noise, result.fit
     source = {"file": "from the file's sigma columns", "repeats": "from repeated poses"}.get(noise.source)
-    size = f"measurement noise {three_digits(noise.position * _IN_MM)} mm along each axis (standard deviation)"
+    size = f"measurement noise {three_digits(noise.position * IN_MM)} mm along each axis (standard deviation)"
     yield f"{size}, {source or 'estimated from the residual'}"
     if result.noise.p_value is not None:
         yield f"residual {result.noise.ratio:.3g} times this noise; lack-of-fit test {p_value(result.noise.p_value)}"

@@ -7,9 +7,8 @@ from collections.abc import Iterator, Sequence
 
 from robacc.render.text.layout import TextLine, columns, wrapped
 from robacc.render.text.numbers import three_digits
+from robacc.render.text.units import IN_MM, table_unit
 from robacc.tracing.detection import DetectionLimit
-
-_IN_MM = 1e3
 
 
 def draw_detection(limits: Sequence[DetectionLimit], width: int) -> Iterator[TextLine]:
@@ -24,9 +23,9 @@ def draw_detection(limits: Sequence[DetectionLimit], width: int) -> Iterator[Tex
         )
         undetectable += [_label(limit) for limit in family if limit.limit is None]
         if detectable:
-            motion = statistics.median(limit.rms or 0.0 for limit in detectable) * _IN_MM
+            motion = statistics.median(limit.rms or 0.0 for limit in detectable) * IN_MM
             highest = _size(detectable[-1]) if len(detectable) > 1 else ""
-            rows.append([name, _size(detectable[0]), highest, detectable[0].unit, three_digits(motion)])
+            rows.append([name, _size(detectable[0]), highest, table_unit(detectable[0].unit)[1], three_digits(motion)])
     yield from columns(["detection limit", "lowest", "highest", "unit", "at the target, mm"], rows)
     yield TextLine("detection limit: smallest size found with probability 1/2", "dim")
     if undetectable:
@@ -40,4 +39,4 @@ def _label(limit: DetectionLimit) -> str:
 
 def _size(limit: DetectionLimit) -> str:
     joints = f" {','.join(limit.joints)}" if limit.joints else ""
-    return f"{limit.limit:.1e}{joints}"
+    return f"{(limit.limit or 0.0) * table_unit(limit.unit)[0]:.1e}{joints}"

@@ -10,11 +10,8 @@ from robacc.fitting.deflection_model import BETTER, DeflectionChoice
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.render.text.layout import TextLine, columns
 from robacc.render.text.numbers import three_digits
+from robacc.render.text.units import IN_DEGREES, IN_MM
 from robacc.robots.arm import Arm
-
-_IN_MM = 1e3
-_IN_MRAD = 1e3
-_IN_MICRORADIANS = 1e6
 
 
 def stage_tables(stages: Sequence[tuple[str, Stage]]) -> Iterator[TextLine]:
@@ -29,7 +26,7 @@ def stage_tables(stages: Sequence[tuple[str, Stage]]) -> Iterator[TextLine]:
         figures = [(name, getattr(stage, kind)) for name, stage in stages]
         if any(metrics is None for _, metrics in figures):
             continue
-        for quantity, unit, factor in (("position", "mm", _IN_MM), ("orientation", "mrad", _IN_MRAD)):
+        for quantity, unit, factor in (("position", "mm", IN_MM), ("orientation", "°", IN_DEGREES)):
             if getattr(figures[0][1], quantity) is not None:
                 yield from _table(f"{quantity}, {unit}, {title}", quantity, factor, figures)
 
@@ -38,7 +35,7 @@ def gain_line(gain: Gain | None) -> Iterator[TextLine]:
     """Return the gain with its interval, nothing without an interval."""
     if gain is None or gain.low != gain.low:
         return
-    value, low, high = (three_digits(number * _IN_MM) for number in (gain.value, gain.low, gain.high))
+    value, low, high = (three_digits(number * IN_MM) for number in (gain.value, gain.low, gain.high))
     percent = f"{100 * gain.confidence:.0f} %"
     yield TextLine(f"rms reduction on held-out poses: {value} mm ({percent} interval {low} to {high} mm)")
 
@@ -48,12 +45,12 @@ def repeatability_items(repeatability: Repeatability | None, arm: Arm) -> Iterat
     if repeatability is None:
         return
     joints = ", ".join(
-        f"{name} {three_digits(std * (_IN_MICRORADIANS if arm.is_revolute(name) else _IN_MM))} "
-        f"{'µrad' if arm.is_revolute(name) else 'mm'}"
+        f"{name} {three_digits(std * (IN_DEGREES if arm.is_revolute(name) else IN_MM))}"
+        f"{'°' if arm.is_revolute(name) else ' mm'}"
         for name, std in repeatability.joints
         if std is not None
     )
-    size = three_digits(repeatability.position * _IN_MM)
+    size = three_digits(repeatability.position * IN_MM)
     yield f"intrinsic repeatability: {size} mm rms at the target ({joints or 'no joint singled out'})"
     if repeatability.source == "residual":
         yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
@@ -73,7 +70,7 @@ def deflection(choice: DeflectionChoice | None) -> Iterator[str]:
     """Return the deflection model used by elastic effects and the reason for it."""
     if choice is None:
         return
-    size = f"{three_digits(choice.difference * _IN_MM)} mm rms"
+    size = f"{three_digits(choice.difference * IN_MM)} mm rms"
     if choice.gain is None:
         yield (
             f"deflection model: equilibrium; torques at the undeflected pose change the prediction by {size}, too "

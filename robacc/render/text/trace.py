@@ -6,19 +6,19 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import TextIO
 
+from robacc.effects.baseline import Baseline
 from robacc.fitting.parameters import FittedParameter
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.detection import draw_detection
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, odds, p_value, three_digits
 from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
+from robacc.render.text.units import IN_DEGREES, IN_MM, table_unit, with_table_unit
 from robacc.tracing.findings import Finding
 from robacc.tracing.harmonics import Harmonic
 from robacc.tracing.rivals import Alternative
 from robacc.tracing.trace import Trace
 
-_IN_MM = 1e3
-_IN_MICRORADIANS = 1e6
 _VERDICTS = {
     "clean": "clean: no effect beyond the declared ones",
     "explained": "explained",
@@ -33,16 +33,17 @@ _INDISTINGUISHABLE = 0.9999
 """Similarity from which two effects predict the same on the poses."""
 
 
-def draw_trace(result: Trace, poses: str, robot: str, declared: str, stream: TextIO) -> None:
+def draw_trace(result: Trace, poses: str, robot: str, baseline: Baseline, stream: TextIO) -> None:
     """Write the report of ``robacc trace`` to ``stream``."""
-    write_lines(_parts(result, poses, robot, declared, width_of(stream)), stream)
+    write_lines(_parts(result, poses, robot, baseline, width_of(stream)), stream)
 
 
-def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> Iterator[TextLine]:
+def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int) -> Iterator[TextLine]:
     rows = result.final.residual.shape[1]
     yield heading(f"Trace of {rows} measured poses: {_VERDICTS[result.verdict]}")
     yield TextLine(f"{poses}, commanded by {robot}")
-    yield TextLine(f"declared effects: {declared.replace(',', ', ') or 'none'}")
+    for text in declared_effects(baseline):
+        yield from wrapped(text, width)
     yield BLANK
     yield heading("1. Residual")
     yield from wrapped(_residual(result), width)
@@ -56,9 +57,10 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
     if not result.findings:
         yield TextLine("none, at a false-alarm rate below 1 % over all candidates")
     for number, finding in enumerate(result.findings, 1):
-        yield from _finding(number, finding, width)
+        yield from _finding(number, finding, _baseline_rms(result), width)
     if result.findings:
-        yield TextLine("± is one standard error", "dim")
+        note = "of the residual: of the baseline's mean square error on held-out poses; ± is one standard error"
+        yield from (TextLine(line.text, "dim") for line in wrapped(note, width))
     for text in deflection(result.deflection):
         yield from wrapped(text, width)
     yield BLANK
@@ -84,10 +86,18 @@ def _parts(result: Trace, poses: str, robot: str, declared: str, width: int) -> 
         yield from _next_poses(result, width)
 
 
+def declared_effects(baseline: Baseline) -> Iterator[str]:
+    """Return the declared effects, and for the default how it was chosen and what it lacks."""
+    names = ", ".join(baseline.names) or "none"
+    yield f"declared effects: {names}{' (default; --declared changes them)' if baseline.by_default else ''}"
+    for name, why in baseline.left_out:
+        yield f"{name} is not declared: {why}"
+
+
 def _residual(result: Trace) -> str:
     noise = result.noise.noise
-    size = math.sqrt(3) * noise.position * _IN_MM
-    rms = result.before.fitted.position.rms * _IN_MM
+    size = math.sqrt(3) * noise.position * IN_MM
+    rms = result.before.fitted.position.rms * IN_MM
     text = f"baseline: {three_digits(rms)} mm rms; measurement noise: {three_digits(size)} mm rms, "
     if noise.source in ("file", "repeats"):
         return text + ("from the file's sigma columns" if noise.source == "file" else "from repeated poses")
@@ -114,18 +124,24 @@ def _candidates(result: Trace, width: int) -> Iterator[TextLine]:
         yield from (TextLine(line.text, "dim") for line in wrapped(f"not tested: {why}", width))
 
 
-def _finding(number: int, finding: Finding, width: int) -> Iterator[TextLine]:
+def _baseline_rms(result: Trace) -> float | None:
+    """Return the RMS position error of the baseline on held-out poses, m."""
+    return None if result.before.held_out is None else result.before.held_out.position.rms
+
+
+def _finding(number: int, finding: Finding, baseline_rms: float | None, width: int) -> Iterator[TextLine]:
     joints = f" on {', '.join(finding.joints)}" if finding.joints else ""
     if part := finding.settings.get("part"):
         joints = f" of the {part}"
+    yield from wrapped(f"{number}) {finding.effect}{joints} {at_tool(finding, baseline_rms)}", width)
     found_in, folds = finding.stability
     stability = f", found in {found_in} of {folds} folds" if folds else ""
-    yield TextLine(f"{number}) {finding.effect}{joints}: {p_value(finding.p_value)}{stability}")
     details = [] if finding.statement is None else [finding.statement]
+    details.append(f"{p_value(finding.p_value)}{stability}")
     if finding.held_out_before is not None and finding.held_out_after is not None:
         details.append(
-            f"held-out poses: {three_digits(finding.held_out_before * _IN_MM)} mm rms without it, "
-            f"{three_digits(finding.held_out_after * _IN_MM)} mm rms with it"
+            f"held-out poses: {three_digits(finding.held_out_before * IN_MM)} mm rms without it, "
+            f"{three_digits(finding.held_out_after * IN_MM)} mm rms with it"
         )
     if finding.harmonics:
         listed = finding.harmonics[:_MAX_HARMONICS]
@@ -141,20 +157,33 @@ def _finding(number: int, finding: Finding, width: int) -> Iterator[TextLine]:
     yield from items(details, width)
 
 
+def at_tool(finding: Finding, baseline_rms: float | None) -> str:
+    """Return what the effect does at the tool, and its share of the mean square error of the baseline."""
+    if finding.size_at_tool is None or finding.largest_at_tool is None:
+        return "cannot be evaluated alone"
+    text = (
+        f"moves the tool by up to {three_digits(finding.largest_at_tool * IN_MM)} mm "
+        f"({three_digits(finding.size_at_tool * IN_MM)} mm rms)"
+    )
+    if finding.held_out_before is None or finding.held_out_after is None or not baseline_rms:
+        return text
+    share = (finding.held_out_before**2 - finding.held_out_after**2) / baseline_rms**2
+    return f"{text}, {100 * min(max(share, 0.0), 1.0):.0f} % of the residual"
+
+
 def _parameter(parameter: FittedParameter) -> str:
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    factor, unit = table_unit(parameter.unit)
     if parameter.std is None:
         return f"{parameter.name}: not identifiable, {parameter.why}"
-    return f"{parameter.name} = {' ± '.join(measured(parameter.value, parameter.std))}{unit}"
+    number = " ± ".join(measured(factor * parameter.value, factor * parameter.std))
+    return f"{parameter.name} = {with_table_unit(number, unit)}"
 
 
 def _order(harmonic: Harmonic) -> str:
-    amplitude = f"{harmonic.amplitude * _IN_MICRORADIANS:.0f}"
+    amplitude = three_digits(harmonic.amplitude * IN_DEGREES)
     if harmonic.amplitude_std is not None:
-        amplitude = " ± ".join(
-            measured(harmonic.amplitude * _IN_MICRORADIANS, harmonic.amplitude_std * _IN_MICRORADIANS)
-        )
-    return f"{harmonic.order:g} ({amplitude} µrad)"
+        amplitude = " ± ".join(measured(harmonic.amplitude * IN_DEGREES, harmonic.amplitude_std * IN_DEGREES))
+    return f"{harmonic.order:g} ({amplitude}°)"
 
 
 def _alternative(alternative: Alternative) -> str:
@@ -175,9 +204,9 @@ def _alternative(alternative: Alternative) -> str:
 
 def _remaining_error(result: Trace) -> Iterable[str]:
     unexplained = result.unexplained
-    text = f"{three_digits(unexplained.rms * _IN_MM)} mm rms on the calibration poses"
+    text = f"{three_digits(unexplained.rms * IN_MM)} mm rms on the calibration poses"
     if unexplained.noise_rms is not None:
-        text += f", of which {three_digits(unexplained.noise_rms * _IN_MM)} mm is measurement noise"
+        text += f", of which {three_digits(unexplained.noise_rms * IN_MM)} mm is measurement noise"
     yield text
     yield (
         f"structured: not noise alone{_significance(unexplained.p_value)}"
@@ -202,7 +231,7 @@ def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:
         yield from wrapped(advice.text, width)
         if advice.q:
             rows = [
-                [str(number), *(f"{value:.3f}" for value in values), three_digits(difference * _IN_MM)]
+                [str(number), *(f"{value:.3f}" for value in values), three_digits(difference * IN_MM)]
                 for number, (values, difference) in enumerate(zip(advice.q, advice.difference, strict=True), 1)
             ]
             yield from columns(["pose", *names, "difference, mm"], rows)

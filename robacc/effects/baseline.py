@@ -1,0 +1,72 @@
+"""Effects of the baseline where none are declared: those by which every arm deviates, as far as the poses support them.
+
+A complete model of the constants has 4 coefficients for each revolute joint, 2 for each prismatic joint, and 6 for the
+target, of which 3 for a target measured by position only (L. J. Everett, M. Driels, B. W. Mooring, "Kinematic
+modelling for robot calibration", ICRA 1987).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.effects.base import effect_class
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+FRAMES = ("base_frame", "tool_frame")
+CONSTANTS = ("joint_offset", "link_geometry")
+"""Effects of every arm beside its frames, in the order in which the poses have to support them."""
+_EQUATIONS_PER_COEFFICIENT = 3
+"""Fewest measured coordinates of distinct commanded poses for each coefficient: a fold of cross-validation lacks a
+fifth of the poses, and the tested effects need coordinates too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """Declared effects of a trace."""
+
+    names: tuple[str, ...]
+    """Requests, such as ``joint_offset`` or ``joint_offset[j2]``."""
+    by_default: bool
+    """The call declared nothing; robacc chose the effects."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Effects that the default has and these poses do not support, with the reason."""
+
+
+def default_baseline(arm: Arm, data: Measurements) -> Baseline:
+    """Return the effects of every arm that these poses support."""
+    names: list[str] = []
+    left_out: list[tuple[str, str]] = []
+    n_poses = int(np.unique(data.groups()).size)
+    measured = n_poses * (3 if data.rotation is None else 6)
+    for name in (*FRAMES, *CONSTANTS):
+        why = effect_class(name).missing(arm, data)
+        if why is None and name in CONSTANTS:
+            why = _too_few(n_poses, measured, _coefficients(arm, data, name))
+        if why is None:
+            names.append(name)
+        else:
+            left_out.append((name, why))
+    return Baseline(tuple(names), True, tuple(left_out))
+
+
+def _too_few(n_poses: int, measured: int, coefficients: int) -> str | None:
+    needed = _EQUATIONS_PER_COEFFICIENT * coefficients
+    if measured >= needed:
+        return None
+    return (
+        f"{n_poses} commanded poses give {measured} coordinates, but the {coefficients} coefficients of the baseline "
+        f"with it need {needed}"
+    )
+
+
+def _coefficients(arm: Arm, data: Measurements, last: str) -> int:
+    """Return the number of identifiable coefficients of the baseline up to the effect ``last``."""
+    of_target = (3 if data.rotation is None else 6) * max(len(arm.robot.targets), 1)
+    revolute = sum(arm.is_revolute(name) for name in arm.names)
+    prismatic = len(arm.names) - revolute
+    if last == "joint_offset":
+        return 6 + of_target + revolute + prismatic
+    return 4 * revolute + 2 * prismatic + of_target

@@ -108,22 +108,37 @@ def test_alignment_stands_beside_the_unaligned_figures() -> None:
         for name in (f"rms_{unit}", f"mean_error_{unit}", f"p95_{unit}", f"max_{unit}"):
             assert aligned["unaligned"][key][name] == pytest.approx(plain[key][name], rel=1e-12)
     assert aligned["position"]["rms_m"] < 0.5 * plain["position"]["rms_m"]
-    table = run(*SAMPLE, "--align", "base_frame,tool_frame").stdout
+    table = run(*SAMPLE, "--align", "base_frame,tool_frame", "--full").stdout
     assert "registered: base_frame and tool_frame fitted, 12 parameters" in table
     assert "unregistered" in table
-    assert "unregistered" not in run(*SAMPLE).stdout
+    assert "unregistered" not in run(*SAMPLE, "--full").stdout
     assert "not registered" in run(*SAMPLE).stdout
 
 
 def test_table_is_as_it_was() -> None:
     """Golden: a change of looks is a change to review. Rewrite with the command in the failure's message."""
-    result = run("-", text=COMMANDED)
+    result = run("-", "--full", text=COMMANDED)
     assert result.exit_code == 0
-    assert result.stdout == GOLDEN.read_text(encoding="utf-8"), f"robacc estimate - > {GOLDEN.name} if it should be"
+    message = f"robacc estimate - --full > {GOLDEN.name} if it should be"
+    assert result.stdout == GOLDEN.read_text(encoding="utf-8"), message
+
+
+def test_the_short_table_answers_in_about_fifteen_lines() -> None:
+    for arguments in ((*SAMPLE, "--align", "base_frame,tool_frame"), SAMPLE):
+        lines = run(*arguments).stdout.splitlines()
+        assert len(lines) <= 18
+        text = " ".join(" ".join(lines).split())
+        found = document(*arguments)
+        assert f"Grade {found['grade']['grade']}, " in text
+        for name in ("rms_m", "mean_error_m", "p95_m", "max_m"):
+            assert f"{found['position'][name] * 1e3:.3g}" in text
+        assert "largest errors: line " in text
+        assert "--full adds covariances" in lines[-1]
 
 
 def test_table_fits_a_page_and_has_no_loose_ends() -> None:
-    for arguments in (SAMPLE, (*SAMPLE, "--align", "base_frame,tool_frame"), (*SAMPLE, "--frame", "base")):
+    aligned = (*SAMPLE, "--align", "base_frame,tool_frame")
+    for arguments in (SAMPLE, aligned, (*aligned, "--full"), (*SAMPLE, "--frame", "base", "--full")):
         lines = run(*arguments).stdout.splitlines()
         names = [line for line in lines if "commanded by" in line]
         assert all(len(line) <= 80 for line in lines if line not in names)
@@ -232,7 +247,7 @@ def test_a_mean_without_an_interval_has_the_digits_of_the_errors(tmp_path: Path)
     path = tmp_path / "poses.csv"
     rows = "pose,x_mm,y_mm,z_mm,cmd_x_mm,cmd_y_mm,cmd_z_mm\na,100.3,0,0,100.1,0,0\na,99.9,0,0,100.1,0,0\n"
     path.write_text(rows, encoding="utf-8")
-    lines = run(str(path)).stdout.splitlines()
+    lines = run(str(path), "--full").stdout.splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("mean vector"))
     assert [line.split()[:2] for line in lines[first + 1 : first + 4]] == [[axis, "0.000"] for axis in "xyz"]
 

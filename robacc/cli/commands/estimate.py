@@ -65,6 +65,10 @@ def estimate(
     gate: GateOption = None,
     junit: JunitOption = None,
     report: ReportOption = None,
+    full: Annotated[
+        bool,
+        typer.Option("--full", help="Table with covariances, principal axes, tests, worst poses and limitations."),
+    ] = False,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -102,9 +106,11 @@ def estimate(
     result = run_estimate(poses[0], **options._asdict())
 
     def table(stream: TextIO) -> None:
-        from robacc.render.text.estimate import draw_estimate
-
-        draw_estimate(result, poses[0], robot, stream)
+        if full:
+            from robacc.render.text.estimate import draw_estimate as draw
+        else:
+            from robacc.render.text.estimate_short import draw_short_estimate as draw
+        draw(result, poses[0], robot, stream)
 
     if per_pose is not None:
         from robacc.io.files import write_text

@@ -45,11 +45,7 @@ def draw_estimate(result: EstimateResult, poses: str, robot: str | None, stream:
 
 def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width: int) -> Iterator[TextLine]:
     """Return the report's lines; text is wrapped to ``width`` columns, tables take at most 80."""
-    plural = "s" * (result.n_poses != 1)
-    yield heading(f"Error of {result.n_poses} measured pose{plural}")
-    source = "standard input" if poses == "-" else poses
-    yield TextLine(f"{source}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
-    yield TextLine(_registration(result))
+    yield from opening(result, poses, robot)
     yield TextLine(_FRAMES[result.errors.frame])
     yield BLANK
     yield from _grade(result, width)
@@ -60,11 +56,20 @@ def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width:
         earlier = None if before is None else before.orientation
         yield from _block("Orientation", "°", _IN_DEGREES, result.orientation, earlier, result.worst_orientation)
     if result.targets:
-        yield from _targets(result)
+        yield from targets_table(result)
     for title, texts in _interval_notes(result):
         yield from (BLANK, heading(title), *items(texts, width))
     yield from (BLANK, heading("Limitations"))
     yield from items([result.position.structure.text, *result.notes], width)
+
+
+def opening(result: EstimateResult, poses: str, robot: str | None) -> Iterator[TextLine]:
+    """Return the title, the files and the registration."""
+    plural = "s" * (result.n_poses != 1)
+    yield heading(f"Error of {result.n_poses} measured pose{plural}")
+    source = "standard input" if poses == "-" else poses
+    yield TextLine(f"{source}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
+    yield TextLine(_registration(result))
 
 
 def _registration(result: EstimateResult) -> str:
@@ -75,10 +80,14 @@ def _registration(result: EstimateResult) -> str:
 
 def _grade(result: EstimateResult, width: int) -> Iterator[TextLine]:
     grade = result.grade
-    yield heading(
-        f"Grade {grade.grade}, {confirmation(grade.demonstrated, grade.scale.confidence)} (scale: {grade.scale.name})"
-    )
+    yield grade_heading(grade)
     yield from items([*grade.reason.split(". "), *_odds(grade)], width)
+
+
+def grade_heading(grade: Grade) -> TextLine:
+    """Return the grade: green if it is confirmed, yellow if not."""
+    text = f"Grade {grade.grade}, {confirmation(grade.demonstrated, grade.scale.confidence)}"
+    return TextLine(f"{text} (scale: {grade.scale.name})", "green" if grade.demonstrated else "bold yellow")
 
 
 def _odds(grade: Grade) -> Iterator[str]:
@@ -137,7 +146,7 @@ def _figures(factor: float, statistics: ErrorStatistics, before: ErrorMetrics | 
             statistics.radius95_fitted_mean.interval,
         ),
     ]
-    rows = [(label, *_measured(value, interval, factor)) for label, value, interval in figures]
+    rows = [(label, *measured_figure(value, interval, factor)) for label, value, interval in figures]
     if before is None:
         return columns(("length", "", _percent(statistics)), rows)
     # The radii come last and have no unregistered value.
@@ -156,7 +165,7 @@ def _mean(factor: float, statistics: ErrorStatistics) -> list[TextLine]:
             decimals(float(m) * factor, *_limits(i, factor)) for m, i in zip(statistics.mean, intervals, strict=True)
         )
     components = zip("xyz", statistics.mean, intervals, strict=True)
-    rows = [(axis, *_measured(float(mean), interval, factor, places)) for axis, mean, interval in components]
+    rows = [(axis, *measured_figure(float(mean), interval, factor, places)) for axis, mean, interval in components]
     return columns(("mean vector", "", _percent(statistics)), rows)
 
 
@@ -191,7 +200,7 @@ def _ellipsoid(factor: float, statistics: ErrorStatistics) -> list[TextLine]:
     for i, interval in enumerate(statistics.ellipsoid.intervals):
         # Adding zero after rounding removes the sign of "-0.00".
         direction = [f"{round(float(value), 2) + 0.0:+.2f}" for value in statistics.ellipsoid.axes[:, i]]
-        rows.append((str(i + 1), *_measured(float(statistics.ellipsoid.sd[i]), interval, factor), *direction))
+        rows.append((str(i + 1), *measured_figure(float(statistics.ellipsoid.sd[i]), interval, factor), *direction))
     return columns(("principal axis, standard deviation", "", _percent(statistics), "x", "y", "z"), rows)
 
 
@@ -254,7 +263,8 @@ def _worst(name: str, worst: Sequence[WorstPose]) -> list[TextLine]:
     return columns([f"largest {name.lower()} errors", *headings, *(["orientation, °"] if angles else [])], rows)
 
 
-def _targets(result: EstimateResult) -> Iterator[TextLine]:
+def targets_table(result: EstimateResult) -> Iterator[TextLine]:
+    """Return the position errors of each target."""
     rows = []
     for target in result.targets:
         figures = (target.position.rms, target.position.mean, target.position.p95, target.position.max)
@@ -267,7 +277,9 @@ def _percent(statistics: ErrorStatistics) -> str:
     return f"{100 * statistics.confidence:g} % interval"
 
 
-def _measured(value: float | None, interval: Interval, factor: float, places: int | None = None) -> tuple[str, str]:
+def measured_figure(
+    value: float | None, interval: Interval, factor: float, places: int | None = None
+) -> tuple[str, str]:
     """Return the value and its interval with the decimals that the interval supports."""
     if value is None:
         return "–", "–"

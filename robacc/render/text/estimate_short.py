@@ -15,7 +15,7 @@ from robacc.statistics.confidence_curves import ASSURANCE
 from robacc.statistics.intervals import Interval
 
 _MAX_WORST = 3
-_MORE = "--full adds covariances, tests, methods of the intervals and limitations"
+_MORE = "`full=True` adds covariances, tests, methods of the intervals and limitations"
 
 
 def draw_short_estimate(result: EstimateResult, poses: str, robot: str | None, stream: TextIO) -> None:

@@ -89,7 +89,7 @@ def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int
 def declared_effects(baseline: Baseline) -> Iterator[str]:
     """Return the declared effects, and for the default how it was chosen and what it lacks."""
     names = ", ".join(baseline.names) or "none"
-    yield f"declared effects: {names}{' (default; --declared changes them)' if baseline.by_default else ''}"
+    yield f"declared effects: {names}{' (default; `declared` changes them)' if baseline.by_default else ''}"
     for name, why in baseline.left_out:
         yield f"{name} is not declared: {why}"
 

@@ -14,7 +14,9 @@ from robacc.statistics.distributions import student_quantile
 from robacc.statistics.intervals import Interval, PoseSampling, interpolated, percentile_levels, tails
 from robacc.statistics.radius95 import PROBABILITY, satterthwaite_rms
 from robacc.statistics.records import Radius
+from robacc.statistics.scaled_percentile import ScaledPercentileCurve
 
+_BY_SHAPE = "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
 FEWEST_FOR_MODEL = 10
 """Fewer poses cannot contradict a Gaussian, so no interval relies on its tail."""
 
@@ -56,7 +58,11 @@ def p95_interval(
     sampling: PoseSampling,
     confidence: float,
 ) -> Interval:
-    """Return the interval of the 95th percentile: order statistics if there are enough poses, else a Gaussian fit."""
+    """Return the interval of the 95th percentile: order statistics if there are enough poses, else a Gaussian's shape.
+
+    Both rest on the sample's own percentile. With few poses the Gaussian gives the shape of the distribution only, not
+    its scale; see :mod:`robacc.statistics.scaled_percentile`.
+    """
     n = sampling.n_groups
     levels = percentile_levels(n, 0.95, confidence)
     radius = about_zero if assumption.zero_mean else about_mean
@@ -64,10 +70,13 @@ def p95_interval(
     by_model = levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL
     if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
         return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")
-    curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, _tail(radius, lengths), by_model)
     if by_model:
-        method = f"95 % radius of the fitted Gaussian, valid only if the errors are Gaussian; {radius.interval.method}"
-        return dataclasses.replace(_widened_to(radius.interval, percentile95(lengths)), method=method, curve=curve)
+        if radius.shape is None:
+            return radius.interval
+        scaled = ScaledPercentileCurve.of(percentile95(lengths), n, 0.95, radius.shape)
+        curve = PercentileCurve(lengths, n, 0.95, scaled, _tail(radius, lengths), by_model)
+        return dataclasses.replace(scaled.interval(confidence, _BY_SHAPE), curve=curve)
+    curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, _tail(radius, lengths), by_model)
     # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
     limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
     lower, upper, bound = (None if level is None else next(limits) for level in levels)
@@ -81,13 +90,6 @@ def p95_interval(
 def percentile95(lengths: Array) -> float:
     """Return the sample's 95th percentile, linear between order statistics (Hyndman and Fan's type 7)."""
     return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
-
-
-def _widened_to(interval: Interval, value: float) -> Interval:
-    """Widen a two-sided interval so that it contains the estimate ``value``."""
-    if interval.lower is None or interval.upper is None:
-        return interval
-    return dataclasses.replace(interval, lower=min(interval.lower, value), upper=max(interval.upper, value))
 
 
 def _tail(radius: Radius, lengths: Array) -> Tail | None:

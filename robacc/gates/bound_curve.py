@@ -38,13 +38,9 @@ class BoundCurve:
     """Reason for missing bounds."""
     exact: ExactCurve | None = None
     """Confidence curve of the interval's own method, if known; it takes precedence over interpolation."""
-    is_gaussian_percentile: bool = False
-    """The bounds of a 95th percentile come from a fitted Gaussian, because order statistics need more poses."""
 
     @classmethod
-    def through(
-        cls, intervals: Iterable[Interval], centre: float | None = None, *, is_gaussian_percentile: bool = False
-    ) -> BoundCurve:
+    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> BoundCurve:
         """Return the curve through one-sided and two-sided bounds; ``centre`` is the bound at level 1/2, if known."""
         points: dict[float, float] = {} if centre is None else {0.0: centre}
         method, why, exact = "none", None, None
@@ -60,7 +56,7 @@ class BoundCurve:
         for z in sorted(points):
             highest = max(highest, points[z])
             rising.append(highest)
-        return cls(tuple(sorted(points)), tuple(rising), method, why, exact, is_gaussian_percentile)
+        return cls(tuple(sorted(points)), tuple(rising), method, why, exact)
 
     @property
     def has_upper(self) -> bool:

@@ -15,9 +15,6 @@ Outcome = Literal["pass", "fail", "inconclusive", "not_evaluated"]
 ASSURANCE = 0.9
 """Probability that the stated number of poses decides."""
 MOST_POSES = 10_000_000
-_ORDER_STATISTICS_COST = 2.4
-"""Variance of order statistics relative to the variance of a Gaussian's radius. With more poses, order statistics
-replace the radius of a fitted Gaussian: 2.33 for errors equal in three directions, 1.8 for errors along one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +58,8 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
             return Decision("not_evaluated", no_interval)
         return Decision("pass" if sign * (limit - value) >= 0.0 else "fail", margin=sign * (limit - value))
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
-    # The bounds of a percentile may come from a fitted Gaussian and exclude the sample's percentile. Nothing passes
-    # with a value beyond the limit, and nothing fails with a value within it.
+    # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
+    # beyond the limit, and nothing fails with a value within it.
     low, high = None if low is None else min(low, value), None if high is None else max(high, value)
     adverse, favourable = (low, high) if criterion.at_least else (high, low)
     error = _standard_error(curve, criterion.confidence)
@@ -123,10 +120,7 @@ def _missing_bound(criterion: GateCriterion, curve: BoundCurve) -> str:
 
 def _standard_error(curve: BoundCurve, confidence: float) -> float | None:
     """Return the standard error on the curve's scale that applies when more poses are measured."""
-    error = curve.standard_error(confidence if confidence > 0.6 else 0.9)
-    if error is not None and curve.is_gaussian_percentile:
-        error *= math.sqrt(_ORDER_STATISTICS_COST)
-    return error
+    return curve.standard_error(confidence if confidence > 0.6 else 0.9)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.error_statistics import length_intervals
 from robacc.gates.bound_curve import LEVELS, BoundCurve
 from robacc.geometry import Array
-from robacc.statistics.intervals import Interval, percentile_levels
+from robacc.statistics.intervals import Interval
 from robacc.statistics.records import Statistic
 
 MOST_POSES = 20_000
@@ -108,15 +108,14 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     dimension = _DIMENSIONS.get(name.rpartition("_")[2], "number")
     statistic = key.rpartition(".")[2]
     n = _n_poses(document, holder)
-    curve = None if stored is None else _stored_curve(_interval(stored), number, statistic, n)
+    curve = None if stored is None else _stored_curve(_interval(stored), number, statistic)
     sample = sample_at(document, key)
     if sample is not None and statistic in ("rms", "mean_error", "p95") and sample.rows.size <= MOST_POSES:
         levels = sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
         statistics = length_intervals(sample.errors, levels, groups=sample.groups, seed=document.get("seed") or 0)
         intervals = [by_name[cast("Statistic", statistic)] for by_name in statistics]
         n = int(np.unique(sample.groups).size)
-        gaussian = _is_gaussian_percentile(intervals[-1], statistic, n)
-        curve = BoundCurve.through(intervals, is_gaussian_percentile=gaussian)
+        curve = BoundCurve.through(intervals)
     return GateFigure(number, dimension, curve, n, statistic)
 
 
@@ -172,25 +171,14 @@ def _stored_interval(holder: Mapping[str, Any], name: str) -> Mapping[str, Any] 
     return None
 
 
-def _stored_curve(interval: Interval, value: float, statistic: str, n: int | None) -> BoundCurve:
+def _stored_curve(interval: Interval, value: float, statistic: str) -> BoundCurve:
     """Return the curve through a stored interval, and through the value at level 1/2 if the interval is about it.
 
     The 95th percentile of a small sample is biased low, so two bounds locate the median better than the value does.
     """
     two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
     centre = None if two_sided and statistic == "p95" else value
-    gaussian = _is_gaussian_percentile(interval, statistic, n)
-    return BoundCurve.through([interval], centre, is_gaussian_percentile=gaussian)
-
-
-def _is_gaussian_percentile(interval: Interval, statistic: str, n: int | None) -> bool:
-    """Return whether the interval of a 95th percentile comes from a fitted Gaussian.
-
-    It does if it has an upper limit although order statistics of ``n`` poses have none.
-    """
-    if statistic != "p95" or interval.upper is None or not n:
-        return False
-    return percentile_levels(n, 0.95, interval.confidence)[1] is None
+    return BoundCurve.through([interval], centre)
 
 
 def _interval(stored: Mapping[str, Any]) -> Interval:

@@ -9,6 +9,7 @@ from robacc.statistics.intervals import Interval, PoseSampling, chi2_interval
 from robacc.statistics.multivariate import BLOCK, NIL, principal_axes
 from robacc.statistics.quadratic_form import length_quantile, squared_quantile_gradient
 from robacc.statistics.records import Radius
+from robacc.statistics.scaled_percentile import shape_of
 
 PROBABILITY = 0.95
 _METHOD = "chi-square, effective degrees of freedom (Satterthwaite)"
@@ -82,7 +83,8 @@ def radius95(
     if not np.any(variances):
         return Radius(radius, Interval(radius, radius, radius, confidence, "no scatter"))
     if gaussian:
-        return Radius(radius, _gaussian_interval(along, _shrunk_to_mean(variances, n), n, confidence))
+        shrunk = _shrunk_to_mean(variances, n)
+        return Radius(radius, _gaussian_interval(along, shrunk, n, confidence), shape=shape_of(along, shrunk))
     by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     influence = np.empty(errors.shape[1])
     for start in range(0, influence.size, BLOCK):
@@ -90,7 +92,8 @@ def radius95(
         principal = axes.T @ errors[:, block] - along[:, None]
         influence[block] = np.einsum("in,in->n", principal, by_covariance @ principal) + by_mean @ principal
     influence += radius**2 - float(np.diag(by_covariance) @ variances)
-    return Radius(radius, sampling.mean_interval(influence, confidence, positive=True).root())
+    interval = sampling.mean_interval(influence, confidence, positive=True).root()
+    return Radius(radius, interval, shape=shape_of(along, _shrunk_to_mean(variances, n)))
 
 
 def _gaussian_interval(along: Array, variances: Array, n: int, confidence: float) -> Interval:

@@ -8,6 +8,7 @@ from typing import Literal
 from robacc.geometry import Array
 from robacc.statistics.intervals import Interval
 from robacc.statistics.multivariate import AssumptionTests
+from robacc.statistics.scaled_percentile import LengthShape
 from robacc.statistics.variance_components import PoseStructure
 
 Unit = Literal["m", "rad"]
@@ -44,6 +45,8 @@ class Radius:
     value: float | None
     interval: Interval
     why: str | None = None
+    shape: LengthShape | None = None
+    """Distribution of the lengths under that Gaussian; None without scatter."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,12 +104,16 @@ def test_the_scale_of_errors_does_not_matter(unit: str) -> None:
 
 
 def test_p95_by_poses() -> None:
-    """A fitted Gaussian's radius with few poses, order statistics with enough, and nothing where neither can be."""
-    few = error_statistics(gaussian(30), "m")
-    assert few.intervals.p95.method.startswith("95 % radius of the fitted Gaussian")
-    assert few.intervals.p95.upper == few.radius95_zero_mean.interval.upper
-    offset = error_statistics(gaussian(30) + 3e-4, "m")
-    assert offset.intervals.p95.upper == offset.radius95_fitted_mean.interval.upper
+    """A Gaussian's shape with few poses, order statistics with enough, and nothing where neither can be."""
+    for errors in (gaussian(30), gaussian(30) + 3e-4):
+        few = error_statistics(errors, "m")
+        interval = few.intervals.p95
+        assert interval.method.startswith("the sample's percentile and the shape of the fitted Gaussian")
+        # The interval is that of the sample's percentile, so it is about it; no bound is moved to contain it.
+        assert interval.lower < few.p95 < interval.upper
+        assert interval.lower != few.p95
+        for level, end in ((0.025, interval.lower), (0.975, interval.upper), (0.95, interval.upper_bound)):
+            assert interval.curve.below(end) == pytest.approx(level, abs=1e-9)
     lengths = np.sort(np.linalg.norm(gaussian(100), axis=0))
     many = error_statistics(gaussian(100), "m").intervals.p95
     assert many.method == "order statistics of 100 poses"

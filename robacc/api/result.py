@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import math
 import os
 from abc import ABC, abstractmethod
@@ -15,6 +16,9 @@ from robacc.errors import UsageError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+    from pandas import DataFrame
 
     from robacc.documents.gate_files import LoadedGate
     from robacc.gates.evaluate import GateOutcome
@@ -102,8 +106,90 @@ class Result(ABC):
 
         write_text(path, self.to_json(gate=gate))
 
+    def _repr_html_(self) -> str:
+        """Return the headline and key figures for a notebook."""
+        from robacc.render.html.notebook import notebook_html
+
+        return notebook_html(self._plain())
+
+    def report(self, path: str | os.PathLike[str], *, identity: str | Mapping[str, str] | None = None) -> None:
+        """Write the result as an HTML page with charts and tables; a failure leaves no partial file.
+
+        Args:
+            path: File to write.
+            identity: What was tested: a YAML file, or texts by the keys of such a file (``serial_number`` …).
+
+        Raises:
+            InputError: A file cannot be read or written.
+            UsageError: The extra ``report`` is not installed, or a key of the identity is unknown.
+        """
+        from robacc.documents.identity import IDENTITY, read_identity
+        from robacc.io.files import write_text
+        from robacc.render.html.page import render
+
+        pairs = () if identity is None else (identity,) if isinstance(identity, str) else _pairs(identity)
+        tested = [(IDENTITY[key], text) for key, text in read_identity(pairs).items()]
+        write_text(path, render([self._plain()], [self.command], tested))
+
+    def plot(self, kind: str | None = None, number: int = 1, *, path: str | os.PathLike[str] | None = None) -> Figure:
+        """Return a chart of the report as a matplotlib figure, and write it if ``path`` is given.
+
+        Args:
+            kind: Kind of chart, as ``robacc plot`` lists them; None for the first chart.
+            number: Number of the chart among several of its kind.
+            path: File to write, with the suffix .svg, .png or .pdf.
+
+        Raises:
+            UsageError: The result has no such chart, or the extra ``report`` is not installed.
+        """
+        from robacc.render.plots.canvas import as_figure
+        from robacc.render.plots.catalogue import chart_of, charts_of
+        from robacc.render.plots.optional_dependencies import need
+
+        need("matplotlib")
+        document = self._plain()
+        charts = charts_of(document)
+        chart = charts[0] if kind is None and charts else chart_of(document, kind or "", number)
+        figure = as_figure(chart.draw, chart.size)
+        if path is not None:
+            figure.savefig(path)
+        return figure
+
+    def to_numpy(self) -> dict[str, NDArray[Any]]:
+        """Return the poses as arrays ``(N,)`` by name: ids, joints, positions and errors in m and rad.
+
+        The names are those of the columns of :meth:`to_pandas`. A result without poses gives an empty dictionary.
+        """
+        from robacc.documents.pose_table import pose_columns
+
+        return pose_columns(self._plain())
+
+    def to_pandas(self) -> DataFrame:
+        """Return the poses as a pandas DataFrame with one row for each pose; see :meth:`to_numpy`.
+
+        Raises:
+            UsageError: pandas is not installed, or the result has no poses.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise UsageError("to_pandas needs pandas, which is not installed; run pip install pandas") from error
+        columns = self.to_numpy()
+        if not columns:
+            raise UsageError(f"a result of robacc {self.command} has no table of poses; see document()")
+        return pandas.DataFrame(columns)
+
+    def _plain(self) -> dict[str, Any]:
+        """Return the document as its JSON file would be read, with lists in place of arrays."""
+        document: dict[str, Any] = json.loads(self.to_json())
+        return document
+
     def _document(self, inputs: Sequence[InputFile]) -> dict[str, Any]:
         return envelope(self.command, self.payload(), options=self.made.options, inputs=inputs, seed=self.made.seed)
+
+
+def _pairs(identity: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(f"{key}={text}" for key, text in identity.items())
 
 
 def fields_of(body: DataclassInstance) -> dict[str, Any]:

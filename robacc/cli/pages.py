@@ -9,13 +9,14 @@ if TYPE_CHECKING:
     from robacc.documents.read_result import StoredResult
 
 
-def page_of_results(results: Sequence[StoredResult]) -> str:
-    """Return the page of stored results.
+def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str] | None = None) -> str:
+    """Return the page of stored results, with the identity of what was tested if it is given.
 
     Raises:
         InputError: a result does not follow the schema of its command.
         UsageError: the extra ``report`` is not installed.
     """
+    from robacc.documents.identity import IDENTITY
     from robacc.documents.read_result import understood
     from robacc.render.html.page import page_of, result_of
 
@@ -24,7 +25,8 @@ def page_of_results(results: Sequence[StoredResult]) -> str:
         with understood(result.name, result.command):
             sections.append(result_of(result.document, number))
     names = [result.record.name for result in results]
-    return page_of(sections, [result.document for result in results], _unique(names))
+    labelled = [(IDENTITY[key], text) for key, text in (identity or {}).items()]
+    return page_of(sections, [result.document for result in results], _unique(names), labelled)
 
 
 def page_of_document(document: Mapping[str, Any]) -> str:

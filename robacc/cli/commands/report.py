@@ -12,6 +12,15 @@ def report(
         list[str],
         typer.Argument(metavar="RESULT [RESULT …]", help="Results of any command as JSON; - reads standard input."),
     ],
+    identity: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--identity",
+            metavar="FILE|KEY=TEXT",
+            help="What was tested, as a YAML file or as serial_number=12345, customer=…; may be repeated.",
+        ),
+    ] = None,
+    *,
     output: Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Page to write; - is standard output.")],
 ) -> None:
     """Write stored results as an HTML page with charts and tables, to read, print and sign.
@@ -19,10 +28,11 @@ def report(
     The page is a single file that needs no network and prints on A4. Needs an extra: pip install '.[report]'
     in a checkout, or pip install 'robacc[report] @ git+URL' with the repository's URL.
 
-    Example: robacc report result.json --output report.html
+    Example: robacc report result.json --identity cell7.yaml --output report.html
     """
     from robacc.cli.output import write
     from robacc.cli.pages import page_of_results
+    from robacc.documents.identity import read_identity
     from robacc.documents.read_result import read_result
     from robacc.errors import UsageError
     from robacc.render.plots.optional_dependencies import need
@@ -30,4 +40,5 @@ def report(
     need("matplotlib", "plotly", "jinja2")
     if results.count("-") > 1:
         raise UsageError("standard input can be read only once")
-    write(output, (page_of_results([read_result(path) for path in results]),))
+    tested = read_identity(identity or ())
+    write(output, (page_of_results([read_result(path) for path in results], tested),))

@@ -71,21 +71,27 @@ class ResultSection:
     reproduce: ReportSection
 
 
-def render(documents: Sequence[Document], names: Sequence[str]) -> str:
+def render(documents: Sequence[Document], names: Sequence[str], identity: Sequence[tuple[str, str]] = ()) -> str:
     """Return the page of results from their JSON documents.
 
     Args:
         documents: One document per result.
         names: Labels of the results, used if there are several.
+        identity: Labels and texts that say what was tested.
 
     Raises:
         UsageError: the extra ``report`` is not installed.
     """
     results = [result_of(document, number) for number, document in enumerate(documents, 1)]
-    return page_of(results, documents, names)
+    return page_of(results, documents, names, identity)
 
 
-def page_of(results: Sequence[ResultSection], documents: Sequence[Document], names: Sequence[str]) -> str:
+def page_of(
+    results: Sequence[ResultSection],
+    documents: Sequence[Document],
+    names: Sequence[str],
+    identity: Sequence[tuple[str, str]] = (),
+) -> str:
     """Return the page of results that :func:`result_of` has laid out."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -102,6 +108,7 @@ def page_of(results: Sequence[ResultSection], documents: Sequence[Document], nam
         title=f"{len(results)} results side by side" if is_multiple else results[0].headline.title,
         results=results,
         names=names,
+        identity=identity,
         overview=side_by_side(documents, [result.headline for result in results], names) if is_multiple else None,
         library=b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode() if interactive else "",
         script=script,

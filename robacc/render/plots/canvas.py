@@ -75,6 +75,16 @@ def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str
     return _saved(draw, size, form, overrides)
 
 
+def as_figure(draw: Callable[[Figure], None], size: tuple[float, float]) -> Figure:
+    """Return the chart as a figure with a white background."""
+    from matplotlib.figure import Figure
+
+    with _style({"figure.facecolor": "white"}):
+        figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
+        draw(figure)
+    return figure
+
+
 def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: dict[str, Any]) -> bytes:
     from matplotlib.figure import Figure
 

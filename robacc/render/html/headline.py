@@ -92,16 +92,24 @@ def _trace_summary(document: Document) -> str:
     before, after, pose_set = _sides(document)
     structured = document["unexplained"]["structured"]
     start = f"With the declared effects fitted, the model predicts the measured poses to {length(before['rms_m'])} rms"
+    arm = _arm_itself(document)
     names = [_effect(finding) for finding in document["findings"]]
     if not names:
         end = "the remaining error is structured, but no effect of the catalogue explains it"
-        return f"{start} ({pose_set}). No effect was found; {end if structured else _UNSTRUCTURED}."
+        return f"{start} ({pose_set}). No effect was found; {end if structured else _UNSTRUCTURED}. {arm}"
     causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
     end = "the remaining error has a structure that no candidate explains" if structured else _UNSTRUCTURED
     return (
         f"{start} ({pose_set}). The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model "
-        f"predicts the measured poses to {length(after['rms_m'])} rms; {end}."
+        f"predicts the measured poses to {length(after['rms_m'])} rms; {end}. {arm}"
     )
+
+
+def _arm_itself(document: Document) -> str:
+    """Return how far the arm misses: a model changes no arm until it is used."""
+    key = "fitted" if document["nominal"]["held_out"] is None else "held_out"
+    rms = length(document["nominal"][key]["position"]["rms_m"])
+    return f"The arm itself misses by {rms} rms, base and tool registered, until its control uses the model."
 
 
 def _effect(finding: Mapping[str, Any]) -> str:
@@ -113,7 +121,8 @@ def _calibrate(document: Document) -> ReportHeadline:
     before, after, pose_set = _sides(document)
     summary = (
         f"With {document['options'].get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses "
-        f"to {length(after['rms_m'])} rms ({pose_set}); with only base and tool fitted, to {length(before['rms_m'])}."
+        f"to {length(after['rms_m'])} rms ({pose_set}); with only base and tool fitted, to {length(before['rms_m'])}. "
+        f"{_arm_itself(document)}"
     )
     effects = ", ".join(effect["effect"] for effect in document["effects"])
     facts = [("Fitted effects", effects), ("Measurement noise", _noise(document))]

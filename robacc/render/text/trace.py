@@ -73,6 +73,8 @@ def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int
         rows_of_stages.append(("extended model (findings)", result.after))
     yield from stage_tables(rows_of_stages)
     yield from gain_line(result.gain)
+    note = "stages are of the model; the arm itself misses as in the first row until its control uses the model"
+    yield from (TextLine(line.text, "dim") for line in wrapped(note, width))
     yield BLANK
     yield heading("5. Remaining error")
     yield from items(_remaining_error(result), width)

@@ -44,6 +44,7 @@ READS_PACKAGE_DATA = {"robacc.accuracy.grade_scale", "robacc.robots.library"}
 OPENS_FILES = (
     "robacc.io.",
     "robacc.documents.gate_files",
+    "robacc.documents.identity",
     "robacc.documents.many",
     "robacc.documents.read_result",
     "robacc.modelling.robot_file",

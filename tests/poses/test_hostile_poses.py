@@ -40,7 +40,7 @@ def estimate(*arguments: str, text: bytes = b"") -> subprocess.CompletedProcess[
         (("pose," + HEAD + "pü," + ROW).encode("latin-1"), ":2: byte 2 of the line, 0xfc, is not UTF-8"),
         (
             (HEAD + ROW.replace("1", "one").replace("2", "two")).replace(",", ";").encode(),
-            ":1: the columns are separated",
+            ":2, x: found 'one', expected a number",
         ),
         ((HEAD + '"1,5",2,3,1,2,3\n').encode(), ":2, x: found '1,5', expected a number; write decimals with a point"),
         ((HEAD + "1,5,2,3,1,2,3\n").encode(), ":2: found 7 fields, expected 6 as in the header"),

@@ -192,7 +192,11 @@ class CandidateScorer:
         candidate = entry.candidate
         if not candidate.terms or candidate.is_block or entry.p_value >= 1.0:
             return entry
-        values = conditioned.least_squares(self.columns(candidate))
+        # Columns of a step are built when it is chosen; until then it has no coefficients to judge.
+        columns = self._placed.get(candidate.key)
+        if columns is None or columns.max() >= conditioned.reduced.shape[1]:
+            return entry
+        values = conditioned.least_squares(columns)
         if candidate.effect.implausible(candidate.terms, values.tolist()) is None:
             return entry
         return replace(

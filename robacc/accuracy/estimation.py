@@ -159,7 +159,6 @@ def estimate(
             *data.warnings,
             *data.contradicted_ids(repetitions),
             *_warnings(data, errors, alignment),
-            *_corrections_outside_range(data, robot),
         ),
     )
 
@@ -261,24 +260,6 @@ def _moves(data: Measurements) -> bool:
     """Return whether the robot was commanded to several places; scatter at a single place does not show frames."""
     commands = data.commands
     return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
-
-
-def _corrections_outside_range(data: Measurements, robot: Robot | None) -> tuple[str, ...]:
-    """Warn of empirical corrections of the robot file that are used outside their validity range."""
-    if robot is None or not robot.effects:
-        return ()
-    from robacc.effects.specification import known_effects
-    from robacc.robots.arm import Arm
-
-    arm, warnings = Arm.of(robot), []
-    for known in known_effects(robot):
-        count = int(np.count_nonzero(known.effect.outside_range(arm, data)))
-        if count:
-            warnings.append(
-                f"{count} of {data.n} poses are outside the validity range of {known.effect} in the robot file: "
-                "there the correction keeps its value at the end of the range and is not reliable"
-            )
-    return tuple(warnings)
 
 
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:

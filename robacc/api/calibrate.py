@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs
-from robacc.api.inputs import StrPath, fitted_pose_warnings, path_of, with_fitted_poses
+from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs
+from robacc.api.inputs import StrPath, fitted_pose_warnings, path_of
+from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.calibration import Calibration, tolerance_priors
 from robacc.calibration import calibrate as fit_effects
@@ -30,8 +31,8 @@ class Calibrated(FitResult, Calibration):
     def of(cls, calibration: Calibration, inputs: FitInputs, made: Provenance) -> Calibrated:
         """Return ``calibration`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(calibration)
-        fields["robot"] = with_fitted_poses(calibration.robot, inputs.files)
-        fields["warnings"] = (*calibration.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
+        fields["robot"], warnings = fitted_model(calibration.robot, inputs)
+        fields["warnings"] = (*calibration.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
         return cls(**fields, fit_inputs=inputs, made=made)
 
     @property
@@ -59,6 +60,8 @@ def calibrate(
     holdout: StrPath | Measurements | None = None,
     ordered: bool = False,
     ignore_limits: bool = False,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -82,6 +85,9 @@ def calibrate(
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
+        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
+            ``auto`` for its own poses and for measured poses that agree better with them.
+        strict_range: Refuse poses outside the validity range of the model.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers.
@@ -108,7 +114,7 @@ def calibrate(
     arguments = locals()
     check_range("folds", folds, 2, 50)
     check_range("seed", seed, 0)
-    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link)
+    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     requests = parse_requests(joined(fit))
     if not requests:
         raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
@@ -128,4 +134,4 @@ def calibrate(
         progress=progress or (lambda label, done, total: None),
     )
     options = options_of(calibrate, arguments, **inputs.names, fit=joined(fit))
-    return Calibrated.of(calibration, inputs, Provenance(options, inputs.files, seed))
+    return Calibrated.of(calibration, inputs, Provenance(options, inputs.files, seed, inputs.use))

@@ -11,6 +11,7 @@ from robacc.accuracy.estimation import EstimateResult
 from robacc.accuracy.estimation import estimate as estimate_errors
 from robacc.accuracy.pose_errors import ErrorFrame
 from robacc.api.inputs import StrPath, fitted_pose_warnings, load_grade_scale, load_optional_robot, load_poses
+from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, effect_names, fields_of, options_of
 from robacc.measurements import Measurements
 
@@ -60,6 +61,8 @@ def estimate(
     confidence: float = 0.95,
     ordered: bool = False,
     ignore_limits: bool = False,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -81,6 +84,9 @@ def estimate(
         ordered: The rows of the file are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
+        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
+            ``auto`` for its own poses and for measured poses that agree better with them.
+        strict_range: Refuse poses outside the validity range of the model.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers, bootstrap included.
@@ -107,12 +113,15 @@ def estimate(
     check_choice("frame", frame, ("tool", "base", None))
     arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
     data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
+    use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
+    arm = use.robot
     grades, scale_record = load_grade_scale(scale)
     aligned = effect_names(align)
     body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)
     if warnings := fitted_pose_warnings(arm, (record,)):
         notes = (*body.notes, "the robot file was fitted to these same poses")
         body = dataclasses.replace(body, notes=notes, warnings=(*body.warnings, *warnings))
+    body = dataclasses.replace(body, warnings=(*body.warnings, *use.warnings))
     options = options_of(estimate, arguments, align=list(aligned), frame=body.errors.frame)
-    made = Provenance(options, (record, *arm_record, *scale_record), seed)
+    made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
     return Estimate.of(body, arm, data, made)

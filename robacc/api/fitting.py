@@ -9,11 +9,14 @@ from pathlib import PurePath
 
 import numpy as np
 
-from robacc.api.inputs import STDIN, StrPath, load_poses, load_robot, path_of
+from robacc.api.inputs import STDIN, StrPath, load_poses, load_robot, path_of, with_fitted_poses
+from robacc.api.model_use import CampaignUse, ModelUse, use_model
 from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
+from robacc.modelling.campaign import with_campaign
+from robacc.modelling.validity import outside_validity
 from robacc.robots.description import Robot
 from robacc.version import __version__
 
@@ -29,6 +32,8 @@ class FitInputs:
     names: dict[str, str | None]
     """Paths of poses, robot and holdout in the result's options; None without a file."""
     files: tuple[InputFile, ...]
+    use: ModelUse
+    """How the robot's model applies to the poses."""
 
 
 class FitResult(Result):
@@ -77,6 +82,8 @@ def load_fit_inputs(
     ignore_limits: bool,
     base_link: str | None,
     tip_link: str | None,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
 ) -> FitInputs:
     """Return the robot, the poses measured on it, the validation poses, and the record of the files.
 
@@ -94,12 +101,26 @@ def load_fit_inputs(
         return data, record
 
     data, record = read(poses, "poses")
+    use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
+    arm = use.robot or arm
     names = {"poses": _name(poses), "robot": _name(robot), "holdout": _name(holdout)}
     if holdout is None:
-        return FitInputs(arm, data, None, names, (record, arm_record))
+        return FitInputs(arm, data, None, names, (record, arm_record), use)
     validation, validation_record = read(holdout, "holdout")
     _refuse_shared(data, validation, names["holdout"])
-    return FitInputs(arm, data, validation, names, (record, arm_record, validation_record))
+    return FitInputs(arm, data, validation, names, (record, arm_record, validation_record), use)
+
+
+def fitted_model(robot: Robot, inputs: FitInputs) -> tuple[Robot, tuple[str, ...]]:
+    """Return a fitted robot with the record of its poses and its campaign, and warnings about the use of the model."""
+    digests = [record.sha256 for record in inputs.files if record.kind == "poses"]
+    outside = None if inputs.holdout is None else outside_validity(robot, inputs.holdout)
+    warnings = inputs.use.warnings if outside is None else (*inputs.use.warnings, *_of_holdout(outside.warnings()))
+    return with_campaign(with_fitted_poses(robot, inputs.files), inputs.robot, digests), warnings
+
+
+def _of_holdout(warnings: Sequence[str]) -> Iterator[str]:
+    return (f"validation poses: {warning}" for warning in warnings)
 
 
 def _refuse_shared(data: Measurements, validation: Measurements, name: str | None) -> None:

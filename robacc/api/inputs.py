@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robacc.api.arrays import check_targets, checked_poses
 from robacc.api.result import Result
@@ -95,12 +95,18 @@ def with_si_effects(robot: Robot) -> Robot:
     Raises:
         InputError: Its effects cannot be read.
     """
-    if not robot.effects or robot.effect_units == (1.0, 1.0):
+    campaign = robot.campaign
+    if not (robot.effects or (campaign and campaign.effects)) or robot.effect_units == (1.0, 1.0):
         return robot
     from robacc.effects.specification import entry_of, known_effects
 
-    effects = tuple(entry_of(known.effect, known.values) for known in known_effects(robot))
-    return dataclasses.replace(robot, effects=effects, effect_units=(1.0, 1.0))
+    def converted(effects: Sequence[Mapping[str, Any]]) -> tuple[Mapping[str, Any], ...]:
+        entries = known_effects(dataclasses.replace(robot, effects=tuple(effects)))
+        return tuple(entry_of(known.effect, known.values, known.validity) for known in entries)
+
+    if campaign is not None:
+        campaign = dataclasses.replace(campaign, effects=converted(campaign.effects))
+    return dataclasses.replace(robot, effects=converted(robot.effects), effect_units=(1.0, 1.0), campaign=campaign)
 
 
 def load_poses(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robacc.api.inputs import STDIN, StrPath, fitted_pose_warnings, load_optional_robot, load_poses, path_of
+from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
 from robacc.errors import UsageError
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
@@ -44,6 +45,8 @@ def iso9283(
     confidence: float = 0.95,
     ordered: bool = False,
     ignore_limits: bool = False,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -64,6 +67,9 @@ def iso9283(
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
+        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
+            ``auto`` for its own poses and for measured poses that agree better with them.
+        strict_range: Refuse poses outside the validity range of the model.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the bootstrap.
@@ -88,6 +94,9 @@ def iso9283(
     arm, arm_record = load_optional_robot(robot, base_link, tip_link, next(iter(poses), None))
     loaded = [load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits) for source in poses]
     records = [record for _, record in loaded]
+    uses = [use_model(arm, data, (r,), campaign=campaign, strict_range=strict_range) for data, r in loaded]
+    use = uses[0] if uses else use_model(arm, None, campaign=campaign)
+    arm = use.robot
     aligned = effect_names(align)
     body = evaluate_criteria(
         [data for data, _ in loaded],
@@ -98,6 +107,7 @@ def iso9283(
         windows=drift_windows,
         rated_load=rated_load,
     )
-    body = dataclasses.replace(body, warnings=(*body.warnings, *fitted_pose_warnings(arm, records)))
+    use_warnings = [warning for item in uses for warning in item.warnings]
+    body = dataclasses.replace(body, warnings=(*body.warnings, *fitted_pose_warnings(arm, records), *use_warnings))
     options = options_of(iso9283, arguments, align=list(aligned))
-    return Iso9283.of(body, Provenance(options, (*records, *arm_record), seed))
+    return Iso9283.of(body, Provenance(options, (*records, *arm_record), seed, use))

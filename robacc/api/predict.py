@@ -11,6 +11,7 @@ import numpy as np
 
 from robacc.accuracy.grade_scale import default_scale
 from robacc.api.inputs import STDIN, StrPath, fitted_pose_warnings, load_grade_scale, load_poses, load_robot, path_of
+from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
@@ -52,6 +53,7 @@ class Predicted(Result, Prediction):
         """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
         warnings = [warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings]
         warnings += fitted_pose_warnings(self.robot, [file for file in self.made.inputs if file.kind == "against"])
+        warnings += () if self.made.use is None else self.made.use.warnings
         hint = None if self.comparison is None else self.comparison.hint
         return tuple(warnings) if hint is None else (*warnings, hint)
 
@@ -83,6 +85,8 @@ def predict(
     confidence: float = 0.95,
     ordered: bool = False,
     ignore_limits: bool = False,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -107,6 +111,9 @@ def predict(
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
+        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
+            ``auto`` for its own poses and for measured poses that agree better with them.
+        strict_range: Refuse poses outside the validity range of the model.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers.
@@ -137,6 +144,16 @@ def predict(
     parameters = uncertain_parameters(arm, read_tolerances)
     planned, planned_record = _poses(poses, arm, ordered, ignore_limits, "poses")
     measured, measured_record = _poses(against, arm, ordered, ignore_limits, "against")
+    used = measured if measured is not None else planned
+    use = use_model(
+        arm,
+        used,
+        measured_record if measured is not None else planned_record,
+        campaign=campaign,
+        strict_range=strict_range,
+        measured=measured is not None,
+    )
+    arm = use.robot or arm
     configurations = _configurations(arm, planned or measured, samples, seed, target)
     meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
     prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
@@ -162,7 +179,7 @@ def predict(
         comparison=comparison,
         planned=planned,
         measured=measured,
-        made=Provenance(options, inputs, seed),
+        made=Provenance(options, inputs, seed, use),
     )
 
 

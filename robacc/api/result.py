@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pandas import DataFrame
 
+    from robacc.api.model_use import ModelUse
     from robacc.documents.gate_files import LoadedGate
     from robacc.gates.evaluate import GateOutcome
 
@@ -37,6 +38,8 @@ class Provenance:
     """Every file that was read, and every object that replaced one."""
     seed: int | None
     """Seed of the random numbers; None without any."""
+    use: ModelUse | None = None
+    """How the robot's model applies to the poses; None without a robot."""
 
 
 class Result(ABC):
@@ -185,7 +188,8 @@ class Result(ABC):
         return document
 
     def _document(self, inputs: Sequence[InputFile]) -> dict[str, Any]:
-        return envelope(self.command, self.payload(), options=self.made.options, inputs=inputs, seed=self.made.seed)
+        payload = {**self.payload(), **({} if self.made.use is None else self.made.use.document())}
+        return envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
 
 
 def _pairs(identity: Mapping[str, str]) -> tuple[str, ...]:

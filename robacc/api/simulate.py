@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal
 
 from robacc.api.arrays import checked_poses
 from robacc.api.inputs import StrPath, load_robot, record_of, require_poses
+from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import MissingColumnError, UsageError
@@ -41,8 +42,8 @@ class Simulated(Result, Simulation):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Empty: nothing was measured."""
-        return ()
+        """Poses outside the validity range of the model, and effects of its campaign that were left out."""
+        return () if self.made.use is None else self.made.use.warnings
 
     @property
     def outlier_lines(self) -> list[int]:
@@ -103,6 +104,8 @@ def simulate(
     time_step: float | None = None,
     temperature: float | tuple[float, float] | None = None,
     payload: Sequence[float] = (),
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> Simulated:
@@ -128,6 +131,9 @@ def simulate(
         time_step: Seconds between poses.
         temperature: Degrees Celsius: constant, or start and end of a warm-up.
         payload: Payloads, kg; each pose has one of them, chosen at random.
+        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
+            ``auto`` for its own poses and for measured poses that agree better with them.
+        strict_range: Refuse poses outside the validity range of the model.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
 
@@ -167,13 +173,17 @@ def simulate(
     )
     _check(plan, poses)
     arm, arm_record = load_robot(robot, base_link, tip_link, at)
+    described = arm
+    arm = use_model(arm, None, campaign=campaign).robot or arm
     planned, records = _planned(at, arm, ignore_limits)
     try:
         body = simulate_poses(arm, plan, planned)
     except MissingColumnError as error:
         message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
         raise MissingColumnError(message) from error
-    return Simulated.of(body, arm, plan, Provenance(dataclasses.asdict(plan), (arm_record, *records), seed))
+    use = use_model(described, body.data, campaign=campaign, strict_range=strict_range, measured=False)
+    options = {**dataclasses.asdict(plan), "campaign": campaign, "strict_range": strict_range}
+    return Simulated.of(body, arm, plan, Provenance(options, (arm_record, *records), seed, use))
 
 
 def _check(plan: Plan, poses: int | None) -> None:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs
-from robacc.api.inputs import StrPath, fitted_pose_warnings, with_fitted_poses
+from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs
+from robacc.api.inputs import StrPath, fitted_pose_warnings
+from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.effects.baseline import Baseline, default_baseline
 from robacc.effects.request import build, parse_requests
@@ -36,6 +37,9 @@ class Traced(FitResult, Trace):
         fields["robot"] = with_fitted_poses(body.robot, inputs.files)
         fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
         return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
+        fields["robot"], warnings = fitted_model(body.robot, inputs)
+        fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
+        return cls(**fields, fit_inputs=inputs, made=made)
 
     @property
     def converged(self) -> bool:
@@ -61,6 +65,8 @@ def trace(
     empirical: bool = True,
     ordered: bool = False,
     ignore_limits: bool = False,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
     seed: int = 0,
@@ -80,6 +86,9 @@ def trace(
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
+        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
+            ``auto`` for its own poses and for measured poses that agree better with them.
+        strict_range: Refuse poses outside the validity range of the model.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
         seed: Seed of the random numbers.
@@ -111,6 +120,8 @@ def trace(
     arm = Arm.of(inputs.robot)
     baseline = _baseline(declared, arm, inputs.data)
     effects = build(parse_requests(",".join(baseline.names)), arm, inputs.data)
+    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
+    effects = build(parse_requests(joined(declared)), Arm.of(inputs.robot), inputs.data)
     body = trace_effects(
         Model.of(inputs.robot, effects),
         inputs.data,
@@ -133,3 +144,5 @@ def _baseline(declared: str | Sequence[str] | None, arm: Arm, data: Measurements
     text = joined(declared).strip()
     requests = parse_requests("" if text == "none" else text)
     return Baseline(tuple(map(str, requests)), by_default=False)
+    options = options_of(trace, arguments, **inputs.names, declared=joined(declared))
+    return Traced.of(body, inputs, Provenance(options, inputs.files, seed, inputs.use))

@@ -14,6 +14,7 @@ from robacc.outcomes import EstimateHeadline, FileOutcome
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorFrame
     from robacc.api.estimate import Estimate
+    from robacc.api.model_use import CampaignUse
     from robacc.gates.evaluate import GateOutcome
 
 
@@ -27,6 +28,8 @@ class EstimateOptions(NamedTuple):
     confidence: float
     ordered: bool
     ignore_limits: bool
+    campaign: CampaignUse
+    strict_range: bool
     base_link: str | None
     tip_link: str | None
     seed: int

@@ -24,6 +24,14 @@ class PlainFormat(StrEnum):
     json = "json"
 
 
+class CampaignUseName(StrEnum):
+    """Use of the facts of the campaign that a model was fitted in."""
+
+    auto = "auto"
+    keep = "keep"
+    drop = "drop"
+
+
 PosesArgument = Annotated[
     str, typer.Argument(metavar="POSES", help="CSV or Parquet of measured poses; - reads standard input.")
 ]
@@ -56,6 +64,16 @@ IgnoreLimitsOption = Annotated[
         "--ignore-limits",
         help="Joint values outside the limits are a warning; by default an error beyond 0.05 deg or 0.5 mm.",
     ),
+]
+CampaignOption = Annotated[
+    CampaignUseName,
+    typer.Option(
+        "--campaign",
+        help="Drift and other facts of the campaign that a model was fitted in: auto applies them to its own poses.",
+    ),
+]
+StrictRangeOption = Annotated[
+    bool, typer.Option("--strict-range", help="Refuse poses outside the validity range of the model (exit 3).")
 ]
 FormatOption = Annotated[
     Format,

@@ -22,6 +22,7 @@ class ApproachLag(Effect):
     common: bool = False
 
     name = "approach_lag"
+    extrapolates = "a lag acts in proportion to the speed"
     missing_reasons = ("no speed_q columns, and `ordered` is not set",)
     about = About(
         summary="the pose was read before the joint had settled, or the clocks differ: the last motion's speed shows",
@@ -48,6 +49,10 @@ class ApproachLag(Effect):
         rotary = tuple(joint for joint in arm.names if arm.is_revolute(joint))
         if len(rotary) > 1:
             yield cls(rotary, common=True)
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the speed of each joint's last motion."""
+        return tuple(f"speed_{joint}" for joint in self.joints)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the signed speed of the joint's last motion."""

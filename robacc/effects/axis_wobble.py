@@ -10,6 +10,8 @@ import numpy as np
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import joint_driver
+from robacc.effects.orders import common_period
+from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.assembly import FLEXURES
@@ -56,6 +58,10 @@ class AxisWobble(Effect):
         for joint in cls.possible_joints(arm):
             for orders in ((1.0,), (2.0,), (1.0, 2.0)):
                 yield from (cls((joint,), orders, tilts) for tilts in (*((t,) for t in tilt_motions(arm, joint)), ()))
+
+    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+        """Return the joints that moved less than the period of the orders together: a whole period repeats itself."""
+        return tuple(name for name, (low, high) in validity.items() if high - low < common_period(self.orders))
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the variable of the joint that turns about the tilting axis."""

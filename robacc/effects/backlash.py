@@ -23,6 +23,7 @@ class Backlash(Effect):
     by: Literal["approach", "gravity"] = "approach"
 
     name = "backlash"
+    extrapolates = "backlash has two values, one for each direction of approach"
     missing_reasons = ("no dir_q columns, `ordered` is not set, and no masses in the robot file",)
     about = About(
         summary="play in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
@@ -61,6 +62,10 @@ class Backlash(Effect):
                 yield cls((joint,))
             if changes[arm.number(joint)]:
                 yield cls((joint,), "gravity")
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return none: a direction has no range."""
+        return ()
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the direction of approach, or gravity's torque if that decides the flank."""

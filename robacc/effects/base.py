@@ -15,11 +15,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robacc.effects.driver import Driver
 from robacc.effects.requirements import commanded, needed, varies, weight_needed
+from robacc.effects.validity import Validity, ranges
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.gravity.loads import Load
@@ -128,6 +126,8 @@ class Effect(abc.ABC):
     """Multiple of the largest usual size beyond which a coefficient is implausible."""
     is_nonnegative: ClassVar[bool] = False
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
+    extrapolates: ClassVar[str | None] = None
+    """Physical reason why the effect goes on beyond its validity range; None if it stops there."""
     missing_reasons: ClassVar[tuple[str, ...]] = ()
     """Every text that :meth:`missing` can return, except texts that name a part of a robot."""
 
@@ -221,9 +221,28 @@ class Effect(abc.ABC):
         """
         return None
 
-    def outside_range(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
-        """Return ``(N,)`` the mask of poses outside the validity range of the effect's driver."""
-        return np.zeros(data.n, dtype=bool)
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the drivers (:mod:`robacc.effects.validity`) whose range the model file keeps: by default the joints.
+
+        A constant has no driver.
+        """
+        return () if self.is_constant else self.joints
+
+    @property
+    def of_campaign(self) -> bool:
+        """True if it is a fact of one measuring campaign: of its time, or of its instrument."""
+        return False
+
+    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+        """Return the drivers of ``validity`` beyond whose range the effect keeps its value at the end of the range.
+
+        By default every one, unless the effect :attr:`extrapolates`.
+        """
+        return () if self.extrapolates else tuple(validity)
+
+    def validity(self, arm: Arm, data: Measurements) -> Validity:
+        """Return the range of each driver over these poses."""
+        return ranges(arm, data, self.validity_drivers(arm))
 
     def key(self) -> tuple[Any, ...]:
         """Return name, joints and settings: two effects with the same key are the same."""

@@ -30,6 +30,7 @@ class BaseCompliance(Elastic):
 
     name = "base_compliance"
     is_nonnegative = True
+    extrapolates = "Hooke's law: tilt in proportion to the arm's moment"
     missing_reasons = ("no masses in the robot file",)
     per_joint = False
     about = About(

@@ -68,6 +68,15 @@ class FrameDrift(Effect):
         for degree, turning in ((1, False), (1, True), (2, False), (3, False), (3, True)):
             yield cls.over(data, degree, turning)
 
+    @property
+    def of_campaign(self) -> bool:
+        """True: the instrument stands differently the next time."""
+        return True
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the time."""
+        return ("time_s",)
+
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the time."""
         return circumstance_driver("time_s", data)

@@ -16,6 +16,7 @@ class GearRatio(Effect):
     """Joint variable scaled by 1 + k."""
 
     name = "gear_ratio"
+    extrapolates = "a ratio acts in proportion to the joint's angle or travel"
     about = About(
         summary="joint angle scaled: the gear ratio, or a linear axis' pitch, is not the controller's",
         equation="theta_j + k q_j (d_j + k q_j for a prismatic joint)",

@@ -17,6 +17,7 @@ class InstrumentScale(Effect):
     """The measured position multiplied by 1 + k."""
 
     name = "instrument_scale"
+    extrapolates = "a scale acts in proportion to the distance"
     per_joint = False
     is_of_measurement = True
     about = About(
@@ -30,6 +31,11 @@ class InstrumentScale(Effect):
         source="a parameter times a regressor, as every effect here on the observation",
         example="{effect: instrument_scale, values: {value: 2e-5}}",
     )
+
+    @property
+    def of_campaign(self) -> bool:
+        """True: the scale belongs to the instrument on that day."""
+        return True
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the distance from the instrument."""

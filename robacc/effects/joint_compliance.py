@@ -29,6 +29,7 @@ class JointCompliance(Elastic):
 
     name = "joint_compliance"
     is_nonnegative = True
+    extrapolates = "Hooke's law: deflection in proportion to the torque"
     about = About(
         summary="the joint's gear gives way to the torque of the arm's own weight",
         equation="theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose; "

@@ -8,17 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
 from robacc.effects.driver import circumstance_driver, is_circumstance, joint_driver, torque_driver
+from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-
-_MARGIN = 0.01
-"""Share of a driver's range by which a pose may exceed it and still count as inside."""
 
 
 @register
@@ -103,14 +100,34 @@ class JointCorrection(Effect):
                 )
         return tuple(terms)
 
-    def outside_range(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
-        """Return ``(N,)`` where a driver is outside the range that the correction was fitted on."""
-        is_outside = np.zeros(data.n, dtype=bool)
-        for joint in self.joints:
-            for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):
-                value, margin = _driver(arm, data, joint, driver), _MARGIN * (high - low)
-                is_outside |= (value < low - margin) | (value > high + margin)
-        return is_outside
+    @property
+    def of_campaign(self) -> bool:
+        """True if time drives it."""
+        return "time_s" in self.drivers
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the joints, torques and circumstances that drive it."""
+        names: list[str] = []
+        for driver in self.drivers:
+            if driver in ("own", "torque"):
+                names += [joint if driver == "own" else f"torque_{joint}" for joint in self.joints]
+            elif driver != "direction":
+                names.append(driver)
+        return tuple(dict.fromkeys(names))
+
+    def validity(self, arm: Arm, data: Measurements) -> Validity:
+        """Return the ranges that its polynomials are scaled to, whatever the poses."""
+        return self.scaled_ranges()
+
+    def scaled_ranges(self) -> Validity:
+        """Return the range of each driver in its polynomials, beyond which it keeps its value at the end."""
+        result: dict[str, tuple[float, float]] = {}
+        for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):
+            if driver in ("own", "torque"):
+                result |= {joint if driver == "own" else f"torque_{joint}": (low, high) for joint in self.joints}
+            elif driver != "direction":
+                result[driver] = (low, high)
+        return result
 
     def _basis(self, arm: Arm, data: Measurements, joint: str) -> Iterator[tuple[str, float, Array]]:
         columns = []

@@ -20,6 +20,7 @@ class JointCoupling(Effect):
     drivers: tuple[str, ...] = ()
 
     name = "joint_coupling"
+    extrapolates = "a coupling acts in proportion to the driving joint's angle"
     about = About(
         summary="one joint turns another: wrist gears, a parallelogram, a belt over an axis",
         equation="theta_j + k q_i, i not j",
@@ -31,6 +32,10 @@ class JointCoupling(Effect):
         source="a parameter times a regressor, as every effect here; Whitney, Lozinski, Rourke 1986",
         example="{effect: joint_coupling, joints: [j6], drivers: [j5], values: {j6.j5: 1e-3}}",
     )
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the joints that turn others."""
+        return tuple(dict.fromkeys(name for joint in self.joints for name in self.drivers or neighbours(arm, joint)))
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the joint that turns this joint, if there is a single one."""

@@ -17,6 +17,7 @@ class LateralCompliance(Elastic):
     """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions."""
 
     name = "lateral_compliance"
+    extrapolates = "Hooke's law: deflection in proportion to the bending moment"
     missing_reasons = ("no masses in the robot file",)
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the moment across it",

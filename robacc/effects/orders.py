@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,6 +23,16 @@ _FEWEST = 8
 """Different angles that an order needs at least."""
 _CLOSEST = 0.1
 """Quantile of the gaps between angles that sets the highest order they support."""
+
+
+def common_period(orders: Sequence[float]) -> float:
+    """Return the range of a joint (rad) over which poses separate the orders from each other and from a constant.
+
+    It is one period of their smallest difference, the constant being order zero; beyond such a range the sum repeats
+    what the poses showed.
+    """
+    spacing = np.diff(np.sort([0.0, *orders]))
+    return 2.0 * math.pi / float(spacing[spacing > 0].min())
 
 
 def supported_orders(angle: Array) -> Array:

@@ -19,6 +19,7 @@ class PayloadCompliance(Elastic):
 
     name = "payload_compliance"
     is_nonnegative = True
+    extrapolates = "Hooke's law: deflection in proportion to the payload's moment"
     missing_reasons = (
         "no payload_kg column",
         "payload_kg is zero throughout",
@@ -42,6 +43,10 @@ class PayloadCompliance(Elastic):
         if data.payload is None:
             return cls.missing_reasons[0]
         return None if data.payload.any() else cls.missing_reasons[1]
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the payload."""
+        return ("payload_kg",)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the payload's torque on the joint."""

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from robacc.effects.base import Effect, Term, effect_class
+from robacc.effects.validity import Validity, held, read_validity
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot, effect_key
 
+_COMMON_KEYS = ("effect", "joints", "values", "validity")
+"""Keys of an entry that are no setting of its effect."""
 _MAX_NAMES = 12
 """Coefficients that a message lists."""
+
+
+_NO_POSES = Measurements(position=np.zeros((3, 0)))
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,19 @@ class Known:
 
     effect: Effect
     values: Mapping[str, float]
+    validity: Validity = field(default_factory=dict)
+    """Range of each driver over the poses that the values were fitted to; empty if unknown."""
+
+    def held(self, arm: Arm, data: Measurements) -> Measurements:
+        """Return the poses with the drivers that the effect does not extrapolate held at the ends of their ranges."""
+        return held_at_ends(self.effect, arm, data, self.validity)
+
+
+def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:
+    """Return the poses with the drivers that ``effect`` does not extrapolate held at the ends of their ranges."""
+    if not validity:
+        return data
+    return held(arm, data, {name: validity[name] for name in effect.held_drivers(arm, validity)})
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:
@@ -79,7 +98,7 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     if not isinstance(entry, Mapping) or not isinstance(entry.get("effect"), str):
         raise ValueError(f"expected a mapping with the key effect, found {entry!r}")
     cls = effect_class(entry["effect"])
-    settings = {key: value for key, value in entry.items() if key not in ("effect", "joints", "values")}
+    settings = {key: value for key, value in entry.items() if key not in _COMMON_KEYS}
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
@@ -100,7 +119,10 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
         values[name] = value * _unit_size(terms[name], *arm.robot.effect_units)
         if terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi:
             raise ValueError(f"values.{key} is more than a turn; expected a small angle, found {value:g}")
-    return Known(effect, values)
+    if "validity" not in entry:
+        return Known(effect, values, effect.validity(arm, _NO_POSES))
+    drivers = effect.validity_drivers(arm)
+    return Known(effect, values, read_validity(arm, drivers, entry["validity"], *arm.robot.effect_units))
 
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
@@ -151,10 +173,11 @@ def short_name(effect: Effect, name: str) -> str:
     return "value" if name == effect.name else name.removeprefix(f"{effect.name}.")
 
 
-def entry_of(effect: Effect, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the entry of a robot file for an effect with values."""
+def entry_of(effect: Effect, values: Mapping[str, float], validity: Validity | None = None) -> dict[str, Any]:
+    """Return the entry of a robot file for an effect with values, and the ranges of its drivers if they are known."""
     entry: dict[str, Any] = {"effect": effect.name}
     if effect.joints:
         entry["joints"] = list(effect.joints)
     short = {short_name(effect, name): value for name, value in values.items()}
-    return {**entry, **effect.settings(), "values": short}
+    entry = {**entry, **effect.settings(), "values": short}
+    return {**entry, "validity": {name: list(pair) for name, pair in validity.items()}} if validity else entry

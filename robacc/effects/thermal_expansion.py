@@ -11,6 +11,7 @@ import numpy as np
 from robacc.chain import Scalar
 from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.effects.driver import circumstance_driver
+from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -69,6 +70,19 @@ class ThermalExpansion(Effect):
             constants.extend(span * share for share in (0.05, 0.1, 0.2, 0.4, 0.8, 1.6))
         for slides in (True, False) if _travels(arm) else (True,):
             yield from (cls(time_constant=constant, slides=slides) for constant in constants)
+
+    @property
+    def of_campaign(self) -> bool:
+        """True of a warm-up over the time since the campaign began."""
+        return self.time_constant is not None
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the temperature, or the time of a warm-up."""
+        return ("temperature_c" if self.time_constant is None else "time_s",)
+
+    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+        """Return the time of a warm-up; lengths go on in proportion to temperature (linear expansion)."""
+        return () if self.time_constant is None else tuple(validity)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the temperature, or the time if it is a warm-up."""

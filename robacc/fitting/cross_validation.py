@@ -39,4 +39,4 @@ def parts(assigned: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.bool_], NDAr
 
 def held_out(fit: Fit, data: Measurements) -> Array:
     """Return ``(M, N)`` residuals of held-out poses."""
-    return residuals(data, fit.model.bind(data).poses(fit.theta))
+    return residuals(data, fit.predict(data))

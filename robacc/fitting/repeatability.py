@@ -142,7 +142,7 @@ class _Step:
     def of(data: _Data, prior: Array, white: Whitening) -> _Step:
         design = white.apply(np.moveaxis(data.design, 1, 0))
         residual = white.apply(data.residual)
-        flat = design.reshape(design.shape[0], -1)
+        flat = design.reshape(design.shape[0], residual.size)
         gram = flat @ flat.T + np.diag(prior)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         matrix = gram * scale[:, None] * scale

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Term
+from robacc.effects.validity import Validity
 from robacc.errors import InputError
 from robacc.fitting import misfit as misfits
 from robacc.fitting.closed_form import register_frames
@@ -109,6 +110,8 @@ class Fit:
     """``(K,)`` prior precision."""
     group_stds: dict[str, float] = field(default_factory=dict)
     """Prior standard deviation of each group, in units of its terms' weights."""
+    validity: tuple[Validity, ...] = ()
+    """Range of the drivers of each free effect over the poses."""
     prior_stds: dict[str, float] = field(default_factory=dict)
     """Estimated prior standard deviation about nominal (m or rad) of each kind of constants that has one."""
     weak: tuple[str, ...] = ()
@@ -130,6 +133,13 @@ class Fit:
             matrix * scale[:, None] * scale, scale * self.rhs[remaining]
         )
         return theta
+
+    def predict(self, data: Measurements, theta: Array | None = None) -> Poses:
+        """Return the poses that the written model predicts: beyond their validity range, effects are held.
+
+        ``theta`` ``(P,)`` replaces the fitted coefficients.
+        """
+        return self.model.bind(data, self.validity).poses(self.theta if theta is None else theta)
 
     @property
     def outliers(self) -> NDArray[np.int64]:
@@ -354,6 +364,7 @@ class _Solver:
             group_stds={name: std for name, std in self.priors.group_stds.items() if name not in kinds},
             prior_stds=kinds,
             weak=tuple(sorted(self.weak)) if kinds else (),
+            validity=tuple(effect.validity(self.model.arm, self.data) for effect in self.model.free),
         )
 
     def _inflation(self, chi_square: float, dof: float) -> float:

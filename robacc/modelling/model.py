@@ -14,7 +14,8 @@ import numpy as np
 
 from robacc.chain import TOOL, Scalar
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.specification import Known, known_effects
+from robacc.effects.specification import Known, held_at_ends, known_effects
+from robacc.effects.validity import Validity, united
 from robacc.errors import UsageError
 from robacc.geometry import Poses
 from robacc.measurements import Measurements
@@ -44,8 +45,11 @@ class Model:
         """Return the model with more free effects."""
         return dataclasses.replace(self, free=(*self.free, *effects))
 
-    def bind(self, data: Measurements) -> BoundModel:
+    def bind(self, data: Measurements, validity: Sequence[Validity] | None = None) -> BoundModel:
         """Evaluate every regressor for these poses.
+
+        A known effect is held at the ends of its validity range. A free one is held only if ``validity`` gives the
+        range that each was fitted on; a known effect that is free too then has the range of both.
 
         Raises:
             UsageError: The poses lack a column that an effect needs, or do not fit the arm.
@@ -56,10 +60,14 @@ class Model:
         fixed: list[Term] = []
         values: list[float] = []
         for known in self.known:
-            terms = known.effect.terms(self.arm, data)
+            terms = known.effect.terms(self.arm, self._held(known, data, validity))
             fixed.extend(terms)
             values.extend(known.values.get(term.name, 0.0) for term in terms)
-        free = [effect.terms(self.arm, data) for effect in self.free]
+        limits = validity if validity is not None else ({},) * len(self.free)
+        free = [
+            effect.terms(self.arm, held_at_ends(effect, self.arm, data, limit))
+            for effect, limit in zip(self.free, limits, strict=True)
+        ]
         nominal = _with_targets(self.arm, self.arm.chain.scalars(q), data)
         return BoundModel(
             self.arm,
@@ -70,6 +78,15 @@ class Model:
             tuple(term for terms in free for term in terms),
             tuple(i for i, terms in enumerate(free) for _ in terms),
         )
+
+    def _held(self, known: Known, data: Measurements, validity: Sequence[Validity] | None) -> Measurements:
+        """Return the poses that a known effect is evaluated at."""
+        number = next((i for i, effect in enumerate(self.free) if effect.key() == known.effect.key()), None)
+        if number is None:
+            return known.held(self.arm, data)
+        if validity is None:
+            return data
+        return held_at_ends(known.effect, self.arm, data, united(known.validity, validity[number]))
 
 
 def predict(robot: Robot, data: Measurements) -> Poses:

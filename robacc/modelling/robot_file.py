@@ -97,14 +97,28 @@ def read_robot(
 
 def _check_effects(robot: Robot, text: str, file: str) -> None:
     """Raise InputError for invalid effects, with their lines, which are known only here."""
-    if not robot.effects:
+    if not robot.effects and robot.campaign is None:
         return
     from robacc.effects.specification import known_effects
     from robacc.robots.yaml_robot import effect_lines
 
+    if robot.campaign is not None:
+        _check_campaign(robot, file)
     try:
         known_effects(robot)
     except InputError as error:
         lines = effect_lines(text, file)
         placed = [replace(problem, file=file, line=lines[problem.column or ""]) for problem in error.problems]
+        raise InputError(placed, total=error.total) from None
+
+
+def _check_campaign(robot: Robot, file: str) -> None:
+    """Raise InputError for invalid effects of the campaign."""
+    from robacc.effects.specification import known_effects
+
+    assert robot.campaign is not None
+    try:
+        known_effects(replace(robot, effects=robot.campaign.effects))
+    except InputError as error:
+        placed = [replace(problem, file=file, column=f"campaign.{problem.column}") for problem in error.problems]
         raise InputError(placed, total=error.total) from None

@@ -80,6 +80,24 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
+class Campaign:
+    """Facts of the measuring campaign that a model was fitted in."""
+
+    poses: tuple[str, ...]
+    """SHA-256 of its pose files."""
+    base: Frame | None = None
+    """Base before it was registered in the campaign; None if it was not."""
+    tool: Frame | None = None
+    """Tool before it was registered in the campaign; None if it was not."""
+    targets: Mapping[str, Frame] = field(default_factory=dict)
+    """Targets before they were registered in the campaign."""
+    effects: tuple[Mapping[str, Any], ...] = ()
+    """Entries of effects that hold for the campaign alone, in the units of the robot's effects."""
+    kept: bool = False
+    """True once the effects stand among the robot's own, for poses of the campaign."""
+
+
+@dataclass(frozen=True, slots=True)
 class Robot:
     """Arm as its file describes it."""
 
@@ -105,6 +123,7 @@ class Robot:
     tip_link: str | None = None
     fitted_to: tuple[str, ...] = ()
     """SHA-256 of each pose file that the robot's numbers were fitted to."""
+    campaign: Campaign | None = None
 
     @property
     def variables(self) -> tuple[Joint, ...]:

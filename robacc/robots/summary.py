@@ -11,7 +11,7 @@ import numpy as np
 from robacc.chain import Chain
 from robacc.geometry import Array
 from robacc.robots.assembly import build_chain
-from robacc.robots.description import Frame, Joint, Robot
+from robacc.robots.description import Campaign, Frame, Joint, Robot
 
 SAMPLES = 8192
 """Joint configurations searched for the reach, before the best is refined."""
@@ -108,6 +108,7 @@ def robot_document(summary: Summary) -> dict[str, Any]:
             "payload_com_m": None if robot.payload_com is None else list(robot.payload_com),
             "effects": [dict(effect) for effect in robot.effects],
             "fitted_to": list(robot.fitted_to),
+            "campaign": None if robot.campaign is None else _campaign_document(robot.campaign),
             "coefficients": [{"name": n, "value": value, "unit": unit} for n, value, unit in summary.coefficients],
         },
         "n_joints": len(robot.variables),
@@ -119,6 +120,15 @@ def robot_document(summary: Summary) -> dict[str, Any]:
 
 def _frame_document(frame: Frame) -> dict[str, Any]:
     return {"xyz_m": list(frame.xyz), "rpy_rad": list(frame.rpy)}
+
+
+def _campaign_document(campaign: Campaign) -> dict[str, Any]:
+    frames = {"base": campaign.base, "tool": campaign.tool, **campaign.targets}
+    return {
+        "poses": list(campaign.poses),
+        "frames": [name for name, frame in frames.items() if frame is not None],
+        "effects": [dict(effect) for effect in campaign.effects],
+    }
 
 
 def _joint_document(joint: Joint) -> dict[str, Any]:

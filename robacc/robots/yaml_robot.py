@@ -13,6 +13,7 @@ from robacc.io.yaml_nodes import Source, YamlSection, compose, describe
 from robacc.robots.description import (
     MAX_JOINTS,
     STANDARD_GRAVITY,
+    Campaign,
     Convention,
     Frame,
     Joint,
@@ -43,6 +44,7 @@ _TOP_KEYS = (
     "base_link",
     "tip_link",
     "fitted_to",
+    "campaign",
 )
 _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
 _DIGEST = re.compile("[0-9a-f]{64}")
@@ -96,7 +98,8 @@ def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot
         tool_tolerance=tool_tolerance,
         base_link=_read_text(top, "base_link"),
         tip_link=_read_text(top, "tip_link"),
-        fitted_to=_read_digests(top),
+        fitted_to=_read_digests(top, "fitted_to"),
+        campaign=_read_campaign(top, units),
     )
 
 
@@ -173,15 +176,37 @@ def _read_targets(top: YamlSection, units: Units) -> dict[str, Frame]:
     return targets
 
 
-def _read_digests(top: YamlSection) -> tuple[str, ...]:
-    node = top.get("fitted_to")
+def _read_campaign(top: YamlSection, units: Units) -> Campaign | None:
+    node = top.get("campaign")
+    section = node and top.source.section(node, "campaign", ("poses", "before", "effects"))
+    if not section:
+        return None
+    before_node = section.get("before")
+    before = before_node and top.source.section(before_node, "campaign.before", ("base", "tool", "targets"))
+    frames: dict[str, Frame | None] = {"base": None, "tool": None}
+    for key in frames:
+        frame = before.get(key) if before else None
+        frame_section = frame and top.source.section(frame, f"campaign.before.{key}", ("xyz", "rpy"))
+        if frame_section:
+            frames[key] = units.frame(frame_section)
+    return Campaign(
+        poses=_read_digests(section, "poses"),
+        base=frames["base"],
+        tool=frames["tool"],
+        targets=_read_targets(before, units) if before else {},
+        effects=_read_effects(section),
+    )
+
+
+def _read_digests(top: YamlSection, key: str) -> tuple[str, ...]:
+    node = top.get(key)
     digests = []
-    for i, item in enumerate(top.source.items(node, "fitted_to", "SHA-256 of pose files") if node else ()):
+    for i, item in enumerate(top.source.items(node, top.at(key), "SHA-256 of pose files") if node else ()):
         # Not through text(): YAML reads digits alone as a number, so they are written in quotes.
         digest = item.value if isinstance(item, yaml.ScalarNode) else ""
         if not _DIGEST.fullmatch(digest):
             message = f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(item)}"
-            top.source.report(item, f"fitted_to[{i}]", message, "`write_model` writes it; do not change it")
+            top.source.report(item, f"{top.at(key)}[{i}]", message, "`write_model` writes it; do not change it")
         digests.append(digest)
     return tuple(digests)
 
@@ -224,11 +249,12 @@ def _read_effects(top: YamlSection) -> tuple[Mapping[str, Any], ...]:
     if node is None:
         return ()
     effects: list[Mapping[str, Any]] = []
-    for i, item in enumerate(top.source.items(node, "effects", "effects")):
+    for i, item in enumerate(top.source.items(node, top.at("effects"), "effects")):
+        path = top.at(effect_key(i))
         if isinstance(item, yaml.MappingNode):
-            effects.append(top.source.plain(item, effect_key(i)))
+            effects.append(top.source.plain(item, path))
         else:
-            top.source.report(item, effect_key(i), f"expected keys with values, found {describe(item)}")
+            top.source.report(item, path, f"expected keys with values, found {describe(item)}")
     return tuple(effects)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from robacc.quantities import significant
-from robacc.robots.description import Frame, Joint, Robot
+from robacc.robots.description import Campaign, Frame, Joint, Robot
 
 
 def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool = False) -> str:
@@ -47,11 +47,29 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool =
     document["joints"] = [_joint(joint, robot.convention == "urdf") for joint in robot.joints]
     if robot.effects:
         document["effects"] = [_plain(effect) for effect in robot.effects]
+    if robot.campaign is not None:
+        document["campaign"] = _campaign(robot.campaign)
     if rounded:
         document = _rounded(document)
     head = "".join(f"# {line}\n" for comment in comments for line in comment.splitlines())
     # default_flow_style None: a list or mapping without a nested one stands on one line.
     return head + yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+def _campaign(campaign: Campaign) -> dict[str, Any]:
+    entry: dict[str, Any] = {"poses": list(campaign.poses)}
+    before: dict[str, Any] = {}
+    if campaign.base is not None:
+        before["base"] = _frame(campaign.base, {})
+    if campaign.tool is not None:
+        before["tool"] = _frame(campaign.tool, {})
+    if campaign.targets:
+        before["targets"] = {name: _frame(frame, {}) for name, frame in campaign.targets.items()}
+    if before:
+        entry["before"] = before
+    if campaign.effects:
+        entry["effects"] = [_plain(effect) for effect in campaign.effects]
+    return entry
 
 
 def _rounded(value: Any) -> Any:

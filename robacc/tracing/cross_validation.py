@@ -306,7 +306,7 @@ def _residuals_without(
     theta = complete.without(numbers)
     try:
         if _is_linear(complete, theta, train):
-            return residuals(test, complete.model.bind(test).poses(theta))
+            return residuals(test, complete.predict(test, theta))
         remaining = [effect for i, effect in enumerate(complete.model.free) if i not in numbers]
         return held_out(refit(complete, remaining, train, options), test)
     except (EquilibriumError, InputError):

@@ -61,7 +61,7 @@ class Finding:
     parameters: tuple[FittedParameter, ...]
     harmonics: tuple[Harmonic, ...]
     validity: tuple[tuple[str, float, float], ...]
-    """Validity range of each joint: name, low, high (rad or m)."""
+    """Validity range of each driver: name, low, high, SI."""
     implausible: str | None
     """Reason if the coefficients are beyond what the effect can be; else None."""
     warnings: tuple[str, ...]
@@ -174,13 +174,8 @@ def _harmonics(
 
 
 def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:
-    if data.q is None:
-        return ()
-    arm = final.model.arm
-    return tuple(
-        (joint, float(data.q[arm.number(joint)].min()), float(data.q[arm.number(joint)].max()))
-        for joint in effect.joints
-    )
+    limits = effect.validity(final.model.arm, data)
+    return tuple((driver, low, high) for driver, (low, high) in limits.items())
 
 
 def _finding_warnings(effect: Effect, final: Fit, moved: Array | None, chosen: tuple[int, int]) -> tuple[str, ...]:

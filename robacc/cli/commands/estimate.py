@@ -10,6 +10,8 @@ import typer
 from robacc.cli.options import (
     AlignOption,
     BaseLinkOption,
+    CampaignOption,
+    CampaignUseName,
     ConfidenceOption,
     Format,
     FormatOption,
@@ -22,6 +24,7 @@ from robacc.cli.options import (
     RobotOption,
     ScaleOption,
     SeedOption,
+    StrictRangeOption,
     TipLinkOption,
 )
 
@@ -59,6 +62,8 @@ def estimate(
     ] = None,
     ordered: OrderedOption = False,
     ignore_limits: IgnoreLimitsOption = False,
+    campaign: CampaignOption = CampaignUseName.auto,
+    strict_range: StrictRangeOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
@@ -93,6 +98,8 @@ def estimate(
         confidence,
         ordered,
         ignore_limits,
+        campaign.value,
+        strict_range,
         base_link,
         tip_link,
         seed,

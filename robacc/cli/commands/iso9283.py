@@ -9,6 +9,8 @@ import typer
 from robacc.cli.options import (
     AlignOption,
     BaseLinkOption,
+    CampaignOption,
+    CampaignUseName,
     ConfidenceOption,
     Format,
     FormatOption,
@@ -20,6 +22,7 @@ from robacc.cli.options import (
     ReportOption,
     RobotOption,
     SeedOption,
+    StrictRangeOption,
     TipLinkOption,
 )
 
@@ -49,6 +52,8 @@ def iso9283(
     confidence: ConfidenceOption = 0.95,
     ordered: OrderedOption = False,
     ignore_limits: IgnoreLimitsOption = False,
+    campaign: CampaignOption = CampaignUseName.auto,
+    strict_range: StrictRangeOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
@@ -79,6 +84,8 @@ def iso9283(
         confidence=confidence,
         ordered=ordered,
         ignore_limits=ignore_limits,
+        campaign=campaign.value,
+        strict_range=strict_range,
         base_link=base_link,
         tip_link=tip_link,
         seed=seed,

@@ -8,6 +8,8 @@ import typer
 
 from robacc.cli.options import (
     BaseLinkOption,
+    CampaignOption,
+    CampaignUseName,
     ConfidenceOption,
     Format,
     FormatOption,
@@ -19,6 +21,7 @@ from robacc.cli.options import (
     ReportOption,
     ScaleOption,
     SeedOption,
+    StrictRangeOption,
     TipLinkOption,
 )
 from robacc.prediction import DEFAULT_SAMPLES
@@ -79,6 +82,8 @@ def predict(
     ] = None,
     ordered: OrderedOption = False,
     ignore_limits: IgnoreLimitsOption = False,
+    campaign: CampaignOption = CampaignUseName.auto,
+    strict_range: StrictRangeOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
@@ -111,6 +116,8 @@ def predict(
         confidence=confidence,
         ordered=ordered,
         ignore_limits=ignore_limits,
+        campaign=campaign.value,
+        strict_range=strict_range,
         base_link=base_link,
         tip_link=tip_link,
         seed=seed,

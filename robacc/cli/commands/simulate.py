@@ -10,11 +10,14 @@ import typer
 
 from robacc.cli.options import (
     BaseLinkOption,
+    CampaignOption,
+    CampaignUseName,
     IgnoreLimitsOption,
     OutputOption,
     PlainFormat,
     PlainFormatOption,
     SeedOption,
+    StrictRangeOption,
     TipLinkOption,
 )
 
@@ -89,6 +92,8 @@ def simulate(
         str | None,
         typer.Option("--payload", metavar="KG,…", help="Payloads; each pose has one of them, chosen at random."),
     ] = None,
+    campaign: CampaignOption = CampaignUseName.auto,
+    strict_range: StrictRangeOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     form: PlainFormatOption = PlainFormat.table,
@@ -126,6 +131,8 @@ def simulate(
         time_step=time_step,
         temperature=_temperature(temperature),
         payload=_payloads(payload),
+        campaign=campaign.value,
+        strict_range=strict_range,
         base_link=base_link,
         tip_link=tip_link,
     )

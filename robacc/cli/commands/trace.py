@@ -8,6 +8,8 @@ import typer
 
 from robacc.cli.options import (
     BaseLinkOption,
+    CampaignOption,
+    CampaignUseName,
     FoldsOption,
     Format,
     FormatOption,
@@ -21,6 +23,7 @@ from robacc.cli.options import (
     PosesArgument,
     ReportOption,
     SeedOption,
+    StrictRangeOption,
     TipLinkOption,
     WriteModelOption,
 )
@@ -50,6 +53,8 @@ def trace(
     ] = True,
     ordered: OrderedOption = False,
     ignore_limits: IgnoreLimitsOption = False,
+    campaign: CampaignOption = CampaignUseName.auto,
+    strict_range: StrictRangeOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
@@ -78,6 +83,8 @@ def trace(
             empirical=empirical,
             ordered=ordered,
             ignore_limits=ignore_limits,
+            campaign=campaign.value,
+            strict_range=strict_range,
             base_link=base_link,
             tip_link=tip_link,
             seed=seed,

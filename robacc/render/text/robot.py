@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
-from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint, Robot
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.summary import Reach, Summary
 
 if TYPE_CHECKING:
@@ -129,8 +129,26 @@ def _facts(summary: Summary) -> list[str]:
     effects = ", ".join(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
     lines.append(f"effects  {effects or 'none'}")
     lines += [f"         {name} = {value:.6g}{f' {unit}' * bool(unit)}" for name, value, unit in summary.coefficients]
+    for effect in (*robot.effects, *(robot.campaign.effects if robot.campaign else ())):
+        ranges = ", ".join(f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in _validity(effect).items())
+        lines += [f"valid    {effect.get('effect')}: {ranges}"] if ranges else []
+    if robot.campaign is not None:
+        lines += [f"campaign {line}" for line in _campaign(robot.campaign)]
     lines += [f"fitted   to the poses of SHA-256 {digest[:16]}…" for digest in robot.fitted_to]
     return lines
+
+
+def _validity(effect: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
+    validity: Mapping[str, Sequence[float]] = effect.get("validity", {})
+    return validity
+
+
+def _campaign(campaign: Campaign) -> list[str]:
+    frames = [name for name, frame in (("base", campaign.base), ("tool", campaign.tool)) if frame is not None]
+    frames += [f"target {name}" for name in campaign.targets]
+    effects = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
+    lines = [f"registered in it: {', '.join(frames)}"] if frames else []
+    return [*lines, f"effects {effects}, for its own poses only"] if effects else lines
 
 
 def _reach(name: str, reach: Reach, with_name: bool) -> str:

@@ -1,0 +1,118 @@
+"""Validity ranges: the ranges of an effect's drivers over the poses that it was fitted to.
+
+A driver is a joint's name (its variable, rad or m), ``time_s``, ``temperature_c``, ``payload_kg``, ``speed_JOINT`` (of
+its last motion, fraction of full speed) or ``torque_JOINT`` (of the arm's own weight about it, N m or N).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from robacc.geometry import Array
+from robacc.gravity.torques import gravity_torques
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+Validity = Mapping[str, tuple[float, float]]
+"""Driver to lowest and highest value, SI."""
+
+_CIRCUMSTANCES = {"time_s": ("time", "s"), "temperature_c": ("temperature", "°C"), "payload_kg": ("payload", "kg")}
+_SPEED, _TORQUE = "speed_", "torque_"
+MARGIN = 0.01
+"""Share of a driver's range by which a pose may exceed it and still count as inside."""
+
+
+def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
+    """Return ``(N,)`` the values of a driver, or None if the poses do not have it."""
+    if name in _CIRCUMSTANCES:
+        column: Array | None = getattr(data, _CIRCUMSTANCES[name][0])
+        return column
+    if name in arm.names:
+        return None if data.q is None else data.q[arm.number(name)]
+    if name.startswith(_SPEED):
+        return None if data.speed is None else data.speed[arm.number(name.removeprefix(_SPEED))]
+    if data.q is None or not arm.chain.bodies:
+        return None
+    torque: Array = gravity_torques(arm, data.q)[arm.number(name.removeprefix(_TORQUE))]
+    return torque
+
+
+def driver_unit(arm: Arm, name: str) -> str:
+    """Return the SI unit of a driver."""
+    if name in _CIRCUMSTANCES:
+        return _CIRCUMSTANCES[name][1]
+    if name.startswith(_SPEED) and name not in arm.names:
+        return "of full speed"
+    joint = name if name in arm.names else name.removeprefix(_TORQUE)
+    units = ("rad", "m") if name in arm.names else ("N m", "N")
+    return units[0] if arm.is_revolute(joint) else units[1]
+
+
+def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Return the range of each driver that the poses have."""
+    result = {}
+    for name in names:
+        values = driver_values(arm, data, name)
+        if values is not None and values.size:
+            result[name] = (float(np.min(values)), float(np.max(values)))
+    return result
+
+
+def united(first: Validity, second: Validity) -> dict[str, tuple[float, float]]:
+    """Return ranges that contain both; a driver without a range in one of them has that of the other."""
+    result = dict(first)
+    for name, (low, high) in second.items():
+        low_before, high_before = result.get(name, (low, high))
+        result[name] = (min(low, low_before), max(high, high_before))
+    return result
+
+
+def held(arm: Arm, data: Measurements, limits: Validity) -> Measurements:
+    """Return the poses with each driver of ``limits`` held at the end of its range; drivers that are absent stay so."""
+    changes: dict[str, Any] = {}
+    for name, (low, high) in limits.items():
+        values = driver_values(arm, data, name)
+        if values is None or not np.any((values < low) | (values > high)):
+            continue
+        if name in _CIRCUMSTANCES:
+            changes[_CIRCUMSTANCES[name][0]] = np.clip(values, low, high)
+        elif name in arm.names:
+            q = changes.get("q", np.array(data.q))
+            q[arm.number(name)] = np.clip(values, low, high)
+            changes["q"] = q
+        elif name.startswith(_SPEED):
+            speed = changes.get("speed", np.array(data.speed))
+            speed[arm.number(name.removeprefix(_SPEED))] = np.clip(values, low, high)
+            changes["speed"] = speed
+    return dataclasses.replace(data, **changes) if changes else data
+
+
+def read_validity(arm: Arm, names: Iterable[str], entry: Any, length: float, angle: float) -> Validity:
+    """Return the key ``validity`` of an effect's entry in SI; joints are in units of ``length`` m or ``angle`` rad.
+
+    Raises:
+        ValueError: a driver is not of the effect, or a range is not two numbers, low and high.
+    """
+    allowed = tuple(names)
+    if not isinstance(entry, Mapping):
+        raise ValueError(f"validity must be a mapping of driver to [low, high], found {entry!r}")
+    result = {}
+    for name, pair in entry.items():
+        if name not in allowed:
+            expected = f"it has {', '.join(allowed)}" if allowed else "it has none"
+            raise ValueError(f"validity.{name} is not a driver of this effect; {expected}")
+        if not isinstance(pair, list | tuple) or len(pair) != 2 or not all(map(_is_number, pair)) or pair[0] > pair[1]:
+            raise ValueError(f"validity.{name} must be [low, high], two numbers, found {pair!r}")
+        unit = driver_unit(arm, name) if name in arm.names else ""
+        size = {"rad": angle, "m": length}.get(unit, 1.0)
+        result[name] = (float(pair[0]) * size, float(pair[1]) * size)
+    return result
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,111 @@
+"""Facts of one measuring campaign in a model: effects of time and of the instrument, and the registered frames.
+
+They are no property of the robot. On the poses of the campaign they are part of the fitted prediction; other poses do
+not inherit them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from robacc.effects.specification import known_effects
+from robacc.errors import UsageError
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import predict
+from robacc.robots.description import Campaign, Robot
+
+
+def resolve_campaign(
+    robot: Robot, data: Measurements | None, digests: Collection[str], use: Literal["auto", "keep", "drop"]
+) -> tuple[Robot, tuple[str, ...]]:
+    """Return the robot with the effects of its campaign if they apply, and a sentence about what was decided.
+
+    ``drop`` also restores the frames before the campaign. ``auto`` keeps the frames, and keeps the effects if a digest
+    is that of the campaign's poses, or if measured ``data`` agree better with them than without, base registered.
+    """
+    campaign = robot.campaign
+    if campaign is None:
+        return robot, ()
+    if use == "drop":
+        return _before(robot, campaign), ()
+    if not campaign.effects:
+        return robot, ()
+    with_effects = dataclasses.replace(
+        robot,
+        effects=(*robot.effects, *campaign.effects),
+        campaign=dataclasses.replace(campaign, effects=(), kept=True),
+    )
+    names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
+    if use == "keep" or set(digests) & set(campaign.poses):
+        return with_effects, ()
+    start = f"the model's campaign effects ({names}) were fitted to other poses"
+    if data is None or data.q is None:
+        return robot, (f"{start} and are left out; `campaign` keep applies them",)
+    try:
+        errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in (robot, with_effects)]
+    except UsageError as error:
+        return robot, (f"{start} and are left out: {error}",)
+    change = f"from {errors[0] * 1e3:.3g} to {errors[1] * 1e3:.3g} mm"
+    if errors[1] < errors[0]:
+        return with_effects, (
+            f"{start}; they are applied because they change the position error {change}; `campaign` drop leaves them "
+            "out",
+        )
+    return robot, (f"{start} and are left out: they would change the position error {change}",)
+
+
+def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
+    """Return a fitted robot with the facts of its campaign in the campaign's part.
+
+    Effects of time or of the instrument that the robot's own list did not have before the fit are facts of the
+    campaign, and so are frames that the fit moved.
+
+    Args:
+        robot: The fitted robot.
+        before: The robot before the fit.
+        digests: SHA-256 of the pose files of the campaign.
+    """
+    earlier = before.campaign if before.campaign is not None else Campaign(())
+    own = {known.effect.key() for known in known_effects(before)} if not earlier.kept else set()
+    effects: list[Mapping[str, Any]] = []
+    facts: list[Mapping[str, Any]] = []
+    for entry, known in zip(robot.effects, known_effects(robot), strict=True):
+        is_fact = known.effect.of_campaign and known.effect.key() not in own
+        (facts if is_fact else effects).append(entry)
+    return dataclasses.replace(
+        robot,
+        effects=tuple(effects),
+        campaign=Campaign(
+            poses=tuple(dict.fromkeys((*(earlier.poses if earlier.kept else ()), *digests))),
+            base=earlier.base or (before.base if robot.base != before.base else None),
+            tool=earlier.tool or (before.tool if robot.tool != before.tool else None),
+            targets=earlier.targets or (before.targets if robot.targets != before.targets else {}),
+            effects=tuple(facts),
+        ),
+    )
+
+
+def _before(robot: Robot, campaign: Campaign) -> Robot:
+    """Return the robot without the facts of its campaign."""
+    return dataclasses.replace(
+        robot,
+        base=campaign.base or robot.base,
+        tool=campaign.tool or robot.tool,
+        targets=campaign.targets or robot.targets,
+        campaign=None,
+    )
+
+
+def _registered_rms(predicted: Array, measured: Array) -> float:
+    """Return the rms distance (m) of measured from predicted positions ``(3, N)`` after the best rigid motion."""
+    a = predicted - predicted.mean(axis=1, keepdims=True)
+    b = measured - measured.mean(axis=1, keepdims=True)
+    u, _, vt = np.linalg.svd(b @ a.T)
+    sign = np.sign(np.linalg.det(u @ vt))
+    rotation = u @ np.diag([1.0, 1.0, sign]) @ vt
+    return float(np.sqrt(np.mean(np.sum(np.square(b - rotation @ a), axis=0))))

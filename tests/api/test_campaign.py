@@ -1,0 +1,128 @@
+"""Facts of one campaign: part of the prediction of its own poses, not inherited by other poses."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from arms import arm
+
+import robacc
+from robacc.errors import InputError, MissingColumnError
+from robacc.modelling.robot_file import read_robot
+from robacc.poses.csv_file import format_poses
+from robacc.robots.description import Frame, Robot
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+
+DRIFT = {
+    "effect": "frame_drift",
+    "origin_s": 600,
+    "span_s": 600,
+    "degree": 1,
+    "turning": False,
+    "values": {"x": 1e-3, "z": -5e-4},
+}
+BASE = Frame((0.3, -0.2, 0.1), (0.0, 0.0, 0.02))
+
+
+def measured(robot: Robot, n: int, seed: int) -> robacc.Measurements:
+    plan = {"time_step": 1200 / n, "noise": 2e-5, "noise_orientation": 2e-5}
+    return robacc.simulate(robot, poses=n, seed=seed, sampling="random", **plan).data
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the poses of a campaign, held-out poses, another day's poses, and the model of the campaign."""
+    folder = tmp_path_factory.mktemp("campaign")
+    nominal = arm("puma560").robot
+    moved = dataclasses.replace(nominal, base=BASE)
+    drifting = dataclasses.replace(moved, effects=(DRIFT,))
+    (folder / "nominal.yaml").write_text(robot_to_yaml(nominal))
+    for name, robot, n, seed in (
+        ("poses", drifting, 120, 1),
+        ("held_out", drifting, 60, 2),
+        ("another_day", moved, 60, 3),
+    ):
+        (folder / f"{name}.csv").write_text(format_poses(measured(robot, n, seed)))
+    (folder / "untimed.csv").write_text(format_poses(dataclasses.replace(measured(moved, 60, 4), time=None)))
+    fitted = robacc.calibrate(
+        folder / "poses.csv", robot=folder / "nominal.yaml", fit="base_frame,tool_frame,frame_drift", folds=2
+    )
+    fitted.write_model(folder / "model.yaml")
+    (folder / "rms").write_text(repr(fitted.after.fitted.position.rms))
+    return folder
+
+
+def rms(folder: Path, poses: str, **more: str) -> float:
+    return robacc.estimate(folder / f"{poses}.csv", robot=folder / "model.yaml", **more).position.rms
+
+
+def test_drift_and_frames_stand_in_the_campaign_of_the_model(campaign: Path) -> None:
+    document = yaml.safe_load((campaign / "model.yaml").read_text())
+    assert "effects" not in document
+    part = document["campaign"]
+    assert part["poses"] == document["fitted_to"]
+    assert [effect["effect"] for effect in part["effects"]] == ["frame_drift"]
+    assert part["effects"][0]["validity"]["time_s"] == pytest.approx([0, 1190], abs=1)
+    assert part["before"]["base"]["xyz"] == [0.0, 0.0, 0.0]
+    robot = read_robot(campaign / "model.yaml")
+    assert robot.base.xyz == pytest.approx(BASE.xyz, abs=1e-4)
+    assert parse_robot(robot_to_yaml(robot), "again.yaml") == robot
+
+
+def test_the_poses_of_the_campaign_get_the_fitted_prediction(campaign: Path) -> None:
+    result = robacc.estimate(campaign / "poses.csv", robot=campaign / "model.yaml")
+    assert result.position.rms == pytest.approx(float((campaign / "rms").read_text()), rel=1e-9)
+    assert not any("campaign" in warning for warning in result.warnings)
+    again = robacc.calibrate(campaign / "poses.csv", robot=campaign / "model.yaml", fit="base_frame", folds=2)
+    assert again.nominal.fitted.position.rms == pytest.approx(result.position.rms, rel=1e-9)
+    assert [effect["effect"] for effect in again.robot.campaign.effects] == ["frame_drift"]
+    assert again.robot.campaign.base == Frame()
+    traced = robacc.trace(campaign / "poses.csv", robot=campaign / "model.yaml", folds=2)
+    assert traced.nominal.fitted.position.rms <= result.position.rms * 1.01
+    assert not traced.findings
+
+
+def test_held_out_poses_of_the_campaign_are_recognised_by_their_errors(campaign: Path) -> None:
+    assert rms(campaign, "held_out") < 1.2 * float((campaign / "rms").read_text())
+    result = robacc.estimate(campaign / "held_out.csv", robot=campaign / "model.yaml")
+    assert any("they are applied because they change the position error" in text for text in result.warnings)
+    assert rms(campaign, "held_out", campaign="keep") == rms(campaign, "held_out")
+
+
+def test_another_day_does_not_inherit_the_drift(campaign: Path) -> None:
+    result = robacc.estimate(campaign / "another_day.csv", robot=campaign / "model.yaml")
+    assert result.position.rms < 1e-4
+    assert any("frame_drift" in text and "left out" in text for text in result.warnings)
+    assert rms(campaign, "another_day", campaign="keep") > 3e-4
+
+
+def test_poses_without_time_can_be_used(campaign: Path) -> None:
+    result = robacc.estimate(campaign / "untimed.csv", robot=campaign / "model.yaml")
+    assert result.position.rms < 1e-4
+    assert any("needs the column time_s" in text and "left out" in text for text in result.warnings)
+    with pytest.raises(MissingColumnError):
+        rms(campaign, "untimed", campaign="keep")
+
+
+def test_drop_restores_the_frames_before_the_campaign(campaign: Path) -> None:
+    aligned = rms(campaign, "another_day", campaign="drop", align="base_frame,tool_frame")
+    assert aligned < 1e-4
+    assert rms(campaign, "another_day", campaign="drop") == pytest.approx(np.linalg.norm(BASE.xyz), rel=0.2)
+
+
+def test_simulation_leaves_the_campaign_out_and_says_so(campaign: Path) -> None:
+    result = robacc.simulate(campaign / "model.yaml", poses=5)
+    assert any("frame_drift" in text and "left out" in text for text in result.warnings)
+    kept = robacc.simulate(campaign / "model.yaml", poses=5, time_step=200, campaign="keep")
+    assert np.abs(kept.data.position - result.data.position).max() > 1e-4
+
+
+def test_a_wrong_campaign_is_refused(campaign: Path, tmp_path: Path) -> None:
+    text = (campaign / "model.yaml").read_text()
+    (tmp_path / "wrong.yaml").write_text(text.replace("effect: frame_drift", "effect: frame_drft"))
+    with pytest.raises(InputError, match=r"campaign.effects\[0\].*frame_drft"):
+        read_robot(tmp_path / "wrong.yaml")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from robacc.api.result import check_choice
 from robacc.documents.envelope import InputFile
+from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import resolve_campaign
 from robacc.modelling.validity import OutsideValidity, outside_validity
@@ -57,7 +57,8 @@ def use_model(
         InputError: ``strict_range``, and a pose is outside.
         UsageError: ``campaign`` is none of the three.
     """
-    check_choice("campaign", campaign, ("auto", "keep", "drop"))
+    if campaign not in ("auto", "keep", "drop"):
+        raise UsageError(f"`campaign`: expected auto, keep or drop, found {campaign!r}")
     if robot is None:
         return ModelUse(None, None, ())
     digests = [record.sha256 for record in records]

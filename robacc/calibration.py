@@ -22,6 +22,7 @@ from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection,
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of, settle_scatter
 from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.identifiability import Identifiability
+from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import Correlation, FittedParameter, correlations, parameters
 from robacc.fitting.parsimony import without_idle_rotations
@@ -143,7 +144,7 @@ def calibrate(
         before=comparison.before,
         after=comparison.after,
         gain=comparison.gain,
-        parameters=parameters(final_fit),
+        parameters=parameters(with_mass_uncertainty(final_fit, data)),
         shrunk=shrunk,
         deflection=deflection,
         correlations=correlations(final_fit),
@@ -290,6 +291,7 @@ def _leverage(final_fit: Fit, data: Measurements) -> tuple[tuple[int, float], ..
 def _warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
     warnings = [
         *convergence_warning(final_fit),
+        *mass_warning(final_fit),
         *data.warnings,
         *data.contradicted_ids(),
         *outliers_warning(final_fit, data),

@@ -128,7 +128,9 @@ def _target_curve(effect: Effect, indices: Sequence[int], fit: Fit, data: Measur
     length = np.sqrt(np.sum(np.square(moved), axis=0))
     direction = np.zeros_like(without)
     direction[:3] = (
-        moved / np.where(length > 0, length, 1.0) * _sign([fit.terms[i] for i in indices], fit.theta[indices[0]])
+        moved
+        / np.where(length > 0, length, 1.0)
+        * _sign(_terms_at(effect, [fit.names[i] for i in indices], fit, data), fit.theta[indices[0]])
     )
     before, after, sd = _projected(direction, without, fit)
     driver = effect.driver(fit.model.arm, data, None)
@@ -168,6 +170,11 @@ def _projected(direction: Array, without: Array, fit: Fit) -> tuple[Array, Array
     share[~np.isfinite(share)] = np.nan
     sd = np.sqrt(np.sum(np.square(share / fit.weight), axis=0))
     return np.sum(share * without, axis=0), np.sum(share * fit.residual, axis=0), sd
+
+
+def _terms_at(effect: Effect, names: Sequence[str], fit: Fit, data: Measurements) -> list[Term]:
+    """Return the effect's terms with regressors of all poses; those of the fit are of its first block of poses."""
+    return [term for term in effect.terms(fit.model.arm, data) if term.name in names]
 
 
 def _sign(terms: Sequence[Term], first: float) -> Array | float:

@@ -86,8 +86,6 @@ def trace_payload(
         apart: Held-out poses, where they come from a file of their own.
         seed: Seed of the resampling behind intervals.
     """
-    from robacc.fitting.parameters import parameters
-
     return {
         "n_poses": data.n,
         "verdict": trace.verdict,
@@ -109,7 +107,7 @@ def trace_payload(
             "p_value": trace.unexplained.p_value,
             "hints": list(trace.unexplained.hints),
         },
-        "parameters": parameters_document(parameters(trace.final)),
+        "parameters": parameters_document(trace.parameters),
         "candidates": [
             {
                 "step": i,

@@ -229,6 +229,11 @@ class Effect(abc.ABC):
         return () if self.is_constant else self.joints
 
     @property
+    def uses_masses(self) -> bool:
+        """True if its coefficients multiply torques of the masses as the robot file states them."""
+        return False
+
+    @property
     def of_campaign(self) -> bool:
         """True if it is a fact of one measuring campaign: of its time, or of its instrument."""
         return False

@@ -29,6 +29,11 @@ class Elastic(Effect):
 
     deflection: Deflection = field(default="equilibrium", kw_only=True)
 
+    @property
+    def uses_masses(self) -> bool:
+        """True: the weights behind a joint are the file's."""
+        return True
+
     def part(self, motion: int, loads: tuple[Load, ...]) -> Part:
         """Return the part of a motion that deflects under ``loads``."""
         return Part(motion, 1.0, loads, deflected=self.deflection == "equilibrium")

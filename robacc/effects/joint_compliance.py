@@ -43,6 +43,11 @@ class JointCompliance(Elastic):
         example="{effect: joint_compliance, joints: [j2, j3], values: {j2: 2e-6, j3: 5e-6}}",
     )
 
+    @property
+    def uses_masses(self) -> bool:
+        """True unless the masses are fitted too."""
+        return self.masses == "known"
+
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Any = None) -> Effect:
         """Return the effect with the robot's masses, if it has any."""

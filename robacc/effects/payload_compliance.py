@@ -44,6 +44,11 @@ class PayloadCompliance(Elastic):
             return cls.missing_reasons[0]
         return None if data.payload.any() else cls.missing_reasons[1]
 
+    @property
+    def uses_masses(self) -> bool:
+        """False: the payload's mass is a column of the poses."""
+        return False
+
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
         """Return the payload."""
         return ("payload_kg",)

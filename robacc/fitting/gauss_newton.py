@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.errors import EquilibriumError
+from robacc.fitting.linear_algebra import inverted, solved
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations, PredictedPoses
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array
@@ -111,16 +112,19 @@ def minimise(
 
 def posterior(gram: Array, prior: Array) -> Array:
     """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``, through unit diagonal."""
-    scale = 1.0 / np.sqrt(np.diag(gram) + prior)
+    with np.errstate(divide="ignore"):
+        scale = 1.0 / np.sqrt(np.diag(gram) + prior)
     scale[~np.isfinite(scale)] = 0.0
-    inverse: Array = scale[:, None] * np.linalg.inv((gram + np.diag(prior)) * scale[:, None] * scale) * scale
+    inverse: Array = scale[:, None] * inverted((gram + np.diag(prior)) * scale[:, None] * scale) * scale
     return inverse
 
 
 def _step(normal: NormalEquations, prior: Array, damping: float = 0.0) -> Array:
-    scale = 1.0 / np.sqrt(np.diag(normal.gram) + prior)
+    with np.errstate(divide="ignore"):
+        scale = 1.0 / np.sqrt(np.diag(normal.gram) + prior)
+    scale[~np.isfinite(scale)] = 0.0  # without any information: it stays
     matrix = (normal.gram + np.diag(prior)) * scale[:, None] * scale + damping * np.eye(scale.size)
-    step: Array = scale * np.linalg.solve(matrix, scale * (normal.gradient - prior * normal.theta))
+    step: Array = scale * solved(matrix, scale * (normal.gradient - prior * normal.theta))
     return step
 
 

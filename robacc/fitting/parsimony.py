@@ -14,6 +14,7 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.effects.link_geometry import LinkGeometry
+from robacc.fitting.linear_algebra import solved
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -32,7 +33,9 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
     if place is None or not rotations or not np.isfinite(fitted.covariance[rotations, rotations]).all():
         return fitted
     value = fitted.theta[rotations]
-    statistic = float(value @ np.linalg.solve(fitted.covariance[np.ix_(rotations, rotations)], value))
+    covariance = fitted.covariance[np.ix_(rotations, rotations)]
+    std = np.sqrt(np.diag(covariance))
+    statistic = float(value / std @ solved(covariance / std[:, None] / std, value / std))
     if chi2_sf(statistic, float(len(rotations))) <= _SIGNIFICANCE:
         return fitted
     effects = list(original.free)

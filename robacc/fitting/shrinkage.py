@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.fitting.gauss_newton import posterior
+from robacc.fitting.linear_algebra import solved
 from robacc.fitting.normal_equations import NormalEquations
 from robacc.geometry import Array
 
@@ -165,6 +166,6 @@ def _log_evidence(normal: NormalEquations, precision: Array, shrunk: NDArray[np.
     scale = 1.0 / np.sqrt(np.diag(normal.gram) + precision)
     matrix = (normal.gram + np.diag(precision)) * scale[:, None] * scale
     scaled = scale * normal.rhs
-    gain = float(scaled @ np.linalg.solve(matrix, scaled))
+    gain = float(scaled @ solved(matrix, scaled))
     log_determinant = float(np.linalg.slogdet(matrix)[1]) - 2.0 * float(np.log(scale).sum())
     return 0.5 * (gain - log_determinant + float(np.log(precision[shrunk]).sum()))

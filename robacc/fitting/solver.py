@@ -21,6 +21,7 @@ from robacc.fitting import misfit as misfits
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.gauss_newton import minimise, posterior
 from robacc.fitting.identifiability import Dropped, Identifiability, identify
+from robacc.fitting.linear_algebra import solved
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.shrinkage import Priors
@@ -129,9 +130,7 @@ class Fit:
         theta = np.zeros_like(self.theta)
         matrix = (self.gram + np.diag(self.precision))[np.ix_(remaining, remaining)]
         scale = 1.0 / np.sqrt(np.diag(matrix))
-        theta[columns[remaining]] = scale * np.linalg.solve(
-            matrix * scale[:, None] * scale, scale * self.rhs[remaining]
-        )
+        theta[columns[remaining]] = scale * solved(matrix * scale[:, None] * scale, scale * self.rhs[remaining])
         return theta
 
     def predict(self, data: Measurements, theta: Array | None = None) -> Poses:

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.fitting.linear_algebra import solved
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -111,8 +112,9 @@ def _select(fitted: Fit, kinds: Sequence[Sequence[int]]) -> list[_Selected]:
     indices = np.concatenate([np.array(kind, dtype=np.int64) for kind in kinds])
     members = np.split(np.arange(indices.size), np.cumsum([len(kind) for kind in kinds])[:-1])
     gram, rhs = _eliminated(fitted, indices)
-    mean = np.asarray(np.linalg.solve(gram, rhs), dtype=np.float64)
     diagonal = np.diag(gram)
+    scale = 1.0 / np.sqrt(diagonal)
+    mean = scale * solved(gram * scale[:, None] * scale, scale * rhs)
     slab_std = np.empty(indices.size)
     odds = np.zeros(indices.size)
     for group in members:
@@ -155,5 +157,5 @@ def _eliminated(fitted: Fit, indices: NDArray[np.int64]) -> tuple[Array, Array]:
     scale = 1.0 / np.sqrt(np.diag(gram)[others])
     others_gram = gram[np.ix_(others, others)] * scale[:, None] * scale
     coupled = np.column_stack((cross, fitted.rhs[others])) * scale[:, None]
-    solved = scale[:, None] * np.linalg.solve(others_gram, coupled)
-    return gram[np.ix_(indices, indices)] - cross.T @ solved[:, :-1], fitted.rhs[indices] - cross.T @ solved[:, -1]
+    solution = scale[:, None] * solved(others_gram, coupled)
+    return gram[np.ix_(indices, indices)] - cross.T @ solution[:, :-1], fitted.rhs[indices] - cross.T @ solution[:, -1]

@@ -124,6 +124,8 @@ class Robot:
     fitted_to: tuple[str, ...] = ()
     """SHA-256 of each pose file that the robot's numbers were fitted to."""
     campaign: Campaign | None = None
+    mass_uncertainty: float | None = None
+    """Relative standard deviation of each link's mass; None if it is not stated."""
 
     @property
     def variables(self) -> tuple[Joint, ...]:

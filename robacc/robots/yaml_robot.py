@@ -45,6 +45,7 @@ _TOP_KEYS = (
     "tip_link",
     "fitted_to",
     "campaign",
+    "mass_uncertainty",
 )
 _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
 _DIGEST = re.compile("[0-9a-f]{64}")
@@ -100,6 +101,7 @@ def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot
         tip_link=_read_text(top, "tip_link"),
         fitted_to=_read_digests(top, "fitted_to"),
         campaign=_read_campaign(top, units),
+        mass_uncertainty=_read_mass_uncertainty(top),
     )
 
 
@@ -174,6 +176,15 @@ def _read_targets(top: YamlSection, units: Units) -> dict[str, Frame]:
             section.require("xyz")
             targets[name] = units.frame(section)
     return targets
+
+
+def _read_mass_uncertainty(top: YamlSection) -> float | None:
+    node = top.get("mass_uncertainty")
+    value = top.source.number(node, "mass_uncertainty") if node else None
+    if value is not None and not 0.0 <= value <= 1.0:
+        fix = "it is relative: 0.1 for 10 %"
+        top.source.report(node, "mass_uncertainty", f"expected a share from 0 to 1, found {value:g}", fix)
+    return value
 
 
 def _read_campaign(top: YamlSection, units: Units) -> Campaign | None:

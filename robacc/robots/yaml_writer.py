@@ -40,6 +40,8 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool =
         document["tool"] = _frame(robot.tool, robot.tool_tolerance)
     if robot.payload_com is not None:
         document["payload"] = {"com": _floats(robot.payload_com)}
+    if robot.mass_uncertainty is not None:
+        document["mass_uncertainty"] = float(robot.mass_uncertainty)
     if robot.base_link:
         document["base_link"] = robot.base_link
     if robot.tip_link:

@@ -14,7 +14,7 @@ from robacc.effects.change_points import is_step, place_of, place_text
 from robacc.effects.periodic import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.deflection_model import with_deflection
-from robacc.fitting.parameters import FittedParameter, parameters
+from robacc.fitting.parameters import FittedParameter
 from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -79,11 +79,17 @@ class Finding:
 
 
 def describe_finding(
-    loop: SearchResult, effect: Effect, final: Fit, validation: CrossValidation | None, data: Measurements
+    loop: SearchResult,
+    effect: Effect,
+    final: Fit,
+    all_parameters: Sequence[FittedParameter],
+    validation: CrossValidation | None,
+    data: Measurements,
 ) -> Finding:
     """Return the finding of ``effect``: its rivals, held-out errors, and parameters in the final fit.
 
-    Candidates are in equilibrium form; the final fit may contain the effect in the other form.
+    ``all_parameters`` are the coefficients of ``final``. Candidates are in equilibrium form; the final fit may contain
+    the effect in the other form.
     """
     choice = next((c for c in loop.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None)
     if choice is not None:
@@ -101,7 +107,6 @@ def describe_finding(
     number = with_deflection(final.model.free, "equilibrium").index(effect)
     fitted = final.model.free[number]
     columns = [i for i, owner in enumerate(final.owners) if owner == number]
-    all_parameters = parameters(final)
     coefficients = tuple(all_parameters[i] for i in columns)
     folds_chosen = (validation.chosen.get(effect.key(), 0), validation.folds) if validation is not None else (0, 0)
     change = _change(loop, effect, choice)

@@ -18,8 +18,10 @@ from robacc.effects.base import Effect
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
+from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.outlier_pattern import outlier_pattern
+from robacc.fitting.parameters import FittedParameter, parameters
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.warnings import (
     condition_warning,
@@ -96,6 +98,8 @@ class Trace:
     before: Stage
     after: Stage
     gain: Gain | None
+    parameters: tuple[FittedParameter, ...]
+    """Coefficients of the final fit; standard errors include the uncertainty of the masses."""
     findings: tuple[Finding, ...]
     deflection: DeflectionChoice | None
     """Pose at which the torques of elastic effects are taken; None if no such effect is fitted or no choice was
@@ -149,7 +153,8 @@ def trace(
     declared, form = choose_form(loop.declared, loop.declared.model, data, converged)
     final, form = _polished(loop, data, converged) if loop.effects else (declared, form)
     noise = lack_of_fit(final, data)
-    findings = tuple(describe_finding(loop, effect, final, validation, data) for effect in loop.effects)
+    coefficients = parameters(with_mass_uncertainty(final, data))
+    findings = tuple(describe_finding(loop, effect, final, coefficients, validation, data) for effect in loop.effects)
     repeatability = None if loop.components is None else repeatability_of(final, loop.components, data)
     unexplained = _left(loop, final, noise, data, repeatability)
     ends = None if validation is None else (validation.before, validation.after)
@@ -166,6 +171,7 @@ def trace(
         before=stages.before,
         after=stages.after,
         gain=stages.gain if findings else None,
+        parameters=coefficients,
         findings=findings,
         deflection=form,
         unexplained=unexplained,
@@ -178,6 +184,7 @@ def trace(
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=(
             *convergence_warning(final),
+            *mass_warning(final),
             *data.warnings,
             *data.contradicted_ids(),
             *([no_held_out_warning(data)] if validation is None else []),

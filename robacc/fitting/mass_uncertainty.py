@@ -1,0 +1,95 @@
+"""Uncertainty of the links' masses in the standard errors of a fit.
+
+Compliances are fitted to torques of the masses in the robot file. An error of a mass is no noise of the measurements:
+every pose has the same one. To first order a relative error of mass i moves the coefficients by
+
+    -(J^T W J + P)^-1 J^T W (dy / d ln m_i),
+
+with J the Jacobian, W the weights and P the priors' precision, so independent errors add a covariance.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from robacc.effects.base import Effect
+from robacc.errors import EquilibriumError
+from robacc.fitting.linear_algebra import solved
+from robacc.fitting.solver import Fit
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.modelling.observation import residuals
+from robacc.robots.arm import Arm
+
+DEFAULT = 0.1
+"""Relative standard deviation of a link's mass where the robot file states none."""
+_STEP = 1e-3
+"""Relative change of a mass for the central difference; the prediction is almost linear in a mass."""
+
+
+def relative_std(fit: Fit) -> float:
+    """Return the relative standard deviation of the masses: the robot file's, else :data:`DEFAULT`."""
+    stated = fit.model.arm.robot.mass_uncertainty
+    return DEFAULT if stated is None else stated
+
+
+def depends_on_masses(effects: Sequence[Effect]) -> bool:
+    """Return whether coefficients are fitted to torques of the masses as the file states them."""
+    return any(effect.uses_masses for effect in effects)
+
+
+def mass_warning(fit: Fit) -> tuple[str, ...]:
+    """Return a sentence about the default uncertainty if compliances depend on it; else empty."""
+    if fit.model.arm.robot.mass_uncertainty is not None or not depends_on_masses(fit.model.free):
+        return ()
+    return (
+        f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; state "
+        "mass_uncertainty in the robot file if the masses are better or worse known",
+    )
+
+
+def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
+    """Return the fit with the uncertainty of the masses in its covariance; unchanged without elastic effects."""
+    std = relative_std(fit)
+    columns = fit.identifiability.columns
+    if std == 0.0 or not columns.size or not depends_on_masses(fit.model.free):
+        return fit
+    try:
+        sensitivity = _sensitivity(fit, data)
+    except EquilibriumError:
+        return fit
+    covariance = fit.covariance.copy()
+    covariance[np.ix_(columns, columns)] += std**2 * sensitivity @ sensitivity.T
+    return dataclasses.replace(fit, covariance=covariance)
+
+
+def _sensitivity(fit: Fit, data: Measurements) -> Array:
+    """Return ``(K, B)`` the change of each identifiable coefficient per relative change of each of B masses."""
+    rows = np.flatnonzero(fit.inliers)
+    subset = data.subset(rows)
+    _, jacobian = fit.model.bind(subset).linearise(fit.theta, fit.identifiability.columns)
+    count = fit.residual.shape[0]
+    weighted = jacobian[:count] * np.square(fit.weight[:, rows])[:, None, :]
+    changes = []
+    for owner in dict.fromkeys(body.owner for body in fit.model.arm.chain.bodies):
+        higher, lower = (_residuals_with_mass(fit, subset, owner, 1.0 + sign * _STEP) for sign in (1, -1))
+        # A residual is measured minus predicted.
+        changes.append(np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP)))
+    matrix = fit.gram + np.diag(fit.precision)
+    scale = 1.0 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
+    rhs = np.stack(changes, axis=1)
+    result: Array = scale[:, None] * solved(matrix * scale[:, None] * scale, scale[:, None] * rhs)
+    return result
+
+
+def _residuals_with_mass(fit: Fit, data: Measurements, owner: int, factor: float) -> Array:
+    """Return the residuals ``(M, N)`` of the fitted model with one link's mass times ``factor``."""
+    joints = list(fit.model.arm.robot.joints)
+    joints[owner] = dataclasses.replace(joints[owner], mass=(joints[owner].mass or 0.0) * factor)
+    arm = Arm.of(dataclasses.replace(fit.model.arm.robot, joints=tuple(joints)))
+    model = Model(arm, fit.model.known, fit.model.free)
+    return residuals(data, model.bind(data).poses(fit.theta))

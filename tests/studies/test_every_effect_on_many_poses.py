@@ -1,0 +1,62 @@
+"""Every effect on thousands of poses: several blocks, targets, folds, both deflection forms; slow."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arms import arm, circumstances
+
+from robacc import calibrate
+from robacc.effects import REGISTRY
+from robacc.effects.base import Effect
+from robacc.effects.elastic import Elastic
+from robacc.effects.specification import entry_of
+from robacc.measurements import Measurements
+from robacc.modelling.model import predict
+from robacc.robots.description import Robot
+
+ELASTIC = tuple(name for name, cls in REGISTRY.items() if issubclass(cls, Elastic))
+
+
+def effect_of(name: str, robot: Robot, data: Measurements, deflection: str) -> Effect:
+    one = arm("targets:puma560")
+    cls = REGISTRY[name]
+    effect = cls.default(one, data, ("j2", "j3") if cls.per_joint else None)
+    return dataclasses.replace(effect, deflection=deflection) if isinstance(effect, Elastic) else effect
+
+
+def check(name: str, n: int, deflection: str = "equilibrium") -> None:
+    """Fit the effect alone, with base and tool, to poses of an arm that has it; nothing fails and errors decrease."""
+    robot = arm("targets:puma560").robot
+    data = circumstances(robot, n, 3)
+    effect = effect_of(name, robot, data, deflection)
+    terms = effect.terms(arm("targets:puma560"), data)
+    true = dataclasses.replace(robot, effects=(entry_of(effect, {term.name: term.typical for term in terms}),))
+    exact = predict(true, data)
+    noise = np.random.default_rng(n).normal(0, 2e-5, (3, n))
+    data = dataclasses.replace(data, position=exact.translation + noise, rotation=exact.rotation)
+    joints = "[j2,j3]" if REGISTRY[name].per_joint else ""
+    result = calibrate(data, robot=robot, fit=f"{name}{joints}", folds=2)
+    assert result.after.fitted.position.rms < 2e-4
+    assert result.document()["parameters"]
+
+
+@pytest.mark.parametrize("name", ["thermal_expansion", "frame_drift"])
+def test_effects_of_the_whole_arm_beyond_one_block(name: str) -> None:
+    """The partial residual of an effect without joints took the regressors of the first 4,096 poses only."""
+    check(name, 4200)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [5000, 20000])
+@pytest.mark.parametrize("name", tuple(REGISTRY))
+def test_every_effect_on_many_poses(name: str, n: int) -> None:
+    check(name, n)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ELASTIC)
+def test_every_elastic_effect_at_the_undeflected_pose(name: str) -> None:
+    check(name, 5000, "rigid")

@@ -21,6 +21,7 @@ class FrictionWindup(Effect):
     """
 
     name = "friction_windup"
+    extrapolates = "friction acts in proportion to the load"
     missing_reasons = ("no dir_q columns, and `ordered` is not set", "no masses in the robot file")
     about = About(
         summary="friction of the loaded gear holds the joint short of its pose: a lost motion that grows with the load",
@@ -33,6 +34,11 @@ class FrictionWindup(Effect):
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083: friction that grows with load",
         example="{effect: friction_windup, joints: [j2], values: {j2: -2e-6}}",
     )
+
+    @property
+    def uses_masses(self) -> bool:
+        """True: the torque is that of the file's masses."""
+        return True
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:

@@ -41,6 +41,11 @@ class JointHardening(Effect):
         example="{effect: joint_hardening, joints: [j2], torque_nm: 50, values: {j2: -2e-4}}",
     )
 
+    @property
+    def uses_masses(self) -> bool:
+        """True: the torque is that of the file's masses."""
+        return True
+
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Return the reason if there are no masses."""

@@ -159,7 +159,7 @@ def _out_of_range(pair: RobotPair, setting: Circumstances, wanted: WantedPoses, 
     data = setting.at(wanted.q, setting.motion(wanted.q), np.arange(wanted.q.shape[1]))
     result: dict[int, Refusal] = {}
     for known in pair.model.known:
-        for i in np.flatnonzero(known.effect.outside_range(arm, data)):
+        for i in np.flatnonzero(known.is_held_at(arm, data)):
             reason = f"outside the validity range of {known.effect}"
             result.setdefault(int(i), Refusal(Cause.out_of_range, reason))
     columns: dict[str, Array | None] = dict(zip(arm.names, wanted.q, strict=True))

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
-from robacc.effects.validity import Validity, held, read_validity
+from robacc.effects.validity import Validity, held, is_outside, read_validity
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -37,6 +38,11 @@ class Known:
     def held(self, arm: Arm, data: Measurements) -> Measurements:
         """Return the poses with the drivers that the effect does not extrapolate held at the ends of their ranges."""
         return held_at_ends(self.effect, arm, data, self.validity)
+
+    def is_held_at(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
+        """Return ``(N,)`` the mask of poses where a driver of the effect is held at the end of its range."""
+        limits = {name: self.validity[name] for name in self.effect.held_drivers(arm, self.validity)}
+        return is_outside(arm, data, limits)
 
 
 def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.geometry import Array
 from robacc.gravity.torques import gravity_torques
@@ -60,6 +61,16 @@ def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tupl
         values = driver_values(arm, data, name)
         if values is not None and values.size:
             result[name] = (float(np.min(values)), float(np.max(values)))
+    return result
+
+
+def is_outside(arm: Arm, data: Measurements, limits: Validity) -> NDArray[np.bool_]:
+    """Return ``(N,)`` the mask of poses that exceed one of the ranges by more than :data:`MARGIN` of it."""
+    result = np.zeros(data.n, dtype=bool)
+    for name, (low, high) in limits.items():
+        values, margin = driver_values(arm, data, name), MARGIN * (high - low)
+        if values is not None:
+            result |= (values < low - margin) | (values > high + margin)
     return result
 
 

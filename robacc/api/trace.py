@@ -34,12 +34,9 @@ class Traced(FitResult, Trace):
     def of(cls, body: Trace, inputs: FitInputs, baseline: Baseline, made: Provenance) -> Traced:
         """Return ``body`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(body)
-        fields["robot"] = with_fitted_poses(body.robot, inputs.files)
-        fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files))
-        return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
         fields["robot"], warnings = fitted_model(body.robot, inputs)
         fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
-        return cls(**fields, fit_inputs=inputs, made=made)
+        return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
 
     @property
     def converged(self) -> bool:
@@ -116,12 +113,10 @@ def trace(
     arguments = locals()
     check_range("folds", folds, 2, 50)
     check_range("seed", seed, 0)
-    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link)
+    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     arm = Arm.of(inputs.robot)
     baseline = _baseline(declared, arm, inputs.data)
     effects = build(parse_requests(",".join(baseline.names)), arm, inputs.data)
-    inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
-    effects = build(parse_requests(joined(declared)), Arm.of(inputs.robot), inputs.data)
     body = trace_effects(
         Model.of(inputs.robot, effects),
         inputs.data,
@@ -134,7 +129,7 @@ def trace(
     options = options_of(
         trace, arguments, **inputs.names, declared=",".join(baseline.names) if declared is None else joined(declared)
     )
-    return Traced.of(body, inputs, baseline, Provenance(options, inputs.files, seed))
+    return Traced.of(body, inputs, baseline, Provenance(options, inputs.files, seed, inputs.use))
 
 
 def _baseline(declared: str | Sequence[str] | None, arm: Arm, data: Measurements) -> Baseline:
@@ -144,5 +139,3 @@ def _baseline(declared: str | Sequence[str] | None, arm: Arm, data: Measurements
     text = joined(declared).strip()
     requests = parse_requests("" if text == "none" else text)
     return Baseline(tuple(map(str, requests)), by_default=False)
-    options = options_of(trace, arguments, **inputs.names, declared=joined(declared))
-    return Traced.of(body, inputs, Provenance(options, inputs.files, seed, inputs.use))

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from robacc.api.estimate import estimate as estimate
     from robacc.api.iso9283 import Iso9283 as Iso9283
     from robacc.api.iso9283 import iso9283 as iso9283
+    from robacc.api.plan import Planned as Planned
+    from robacc.api.plan import plan as plan
     from robacc.api.predict import Predicted as Predicted
     from robacc.api.predict import predict as predict
     from robacc.api.reading import read_poses as read_poses
@@ -60,6 +62,7 @@ _HOMES = {
     "InputError": "errors",
     "Iso9283": "api.iso9283",
     "Measurements": "measurements",
+    "Planned": "api.plan",
     "PoseFile": "poses.reading",
     "Predicted": "api.predict",
     "Problem": "errors",
@@ -75,6 +78,7 @@ _HOMES = {
     "correct": "api.correct",
     "estimate": "api.estimate",
     "iso9283": "api.iso9283",
+    "plan": "api.plan",
     "predict": "api.predict",
     "read_poses": "api.reading",
     "read_result": "api.reading",

@@ -28,6 +28,7 @@ LAYERS = (
     ("robacc.simulation", "robacc.diagnostics"),
     ("robacc.tracing",),
     ("robacc.calibration", "robacc.controllers", "robacc.correction", "robacc.iso_9283", "robacc.prediction"),
+    ("robacc.planning",),
     ("robacc.comparison", "robacc.gates", "robacc.outcomes"),
     ("robacc.documents",),
     ("robacc.render.text",),

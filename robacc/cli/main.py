@@ -38,6 +38,7 @@ COMMANDS = {
     "robots": "List the arms that come with the package; --robot NAME takes one.",
     "effects": "List the effects: equation, unit, usual size, required data and similar effects.",
     "init": "Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.",
+    "plan": "Plan a measurement: the poses worth measuring, their order, and the expected result.",
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
     "export": "Write a robot model for a controller, a driver or a simulator, with the error that remains there.",
     "import": "Write a robot file from the kinematics of a controller or of its ROS driver.",

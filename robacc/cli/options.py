@@ -115,5 +115,10 @@ HoldoutOption = Annotated[
 FoldsOption = Annotated[
     int, typer.Option("--folds", metavar="K", min=2, max=50, help="Number of folds of cross-validation.")
 ]
-OUTPUTS = frozenset({"output", "per_pose", "per_target", "write_model", "junit", "report", "urdf", "document"})
+OUTPUTS = frozenset(
+    {
+        *("output", "per_pose", "per_target", "write_model", "junit", "report", "urdf", "document"),
+        *("validation_output", "program"),
+    }
+)
 """Parameters of commands that name files to write."""

@@ -155,6 +155,13 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "effects": lambda _: run("effects"),
     "effects, poses": lambda _: run("effects", "--robot", ROBOT, "--poses", POSES),
     "export": lambda folder: run("export", ROBOT, "--urdf", f"{folder}/arm.urdf"),
+    "plan": lambda folder: run("plan", ROBOT, "--poses", "12", "--candidates", "300", "-o", f"{folder}/plan.csv"),
+    "plan, enough": lambda folder: run(
+        *("plan", ROBOT, "--candidates", "300", "--already", POSES, "-o", f"{folder}/next.csv")
+    ),
+    "plan, acceptance": lambda folder: run(
+        *("plan", ROBOT, "--for", "acceptance", "--grade", "D", "--candidates", "400", "-o", f"{folder}/test.csv")
+    ),
     "iso9283-poses": lambda folder: run("iso9283-poses", ROBOT, "-o", f"{folder}/five.csv"),
 }
 """A result by what it is of; the first word is the schema's name."""

@@ -1,0 +1,131 @@
+"""Inputs of the call ``robacc.plan``: files, places in text, and the limits of gates and grades."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from typing import cast
+
+from robacc.api.inputs import StrPath, load_grade_scale, load_poses, load_robot, record_of, require_poses
+from robacc.api.result import check_range
+from robacc.documents.envelope import InputFile
+from robacc.errors import UsageError
+from robacc.measurements import Measurements
+from robacc.planning.acceptance import AcceptanceStatistic, Demand
+from robacc.planning.campaign import CampaignSettings
+from robacc.planning.constraints import Sight, parse_distance, parse_vector
+from robacc.quantities import size
+from robacc.robots.description import Robot
+
+_STATISTICS = ("rms", "mean_error", "p95", "max")
+
+
+def robot_to_plan_for(
+    robot: StrPath | Robot, model: StrPath | Robot | None, base_link: str | None, tip_link: str | None
+) -> tuple[Robot, tuple[InputFile, ...]]:
+    """Return the robot to plan for: the model where there is one, after a check that it is the same arm."""
+    nominal, record = load_robot(robot, base_link, tip_link)
+    if model is None:
+        return nominal, (record,)
+    calibrated, model_record = load_robot(model)
+    if calibrated.variable_names != nominal.variable_names:
+        raise UsageError(
+            f"`model` has the joints {', '.join(calibrated.variable_names)}, but the robot has "
+            f"{', '.join(nominal.variable_names)}; give the model of this robot"
+        )
+    return calibrated, (record, dataclasses.replace(model_record, kind="model"))
+
+
+def load_candidates(
+    source: StrPath | Measurements | int | None, arm: Robot
+) -> tuple[Measurements | None, int, tuple[InputFile, ...]]:
+    """Return given candidates, or the number of samples."""
+    default = CampaignSettings.__dataclass_fields__["n_candidates"].default
+    if source is None:
+        return None, cast(int, default), ()
+    if isinstance(source, int):
+        check_range("candidates", source, 10, 100_000)
+        return None, source, ()
+    data, records = load_planned_poses(source, arm, "candidates")
+    return data, cast(int, default), records
+
+
+def load_planned_poses(
+    source: StrPath | Measurements | None, arm: Robot, kind: str
+) -> tuple[Measurements | None, tuple[InputFile, ...]]:
+    """Return poses that need not be measured; limits are a matter of the filters."""
+    if source is None:
+        return None, ()
+    if isinstance(source, Measurements):
+        return require_poses(source), (record_of(source, kind),)
+    from robacc.poses.csv_file import read_poses
+
+    types = [joint.type for joint in arm.variables]
+    data = read_poses(os.fspath(source), joint_names=arm.variable_names, joint_types=types, attained=False)
+    return require_poses(data), (record_of(data, kind),)
+
+
+def load_already(
+    source: StrPath | Measurements | None, arm: Robot, ordered: bool
+) -> tuple[Measurements | None, tuple[InputFile, ...]]:
+    """Return poses measured already, and their record."""
+    if source is None:
+        return None, ()
+    data, record = load_poses(source, arm, ordered=ordered, kind="already", attained=False)
+    return data, (record,)
+
+
+def sight_of(
+    instrument: str | Sequence[float] | None,
+    reflector: str | Sequence[float] | None,
+    cone: float | str,
+    distance: str | Sequence[float] | None,
+) -> Sight | None:
+    """Return the line of sight of the instrument; None without an instrument.
+
+    Raises:
+        UsageError: The texts are no places or angles, or `instrument` is missing.
+    """
+    if instrument is None:
+        if reflector is not None or distance is not None:
+            raise UsageError("`reflector` and `distance` need `instrument`, the position of the instrument")
+        return None
+    near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
+    axis = None if reflector is None else parse_vector(reflector, "reflector")
+    if axis is not None and not any(axis):
+        raise UsageError("`reflector`: the direction has no length")
+    return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
+
+
+def load_demands(
+    gate: StrPath | None, grade: str | None, scale: StrPath | None
+) -> tuple[tuple[Demand, ...], tuple[InputFile, ...]]:
+    """Return the limits on the position that the measurement is to decide."""
+    demands: list[Demand] = []
+    records: tuple[InputFile, ...] = ()
+    if gate is not None:
+        from robacc.documents.gate_files import read_gate
+
+        loaded = read_gate(os.fspath(gate))
+        records = loaded.records
+        for criterion in loaded.gate.criteria:
+            quantity, _, statistic = criterion.key.partition(".")
+            if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
+                confidence = criterion.confidence
+                name = cast(AcceptanceStatistic, statistic)
+                demands.append(Demand(criterion.name, name, criterion.limit, "m", confidence, criterion.share))
+        if not demands:
+            raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")
+    if grade is not None:
+        from robacc.accuracy.grade_scale import default_scale
+
+        custom, scale_records = load_grade_scale(scale)
+        steps = custom or default_scale()
+        limits = {step.grade: step.position for step in steps.steps}
+        if grade not in limits:
+            raise UsageError(f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}")
+        demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], "m", steps.confidence))
+        records = (*records, *scale_records)
+    return tuple(demands), records

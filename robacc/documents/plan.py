@@ -1,0 +1,142 @@
+"""Keys of ``robacc.plan/1`` in m and rad."""
+
+from __future__ import annotations
+
+import dataclasses
+from hashlib import sha256
+from typing import Any
+
+from robacc.documents.poses import rounded
+from robacc.planning.acceptance import NeededPoses
+from robacc.planning.campaign import CampaignPlan
+from robacc.planning.detectability import Detectability
+from robacc.planning.expected import AccuracyPoint, ExpectedAccuracy
+from robacc.planning.route import Route
+
+
+def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
+    """Return the keys of a plan; ``csv`` is the file of the visits."""
+    visits = plan.visits()
+    assert visits.pose is not None
+    assert visits.direction is not None
+    assert visits.speed is not None
+    return {
+        "purpose": plan.settings.purpose,
+        "criterion": plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
+        "n_poses": int(plan.chosen.size),
+        "n_visits": visits.n,
+        "fit": plan.settings.fit,
+        "candidates": {
+            "source": plan.candidates.source,
+            "drawn": plan.candidates.drawn,
+            "feasible": plan.candidates.n,
+            "excluded": [dataclasses.asdict(entry) for entry in plan.candidates.excluded],
+        },
+        "noise": {
+            "position_m": plan.noise.position,
+            "orientation_rad": plan.noise.orientation,
+            "repeatability_joints": plan.noise.joints,
+            "repeatability_m": plan.repeatability,
+            "unexplained_m": plan.noise.unexplained,
+            "source": plan.noise.source,
+        },
+        "visits": {
+            "pose": [str(name) for name in visits.pose],
+            "role": list(plan.route.roles),
+            "q": rounded(plan.q),
+            "direction": visits.direction.T.astype(int),
+            "speed": rounded(visits.speed),
+            "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
+        },
+        "route": _route(plan.route),
+        "validation": None if plan.validation is None else {"q": rounded(plan.validation)},
+        "coefficients": [dataclasses.asdict(entry) for entry in plan.coefficients],
+        "correlations": [dataclasses.asdict(pair) for pair in plan.correlations],
+        "accuracy": None if plan.accuracy is None else _accuracy(plan.accuracy),
+        "worth": None
+        if plan.worth is None
+        else {
+            "new_poses_rms_m": plan.worth.new_poses,
+            "repeated_poses_rms_m": plan.worth.repeated_poses,
+            "readings_rms_m": plan.worth.readings,
+            "verdict": plan.worth.verdict,
+        },
+        **_detectability(plan.detectability),
+        "needed_poses": [_needed(entry) for entry in plan.needed],
+        "sufficiency": None
+        if plan.sufficiency is None
+        else {
+            "n_already": plan.sufficiency.n,
+            "enough": plan.sufficiency.enough,
+            "why": plan.sufficiency.why,
+            "now_m": plan.sufficiency.now,
+            "later_m": plan.sufficiency.later,
+        },
+        "file_sha256": sha256(csv.encode()).hexdigest(),
+    }
+
+
+def _route(route: Route) -> dict[str, Any]:
+    return {
+        "passes": route.passes,
+        "length": route.length,
+        "random_length": route.random_length,
+        "rarer_direction_share": route.direction_share,
+        "speed_std": route.speed_std,
+        "drift_share": route.drift_share,
+        "repeats": route.roles.count("repeat"),
+        "checks": route.roles.count("check"),
+    }
+
+
+def _accuracy(accuracy: ExpectedAccuracy) -> dict[str, Any]:
+    return {
+        "planned": None if accuracy.planned is None else _point(accuracy.planned),
+        "curve": [_point(point) for point in accuracy.points],
+        "knee": accuracy.knee,
+    }
+
+
+def _point(point: AccuracyPoint) -> dict[str, Any]:
+    return {
+        "n_poses": point.n,
+        "rms_m": point.rms,
+        "worst_m": point.worst,
+        "total_rms_m": point.total,
+        "random_rms_m": point.random_rms,
+    }
+
+
+def _detectability(detectability: Detectability | None) -> dict[str, Any]:
+    if detectability is None:
+        return {"detection_limits": None, "inseparable": None, "not_testable": None}
+    return {
+        "detection_limits": [
+            {
+                "effect": limit.effect,
+                "joints": list(limit.joints),
+                "settings": limit.settings,
+                "limit": limit.limit,
+                "unit": limit.unit,
+                "usual_size": limit.usual,
+                "power": limit.power,
+                "rms_m": limit.rms,
+            }
+            for limit in detectability.limits
+        ],
+        "inseparable": [dataclasses.asdict(pair) for pair in detectability.pairs],
+        "not_testable": detectability.missing,
+    }
+
+
+def _needed(entry: NeededPoses) -> dict[str, Any]:
+    demand = entry.demand
+    return {
+        "name": demand.label,
+        "statistic": demand.statistic,
+        "limit_m": demand.limit,
+        "confidence": demand.confidence,
+        "true_over_limit": entry.ratio,
+        "n_poses": entry.poses,
+        "by_ratio": [{"true_over_limit": ratio, "n_poses": number} for ratio, number in entry.by_ratio],
+    }

@@ -1,0 +1,199 @@
+"""Expected result of a campaign before anything is measured: standard errors, accuracy over the number of poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.fitting.parameters import CORRELATED, Correlation
+from robacc.geometry import Array
+from robacc.planning.design import DesignProblem, choose, region_variance
+from robacc.planning.linear_model import PlannedCoefficients, fit_covariance
+
+ENOUGH_GAIN = 0.1
+"""Ten more poses are not worth their time if they reduce the predicted error by less than this share."""
+BATCH = 10
+_RANDOM_DRAWS = 10
+_CURVE_POINTS = 8
+"""Numbers of poses, besides the planned number, that the curve has at most."""
+_EXCHANGED = 200
+"""Candidates that exchange looks at for a point of the curve."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedCoefficient:
+    """Predicted standard error of one coefficient."""
+
+    name: str
+    unit: str
+    std: float | None
+    """Standard error after the fit; None if it is not identifiable."""
+    prior_std: float | None
+    why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AccuracyPoint:
+    """Predicted error over the task's region after a fit to ``n`` poses, m."""
+
+    n: int
+    rms: float
+    """Square root of the mean variance over the region, from the coefficients' uncertainty."""
+    worst: float
+    """The same at the worst task pose."""
+    total: float
+    """RMS with the repeatability and the unexplained error, which no fit removes."""
+    random_rms: float | None
+    """Mean RMS of random feasible poses in the same number; None if they do not identify the model."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedAccuracy:
+    """Accuracy over the number of poses."""
+
+    points: tuple[AccuracyPoint, ...]
+    knee: int | None
+    """Number of poses from which ten more reduce the total error by less than a tenth; None beyond the curve."""
+    planned: AccuracyPoint | None
+    """The planned poses; None if they do not identify the model."""
+
+
+@dataclass(frozen=True, slots=True)
+class Worth:
+    """Predicted RMS error over the region for equal effort spent in different ways, m."""
+
+    new_poses: float | None
+    repeated_poses: float | None
+    """Half as many poses, each visited twice."""
+    readings: float | None
+    """The same poses, each read twice at one visit: less instrument noise, the same repeatability."""
+    verdict: str
+
+
+def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> tuple[ExpectedCoefficient, ...]:
+    """Return the predicted standard error of every coefficient, in the order of the effects."""
+    place = {int(column): i for i, column in enumerate(planned.columns)}
+    why = {entry.name: entry.why for entry in planned.dropped}
+    result = []
+    for number, term in enumerate(planned.terms):
+        i = place.get(number)
+        if i is None:
+            result.append(ExpectedCoefficient(term.name, term.unit, None, None, why.get(term.name)))
+        elif covariance is None:
+            reason = "the planned poses are too few for this model"
+            result.append(ExpectedCoefficient(term.name, term.unit, None, float(planned.prior_std[i]), reason))
+        else:
+            std = float(np.sqrt(covariance[i, i]))
+            result.append(ExpectedCoefficient(term.name, term.unit, std, float(planned.prior_std[i])))
+    return tuple(result)
+
+
+def expected_correlations(planned: PlannedCoefficients, covariance: Array | None) -> tuple[Correlation, ...]:
+    """Return pairs of coefficients whose estimates will be strongly correlated, strongest first."""
+    if covariance is None:
+        return ()
+    std = np.sqrt(np.diag(covariance))
+    matrix = covariance / std[:, None] / std
+    names = planned.names
+    first, second = np.nonzero(np.triu(np.abs(matrix) > CORRELATED, 1))
+    pairs = [
+        Correlation(names[i], names[j], float(matrix[i, j]))
+        for i, j in zip(first.tolist(), second.tolist(), strict=True)
+    ]
+    return tuple(sorted(pairs, key=lambda pair: -abs(pair.value)))
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """Computation of predicted errors for sets of candidates."""
+
+    rows: Array
+    """``(M, N, P)`` whitened columns of the candidates, identifiable coefficients."""
+    region: Array
+    """``(3, T, P)`` displacement of the target at the task's poses, m."""
+    planned: PlannedCoefficients
+    already: Array
+    """``(P, P)`` information of poses measured already."""
+    floor: float
+    """Error that no fit removes, m: repeatability and unexplained error, length of the vector, rms."""
+
+    def covariance(self, rows: Array) -> Array | None:
+        """Return the covariance after a fit to poses ``(M, n, P)`` and those measured already."""
+        return fit_covariance(rows, self.planned, self.already)
+
+    def point(self, rows: Array, n: int, random_rms: float | None = None) -> AccuracyPoint | None:
+        """Return the predicted accuracy of poses ``(M, n, P)``."""
+        covariance = self.covariance(rows)
+        if covariance is None:
+            return None
+        variance = region_variance(self.region, covariance)
+        mean = float(np.mean(variance))
+        return AccuracyPoint(n, mean**0.5, float(variance.max()) ** 0.5, (mean + self.floor**2) ** 0.5, random_rms)
+
+    def random_rms(self, n: int, seed: int) -> float | None:
+        """Return the mean RMS of ``n`` random feasible poses over several draws; None if a draw does not suffice."""
+        generator = np.random.default_rng([seed, n])
+        values = []
+        for _ in range(_RANDOM_DRAWS):
+            at = generator.choice(self.rows.shape[1], min(n, self.rows.shape[1]), replace=False)
+            point = self.point(self.rows[:, at], n)
+            if point is None:
+                return None
+            values.append(point.rms)
+        return float(np.mean(values))
+
+
+def expected_accuracy(
+    expectation: Expectation, problem: DesignProblem, chosen: NDArray[np.int64], seed: int
+) -> ExpectedAccuracy:
+    """Return the predicted accuracy over the number of poses, planned and random, and of the chosen poses."""
+    count, n_rows, n_coefficients = chosen.size, problem.rows.shape[0], problem.rows.shape[2]
+    longest = min(2 * count + BATCH, problem.rows.shape[1])
+    first = BATCH // 2 if expectation.already.any() else -(-n_coefficients // n_rows) + 2
+    numbers = np.unique(np.round(np.geomspace(min(first, longest), longest, _CURVE_POINTS)).astype(int))
+    planned = expectation.point(expectation.rows[:, chosen], count, expectation.random_rms(count, seed))
+    points = [] if planned is None else [planned]
+    for n in (number for number in numbers.tolist() if number != count):
+        at = choose(problem, n, exchanged=_EXCHANGED, passes=1)
+        point = expectation.point(expectation.rows[:, at], n, expectation.random_rms(n, seed))
+        if point is not None:
+            points.append(point)
+    points.sort(key=lambda point: point.n)
+    return ExpectedAccuracy(tuple(points), _knee(points), planned)
+
+
+def _knee(points: Sequence[AccuracyPoint]) -> int | None:
+    """Return the smallest number from which ten more poses gain little; between the points, log error over log n."""
+    if len(points) < 2:
+        return None
+    log_n = np.log([point.n for point in points])
+    log_total = np.log([point.total for point in points])
+    for n in range(points[0].n, points[-1].n - BATCH + 1):
+        now, later = np.interp(np.log([n, n + BATCH]), log_n, log_total)
+        if later - now > np.log(1.0 - ENOUGH_GAIN):
+            return n
+    return None
+
+
+def worth_of(new: AccuracyPoint | None, repeated: AccuracyPoint | None, readings: AccuracyPoint | None) -> Worth:
+    """Return the comparison of new poses, repeats, and readings, and its verdict in words."""
+    values = {
+        "new poses": None if new is None else new.total,
+        "a second visit of half as many poses": None if repeated is None else repeated.total,
+        "a second reading at every pose": None if readings is None else readings.total,
+    }
+    known = {name: value for name, value in values.items() if value is not None}
+    if not known:
+        verdict = "the planned poses are too few for this model"
+    else:
+        best = min(known, key=lambda name: known[name])
+        verdict = f"{best} {'are' if best == 'new poses' else 'is'} worth most"
+    return Worth(
+        None if new is None else new.rms,
+        None if repeated is None else repeated.rms,
+        None if readings is None else readings.rms,
+        verdict,
+    )

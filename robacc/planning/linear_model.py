@@ -1,0 +1,210 @@
+"""Linear model of a campaign: whitened columns of the coefficients at planned poses, priors, and the task's region."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.calibration import tolerance_priors
+from robacc.effects.base import Term
+from robacc.effects.specification import every_column
+from robacc.fitting.identifiability import Dropped, identify
+from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.visits import visit_numbers
+from robacc.fitting.weak_parameters import BADLY_MADE, WEAK
+from robacc.fitting.whitening import Scatter, whitening
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.planning.design import information_of
+from robacc.robots.description import Robot
+
+_FRAME_PRIOR = 1.0
+"""m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
+_IDENTIFIED_ON = 1500
+"""Poses that decide which coefficients any poses identify."""
+_USUAL_SIZES = 10.0
+"""Prior standard deviation of a constant without a tolerance, over its usual size: wide, as the fit has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedNoise:
+    """Errors that no model predicts, as standard deviations."""
+
+    position: float
+    """Instrument, along each axis, m."""
+    orientation: float | None
+    """Instrument, about each axis, rad; None where orientation is not measured."""
+    joints: Array
+    """``(J,)`` repeatability of each joint, rad or m."""
+    unexplained: float
+    """Error of the model that stays the same at one pose and differs from pose to pose, along each axis, m."""
+    source: str
+
+    def reduced(self, visits: int, readings: int) -> ExpectedNoise:
+        """Return the noise of the mean over ``visits`` of each pose, with ``readings`` at each visit."""
+        share = 1.0 / np.sqrt(visits * readings)
+        return dataclasses.replace(
+            self,
+            position=self.position * share,
+            orientation=None if self.orientation is None else self.orientation * share,
+            joints=self.joints / np.sqrt(visits),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCoefficients:
+    """Coefficients that the campaign determines, with their priors."""
+
+    terms: tuple[Term, ...]
+    """Every coefficient of the free effects."""
+    columns: NDArray[np.int64]
+    """``(P,)`` numbers of the coefficients that are identifiable on some poses."""
+    dropped: tuple[Dropped, ...]
+    """Coefficients that no poses identify."""
+    prior_std: Array
+    """``(P,)`` prior standard deviations for the choice of poses: tolerance, else wide."""
+    fit_prior_std: Array
+    """``(P,)`` prior standard deviation that the fit gives a weakly identifiable coefficient; inf for none."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the identifiable coefficients."""
+        return [self.terms[i].name for i in self.columns]
+
+
+def planned_data(robot: Robot, q: Array, like: Measurements | None = None) -> Measurements:
+    """Return unmeasured poses at ``q`` ``(J, n)``: every target at each pose, poses in order, targets innermost.
+
+    ``like`` gives the other columns, each with an entry for each of the n poses.
+    """
+    targets = tuple(robot.targets)
+    base = like if like is not None else Measurements(position=np.zeros((3, q.shape[1])))
+    data = dataclasses.replace(base, q=q)
+    if not targets:
+        return data
+    repeated = data.subset(np.repeat(np.arange(q.shape[1]), len(targets)))
+    return dataclasses.replace(repeated, target=np.tile(np.array(targets), q.shape[1]))
+
+
+def whitened_columns(model: Model, data: Measurements, noise: ExpectedNoise) -> Array:
+    """Return ``(M, P, N)`` columns of the model's free coefficients in units of the noise, for the rows of ``data``."""
+    rows = 3 if noise.orientation is None else 6
+    bound = model.bind(data)
+    jacobian = bound.linearise(np.zeros(len(bound.terms)))[1][:rows]
+    return whitened(model, data, noise, jacobian)
+
+
+def whitened(model: Model, data: Measurements, noise: ExpectedNoise, jacobian: Array) -> Array:
+    """Return columns ``(M, P, N)`` in units of the noise: instrument, repeatability and unexplained error."""
+    weight = np.empty((jacobian.shape[0], data.n))
+    weight[:3] = 1.0 / np.hypot(noise.position, noise.unexplained)
+    if jacobian.shape[0] == 6 and noise.orientation is not None:
+        weight[3:] = 1.0 / noise.orientation
+    visits = visit_numbers(data)
+    columns = joint_columns(dataclasses.replace(model, free=()), data)[: jacobian.shape[0]]
+    white = whitening(weight, columns, Scatter(noise.joints, np.zeros_like(noise.joints)), visits, visits)
+    return np.moveaxis(white.apply(np.moveaxis(jacobian, 1, 0)), 0, 1)
+
+
+def pose_rows(columns: Array, n_targets: int) -> Array:
+    """Return ``(M n_targets, N, P)`` rows of each pose, from columns ``(M, P, N n_targets)`` with targets innermost."""
+    components, size, count = columns.shape
+    poses = count // n_targets
+    split = columns.reshape(components, size, poses, n_targets)
+    result: Array = np.ascontiguousarray(np.moveaxis(split, (0, 3, 2, 1), (0, 1, 2, 3))).reshape(-1, poses, size)
+    return result
+
+
+def candidate_rows(model: Model, q: Array, noise: ExpectedNoise, like: Measurements | None = None) -> Array:
+    """Return ``(M, N, P)`` whitened rows at joint variables ``(J, N)``; M counts the components of all targets."""
+    data = planned_data(model.arm.robot, q, like)
+    return pose_rows(whitened_columns(model, data, noise), max(len(model.arm.robot.targets), 1))
+
+
+def region_rows(model: Model, q: Array) -> Array:
+    """Return ``(3, T, P)`` displacement of the target by each coefficient at the task's poses, m; mean of targets."""
+    robot = model.arm.robot
+    data = planned_data(robot, q)
+    bound = model.bind(data)
+    jacobian = bound.linearise(np.zeros(len(bound.terms)))[1][:3]
+    n_targets = max(len(robot.targets), 1)
+    rows = pose_rows(jacobian, n_targets)
+    result: Array = rows.reshape(3, n_targets * rows.shape[1], -1)
+    return result
+
+
+def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
+    """Return the coefficients that the candidates' ``rows`` ``(M, N, P)`` identify, and their priors."""
+    terms = tuple(term for effect in model.free for term in effect.terms(model.arm, every_column(model.arm)))
+    step = max(1, rows.shape[1] // _IDENTIFIED_ON)
+    flat = rows[:, ::step].reshape(-1, rows.shape[2])
+    triangle = np.asarray(np.linalg.qr(flat, mode="r"))
+    identified = identify(triangle, [term.name for term in terms], flat.shape[0], [term.unit for term in terms])
+    columns = identified.columns
+    tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
+    constants = _constants(model)
+    prior = np.array([tolerance.get(term.name, _usual_prior(term, term.name in constants)) for term in terms])
+    limit = np.array([BADLY_MADE * term.typical if term.name in constants else np.inf for term in terms])
+    return PlannedCoefficients(terms, columns, identified.dropped, prior[columns], limit[columns])
+
+
+def fit_covariance(rows: Array, planned: PlannedCoefficients, information: Array | None = None) -> Array | None:
+    """Return ``(P, P)`` the covariance after a fit to poses ``(M, n, P)``; None where they do not identify everything.
+
+    As in the fit, a coefficient has a prior only if its standard error would exceed a share of a badly made arm's
+    deviation. ``information`` is that of poses measured already.
+    """
+    normal = information_of(rows) if information is None else information + information_of(rows)
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    precision = np.zeros(scale.size)
+    for _ in range(2):
+        matrix = (normal + np.diag(precision)) / scale[:, None] / scale
+        if np.linalg.cond(matrix) > 1e14:
+            if precision.any():
+                return None
+            precision = np.where(np.isfinite(planned.fit_prior_std), planned.fit_prior_std**-2.0, 0.0)
+            continue
+        covariance: Array = np.linalg.inv(matrix) / scale[:, None] / scale
+        weak = np.sqrt(np.diag(covariance)) > WEAK * planned.fit_prior_std
+        if precision.any() or not weak.any():
+            return covariance
+        precision = np.where(weak, planned.fit_prior_std**-2.0, 0.0)
+    matrix = (normal + np.diag(precision)) / scale[:, None] / scale
+    if np.linalg.cond(matrix) > 1e14:
+        return None
+    result: Array = np.linalg.inv(matrix) / scale[:, None] / scale
+    return result
+
+
+def joint_repeatability(model: Model, q: Array, size: float) -> Array:
+    """Return ``(J,)`` equal scatter of all rotary joints that gives the target ``size`` m rms along each axis."""
+    data = planned_data(model.arm.robot, q)
+    columns = joint_columns(dataclasses.replace(model, free=()), data)[:3]
+    revolute = np.array([model.arm.is_revolute(name) for name in model.arm.names])
+    if not revolute.any():
+        return np.full(revolute.size, size)
+    mean = float(np.mean(np.sum(np.square(columns[:, revolute]), axis=(0, 1)))) / 3.0
+    angle = size / np.sqrt(mean)
+    result: Array = np.where(revolute, angle, size / np.sqrt(3.0))
+    return result
+
+
+def repeatability_at_target(model: Model, q: Array, joints: Array) -> float:
+    """Return the scatter of the target along each axis, m rms, that joints' scatter ``(J,)`` gives over ``q``."""
+    columns = joint_columns(dataclasses.replace(model, free=()), planned_data(model.arm.robot, q))[:3]
+    variance = np.einsum("ijn,j->n", np.square(columns), np.square(joints))
+    return float(np.sqrt(np.mean(variance) / 3.0))
+
+
+def _usual_prior(term: Term, is_constant: bool) -> float:
+    return _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else _FRAME_PRIOR
+
+
+def _constants(model: Model) -> set[str]:
+    """Return the names of constants of the arm, frames excluded."""
+    effects = [effect for effect in model.free if effect.is_constant and not effect.is_frame]
+    return {term.name for effect in effects for term in effect.terms(model.arm, every_column(model.arm))}

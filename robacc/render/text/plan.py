@@ -1,0 +1,189 @@
+"""Plan of a measurement as a table, and the comments of its CSV."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterator, Sequence
+from typing import TextIO
+
+from robacc.planning.campaign import CampaignPlan
+from robacc.planning.detectability import Detectability, ExpectedLimit
+from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient
+from robacc.render.text.console import width_of, write_lines
+from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
+from robacc.render.text.numbers import fixed, three_digits
+
+_IN_MM = 1e3
+_LISTED_PAIRS = 8
+_PURPOSES = {
+    "calibrate": "calibration",
+    "trace": "trace of causes",
+    "acceptance": "acceptance",
+    "health": "health check",
+}
+
+
+def plan_comments(plan: CampaignPlan) -> list[str]:
+    """Return the comment lines above the columns of the visits."""
+    return [
+        f"Planned by robacc plan for {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
+        f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
+        "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those of "
+        "the moves from row to row.",
+        "Check every pose for collisions before you send it.",
+    ]
+
+
+def validation_comments(plan: CampaignPlan) -> list[str]:
+    """Return the comment lines above the columns of the validation poses."""
+    return [
+        f"Validation poses planned by robacc plan for {plan.robot.name}; nothing was measured.",
+        "Use them only to check a fit (`holdout`), never in the fit.",
+    ]
+
+
+def draw_plan(plan: CampaignPlan, stream: TextIO) -> None:
+    """Write the plan's tables to ``stream``."""
+    write_lines(plan_lines(plan, width_of(stream)), stream)
+
+
+def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
+    """Yield the lines of the report."""
+    yield heading(_title(plan))
+    yield from items(_facts(plan), width)
+    if plan.sufficiency is not None:
+        verdict = "Enough" if plan.sufficiency.enough else f"Not enough: measure the next {plan.chosen.size}"
+        yield from (BLANK, heading(verdict), *items((plan.sufficiency.why,), width))
+    if plan.candidates.excluded:
+        rows = [(entry.reason, str(entry.count), str(entry.alone)) for entry in plan.candidates.excluded]
+        yield from (BLANK, *columns(("candidates excluded by", "count", "by this alone"), rows))
+    if plan.needed:
+        yield from (BLANK, *_needed(plan))
+    if plan.accuracy is not None:
+        yield from (BLANK, *_accuracy(plan.accuracy, width))
+    if plan.worth is not None and plan.worth.new_poses is not None:
+        yield from items((f"for the same number of measurements: {plan.worth.verdict}",), width)
+    if plan.settings.purpose in ("calibrate", "health"):
+        yield from (BLANK, *_coefficients(plan.coefficients, width))
+    if plan.correlations and plan.settings.purpose == "calibrate":
+        pairs = [f"{pair.first} and {pair.second} ({pair.value:+.2f})" for pair in plan.correlations[:_LISTED_PAIRS]]
+        yield from (BLANK, heading("Estimates that stay strongly correlated"), *items(pairs, width))
+    if plan.detectability is not None:
+        yield from (BLANK, *_detectability(plan.detectability, width))
+
+
+def _title(plan: CampaignPlan) -> str:
+    count, visits = plan.chosen.size, len(plan.route.roles)
+    return f"Plan for the {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: {count} poses, {visits} visits"
+
+
+def _facts(plan: CampaignPlan) -> list[str]:
+    route, noise = plan.route, plan.noise
+    facts = [f"chosen from {plan.candidates.n} feasible poses of {plan.candidates.source}"]
+    orientation = "" if noise.orientation is None else f", {math.degrees(noise.orientation):.3g}° about each axis"
+    facts.append(
+        f"instrument {three_digits(noise.position * _IN_MM)} mm along each axis{orientation}, repeatability "
+        f"{three_digits(plan.repeatability * _IN_MM)} mm ({noise.source})"
+    )
+    least = min(route.direction_share.tolist(), default=0.0)
+    extra = [
+        f"{route.roles.count('repeat')} repeats" if route.roles.count("repeat") else "",
+        f"{route.roles.count('check')} visits of the drift check pose" if route.roles.count("check") else "",
+    ]
+    facts.append(
+        f"route of {route.length:.1f} joint ranges ({route.random_length:.1f} in a random order), "
+        f"{route.passes} pass{'es' * (route.passes > 1)}; "
+        + "".join(f"{text}; " for text in extra if text)
+        + f"each joint is approached from its rarer direction in at least {100 * least:.0f} % of its moves"
+    )
+    if plan.validation is not None:
+        facts.append(f"{plan.validation.shape[1]} validation poses apart")
+    return facts
+
+
+def _needed(plan: CampaignPlan) -> Iterator[TextLine]:
+    ratios = [ratio for ratio, _ in plan.needed[0].by_ratio]
+    yield heading("Poses that decide with probability 0.9, by the true value over the limit")
+    header = ("limit", "mm", *(f"{ratio:g}" for ratio in ratios), "planned for", "poses")
+    rows = [
+        (
+            f"{entry.demand.label} ({entry.demand.statistic})",
+            three_digits(entry.demand.limit * _IN_MM),
+            *("–" if number is None else str(number) for _, number in entry.by_ratio),
+            f"{entry.ratio:.2g}",
+            "–" if entry.poses is None else str(entry.poses),
+        )
+        for entry in plan.needed
+    ]
+    yield from columns(header, rows)
+
+
+def _accuracy(accuracy: ExpectedAccuracy, width: int) -> Iterator[TextLine]:
+    yield heading("Predicted error after the fit over the task's region, mm")
+    rows = []
+    for point in accuracy.points:
+        marks = [
+            "planned" if accuracy.planned is not None and point.n == accuracy.planned.n else "",
+            "first beyond the knee" if _is_first_beyond(accuracy, point.n) else "",
+        ]
+        values = (point.rms, point.random_rms, point.worst, point.total)
+        cells = ["–" if value is None else three_digits(value * _IN_MM) for value in values]
+        rows.append((str(point.n), *cells, ", ".join(mark for mark in marks if mark)))
+    yield from columns(("poses", "rms", "random poses", "worst", "with repeatability", ""), rows)
+    if accuracy.planned is None:
+        yield from items(("the planned poses do not identify all coefficients; plan more poses or fit less",), width)
+    if accuracy.knee is not None:
+        yield from items((f"knee at {accuracy.knee} poses: ten more reduce the error by less than 10 %",), width)
+    elif accuracy.points:
+        yield from items(("no knee: ten more poses still reduce the error by more than 10 %",), width)
+
+
+def _is_first_beyond(accuracy: ExpectedAccuracy, n: int) -> bool:
+    beyond = [] if accuracy.knee is None else [point.n for point in accuracy.points if point.n >= accuracy.knee]
+    return bool(beyond) and n == beyond[0]
+
+
+def _coefficients(entries: Sequence[ExpectedCoefficient], width: int) -> Iterator[TextLine]:
+    yield heading("Predicted standard errors")
+    rows = [(entry.name, three_digits(entry.std), entry.unit) for entry in entries if entry.std is not None]
+    yield from columns(("coefficient", "1 sd", "unit"), rows)
+    missing = [entry.name for entry in entries if entry.std is None]
+    if missing:
+        yield from (TextLine(line.text, "dim") for line in wrapped(f"not identifiable: {', '.join(missing)}", width))
+
+
+def _detectability(detectability: Detectability, width: int) -> Iterator[TextLine]:
+    yield heading("Effects that a trace of these poses can find")
+    families: dict[str, list[ExpectedLimit]] = {}
+    for limit in detectability.limits:
+        families.setdefault(limit.effect, []).append(limit)
+    rows, hidden = [], []
+    for name, family in families.items():
+        known = sorted((limit for limit in family if limit.limit is not None), key=lambda limit: limit.limit or 0.0)
+        hidden += [limit.label for limit in family if limit.limit is None]
+        if known:
+            power = statistics.mean(limit.power for limit in family)
+            limits = (f"{known[0].limit:.1e}", f"{known[-1].limit:.1e}" if len(known) > 1 else "")
+            rows.append((name, *limits, known[0].unit, f"{known[0].usual:.1e}", fixed(power, 2)))
+    yield from columns(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
+    notes = ["limit: size found with probability 1/2; power: probability that the usual size is found"]
+    if hidden:
+        notes.append(f"never found on these poses: {', '.join(hidden[:_LISTED_PAIRS])}{_more(len(hidden))}")
+    if detectability.missing:
+        by_reason: dict[str, list[str]] = {}
+        for name, reason in detectability.missing.items():
+            by_reason.setdefault(reason, []).append(name)
+        notes += [f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()]
+    yield from (TextLine(line.text, "dim") for line in items(notes, width))
+    if detectability.pairs:
+        yield from (BLANK, heading("Pairs that stay inseparable at the usual size"))
+        shown = detectability.pairs[:_LISTED_PAIRS]
+        texts = [f"{pair.first} looks like {pair.second} (similarity {pair.similarity:.2f})" for pair in shown]
+        yield from items(texts, width)
+        if len(detectability.pairs) > len(shown):
+            yield TextLine(f"… and {len(detectability.pairs) - len(shown)} more pairs", "dim")
+
+
+def _more(count: int) -> str:
+    return f" and {count - _LISTED_PAIRS} more" if count > _LISTED_PAIRS else ""

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from robacc.api.check import check as check
     from robacc.api.compare import Compared as Compared
     from robacc.api.compare import compare as compare
+    from robacc.api.compare_paired import ComparedTargets as ComparedTargets
+    from robacc.api.compare_paired import compare_paired as compare_paired
     from robacc.api.correct import Corrected as Corrected
     from robacc.api.correct import correct as correct
     from robacc.api.estimate import Estimate as Estimate
@@ -57,6 +59,7 @@ _HOMES = {
     "Calibrated": "api.calibrate",
     "Checked": "api.check",
     "Compared": "api.compare",
+    "ComparedTargets": "api.compare_paired",
     "Corrected": "api.correct",
     "Estimate": "api.estimate",
     "InputError": "errors",
@@ -75,6 +78,7 @@ _HOMES = {
     "calibrate": "api.calibrate",
     "check": "api.check",
     "compare": "api.compare",
+    "compare_paired": "api.compare_paired",
     "correct": "api.correct",
     "estimate": "api.estimate",
     "iso9283": "api.iso9283",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs
+from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs, with_fit
 from robacc.api.inputs import StrPath, fitted_pose_warnings, path_of
 from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
@@ -31,7 +31,9 @@ class Calibrated(FitResult, Calibration):
     def of(cls, calibration: Calibration, inputs: FitInputs, made: Provenance) -> Calibrated:
         """Return ``calibration`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(calibration)
-        fields["robot"], warnings = fitted_model(calibration.robot, inputs)
+        fields["robot"], warnings = fitted_model(
+            with_fit(calibration.robot, calibration, calibration.fit, inputs), inputs
+        )
         fields["warnings"] = (*calibration.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
         return cls(**fields, fit_inputs=inputs, made=made)
 

@@ -17,9 +17,13 @@ from robacc.correction.robots import FrameName, check_same_joints, nominal_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.measurements import Measurements
+from robacc.prediction.fit_record import nominal_robot
+from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.quantities import size
 from robacc.robots.description import Robot
 
+_TWICE = 2.0
+"""Largest correction, as a multiple of the largest on the poses of the fit."""
 _LISTED = 5
 """Refused targets that a warning names."""
 
@@ -153,11 +157,12 @@ def correct(
             raise UsageError(f"`{name}`: expected a finite number, found {value!r}")
     check_range("payload", payload or 0.0, 0.0)
     arm, arm_record = load_robot(model, base_link, tip_link)
-    controller, nominal_record, doubts = _nominal(nominal, arm)
+    fit = model_fit(arm)
+    controller, nominal_record, doubts = _nominal(nominal, arm, fit)
     check_same_joints(arm, controller)
     grades, scale_record = load_grade_scale(scale)
     data, record = load_poses(targets, controller, kind="targets", attained=False)
-    limits, source = _limits(most, size(weight, "length", "`weight`"), beyond_range, arm)
+    limits, source = _limits(most, size(weight, "length", "`weight`"), beyond_range, fit)
     setting = circumstances(data, ordered=ordered, payload=payload, temperature=temperature, time=time)
     try:
         body = correction(
@@ -165,6 +170,7 @@ def correct(
             arm,
             controller,
             setting,
+            fit,
             frame=frame,
             limits=limits,
             limits_source=source,
@@ -199,11 +205,15 @@ def _refuse_all(result: Corrected) -> None:
     raise InputError([replace(problems[0], fix=fix), *problems[1:]])
 
 
-def _nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
+def _nominal(
+    nominal: StrPath | Robot | None, model: Robot, fit: ModelFit | None
+) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
     """Return the robot that the controller computes with, its record, and doubts about it."""
     if nominal is not None:
         robot, record = load_robot(nominal)
         return robot, (replace(record, kind="nominal"),), ()
+    if fit is not None:
+        return nominal_robot(model, fit), (), ()
     doubt = (
         "the model does not contain the robot that it was fitted from, so its numbers without its effects count as "
         "the controller's; give `nominal`"
@@ -212,7 +222,7 @@ def _nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tupl
 
 
 def _limits(
-    most: str | float | None, weight: float, beyond_range: bool, model: Robot
+    most: str | float | None, weight: float, beyond_range: bool, fit: ModelFit | None
 ) -> tuple[Limits, Literal["option", "model", "none"]]:
     """Return the limits of corrections and their source.
 
@@ -221,11 +231,15 @@ def _limits(
     """
     if weight <= 0:
         raise UsageError("`weight`: expected a length above zero")
+    ranges = None if fit is None else fit.ranges
     if most is None:
-        return Limits(weight=weight, beyond_range=beyond_range), "none"
+        if fit is None:
+            return Limits(weight=weight, beyond_range=beyond_range), "none"
+        largest = fit.largest_correction
+        return Limits(_TWICE * largest[0], _TWICE * largest[1], weight, beyond_range, ranges), "model"
     parts = most.split(",") if isinstance(most, str) else [most]
     if len(parts) > 2:
         raise UsageError(f"`most`: expected a length and perhaps an angle, as in 3mm,0.5deg, found {most!r}")
     position = size(parts[0], "length", "`most`")
     angle = size(parts[1], "angle", "`most`") if len(parts) == 2 else None
-    return Limits(position, angle, weight, beyond_range), "option"
+    return Limits(position, angle, weight, beyond_range, ranges), "option"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,8 +18,14 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign
 from robacc.modelling.validity import outside_validity
+from robacc.prediction.fit_record import fit_record
 from robacc.robots.description import Robot
 from robacc.version import __version__
+
+if TYPE_CHECKING:
+    from robacc.calibration import Calibration
+    from robacc.fitting.solver import Fit
+    from robacc.tracing.trace import Trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +79,18 @@ class FitResult(Result):
             fix = "check units, frames and joint signs, fit fewer effects, or measure more poses"
             raise InputError(Problem("the fit did not converge, so no model is written", os.fspath(path), fix=fix))
         write_text(path, self.model_yaml())
+
+
+def with_fit(robot: Robot, result: Calibration | Trace, fit: Fit, inputs: FitInputs) -> Robot:
+    """Return the fitted robot with the record of its fit, which corrections and predictions read."""
+    held_out = None
+    if inputs.holdout is not None and result.holdout is not None:
+        residual = result.holdout.held_out_after
+        held_out = (inputs.holdout, result.holdout.after if residual is None else residual)
+    elif result.residuals.held_out_after is not None:
+        held_out = (inputs.data, result.residuals.held_out_after)
+    record = fit_record(fit, robot, inputs.robot, inputs.data, held_out, result.repeatability)
+    return replace(robot, fit=record.entry())
 
 
 def load_fit_inputs(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -20,8 +20,10 @@ from robacc.measurements import Measurements
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.allocation import allocate as allocate_tolerances
+from robacc.prediction.calibrated import calibrated_accuracy, coverage_notes
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
 from robacc.prediction.configurations import Configurations, configurations_of, sampled_configurations
+from robacc.prediction.model_fit import model_fit
 from robacc.prediction.parameters import NORMAL, uncertain_parameters
 from robacc.prediction.predicting import Prediction, predict_accuracy, step_limits
 from robacc.quantities import size
@@ -69,6 +71,24 @@ class Predicted(Result, Prediction):
 
         return per_pose_csv(self, self.robot.variable_names)
 
+    def map_csv(self, voxel: str | float = "100mm") -> str:
+        """Return a CSV with a row for each voxel of the workspace: its errors, and the grade that it holds.
+
+        Args:
+            voxel: Edge of a voxel, m or text such as ``"100mm"``.
+
+        Raises:
+            UsageError: The edge is no length above zero.
+        """
+        from robacc.prediction.warranty_map import warranty_map_csv
+        from robacc.robots.assembly import build_chain
+
+        edge = size(voxel, "length", "`voxel`")
+        if edge <= 0:
+            raise UsageError("`voxel`: expected a length above zero")
+        poses = build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n)
+        return warranty_map_csv(self, poses.translation, edge)
+
 
 def predict(
     robot: StrPath | Robot,
@@ -91,9 +111,11 @@ def predict(
     tip_link: str | None = None,
     seed: int = 0,
 ) -> Predicted:
-    """Covariances, error budget and grade predicted from parameter tolerances.
+    """Covariances, error budget and grade predicted from parameter tolerances, or from the fit of a model file.
 
     The prediction is for the joints of ``poses``, else of ``against``, else for configurations over the joint ranges.
+    For a model file that ``write_model`` wrote, it is that of the calibrated arm: uncertainty of the coefficients,
+    repeatability and unexplained error. With ``tolerances``, it is that of arms made with these tolerances.
 
     Args:
         robot: Robot file (YAML), URDF, or a robot read before.
@@ -141,7 +163,9 @@ def predict(
     grades = grades or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
-    parameters = uncertain_parameters(arm, read_tolerances)
+    # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
+    fit = model_fit(arm) if tolerances is None and allocate is None else None
+    parameters = uncertain_parameters(arm, read_tolerances) if fit is None else ()
     planned, planned_record = _poses(poses, arm, ordered, ignore_limits, "poses")
     measured, measured_record = _poses(against, arm, ordered, ignore_limits, "against")
     used = measured if measured is not None else planned
@@ -156,11 +180,16 @@ def predict(
     arm = use.robot or arm
     configurations = _configurations(arm, planned or measured, samples, seed, target)
     meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
-    prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
+    if fit is None:
+        prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
+    else:
+        prediction = calibrated_accuracy(arm, fit, configurations, planned or measured, grades, seed)
     allocation = None if allocate is None else allocate_tolerances(arm, prediction, allocate)
     aligned = effect_names(align)
     comparison = None
-    if measured is not None:
+    if fit is not None and measured is not None:
+        prediction = replace(prediction, notes=(*prediction.notes, *coverage_notes(arm, fit, measured, seed)))
+    elif measured is not None:
         comparison = compare_with_measured(
             arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed
         )

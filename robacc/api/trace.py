@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs
+from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs, with_fit
 from robacc.api.inputs import StrPath, fitted_pose_warnings
 from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
@@ -34,7 +34,7 @@ class Traced(FitResult, Trace):
     def of(cls, body: Trace, inputs: FitInputs, baseline: Baseline, made: Provenance) -> Traced:
         """Return ``body`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(body)
-        fields["robot"], warnings = fitted_model(body.robot, inputs)
+        fields["robot"], warnings = fitted_model(with_fit(body.robot, body, body.final, inputs), inputs)
         fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
         return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
 

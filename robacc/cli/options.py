@@ -118,7 +118,7 @@ FoldsOption = Annotated[
 OUTPUTS = frozenset(
     {
         *("output", "per_pose", "per_target", "write_model", "junit", "report", "urdf", "document"),
-        *("validation_output", "program"),
+        *("validation_output", "program", "warranty_map"),
     }
 )
 """Parameters of commands that name files to write."""

@@ -15,6 +15,9 @@ from robacc.correction.limits import Limits
 from robacc.correction.refusal import Cause, counts
 from robacc.correction.robots import FrameName, RobotPair, robot_pair
 from robacc.measurements import Measurements
+from robacc.prediction.calibrated import completed
+from robacc.prediction.model_fit import ModelFit
+from robacc.prediction.model_uncertainty import model_uncertainty
 from robacc.robots.description import Robot
 
 NominalSource = Literal["file", "model"]
@@ -58,6 +61,7 @@ def correction(
     model: Robot,
     nominal: Robot,
     setting: Circumstances,
+    fit: ModelFit | None,
     *,
     frame: FrameName,
     limits: Limits,
@@ -73,8 +77,12 @@ def correction(
     pair = robot_pair(model, nominal, frame)
     targets = correct_targets(data, pair, setting, limits)
     oriented = targets.wanted.oriented
-    before = expected_errors(targets.error_before, None, None, 1.0, scale, oriented)
-    after = expected_errors(targets.error_after, None, None, 1.0, scale, oriented)
+    position, orientation = None, None
+    if fit is not None:
+        spread = model_uncertainty(model, fit, completed(model, fit, None, targets.data, 0))
+        position, orientation = spread.position, spread.orientation if spread.is_oriented else None
+    before = expected_errors(targets.error_before, position, orientation, scale, oriented)
+    after = expected_errors(targets.error_after, position, orientation, scale, oriented)
     return Correction(
         targets, limits, limits_source, before, after, scale, tuple(_notes(pair, targets, setting, limits))
     )

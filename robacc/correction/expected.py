@@ -37,7 +37,7 @@ class ExpectedErrors:
 
 
 def expected_errors(
-    error: Array, position: Array | None, orientation: Array | None, factor: float, scale: Scale, oriented: bool
+    error: Array, position: Array | None, orientation: Array | None, scale: Scale, oriented: bool
 ) -> ExpectedErrors:
     """Return lengths, bounds and grades of predicted errors ``(6, N)``.
 
@@ -45,12 +45,11 @@ def expected_errors(
         error: Predicted position errors, m, and orientation errors, rad.
         position: ``(3, 3, N)`` covariance of the unpredicted position error, m²; None if unknown.
         orientation: ``(3, 3, N)`` rad²; None if unknown.
-        factor: Factor of the unpredicted error, from the coverage of the bounds on held-out poses.
         scale: Scale of the grades.
         oriented: Whether orientation counts.
     """
-    position_bound = None if position is None else length_bound(PROBABILITY, error[:3], factor**2 * position)
-    orientation_bound = None if orientation is None else length_bound(PROBABILITY, error[3:], factor**2 * orientation)
+    position_bound = None if position is None else length_bound(PROBABILITY, error[:3], position)
+    orientation_bound = None if orientation is None else length_bound(PROBABILITY, error[3:], orientation)
     grades = None
     if position_bound is not None:
         grades = target_grades(scale, position_bound, orientation_bound if oriented else None)

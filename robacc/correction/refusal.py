@@ -21,7 +21,7 @@ _AMPLIFICATION = 30.0
 """Largest turn of a joint as a multiple of the correction's angle; away from singular poses it is 1 to 5."""
 _NOTICEABLE = np.radians(0.5)
 """rad: turn of a joint below which a singular pose does no harm."""
-_MARGIN = 0.01
+_MARGIN = 0.05
 """Share of a range by which a target may exceed it."""
 _DEGREES = 180.0 / np.pi
 

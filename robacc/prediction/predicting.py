@@ -153,8 +153,8 @@ def predict_accuracy(
     """
     chain = Arm.of(robot).chain
     covariances = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
-    position = _predicted_errors("m", covariances.position, configurations, scale.statistic)
-    orientation = _predicted_errors("rad", covariances.orientation, configurations, scale.statistic)
+    position = predicted_errors("m", covariances.position, configurations, scale.statistic)
+    orientation = predicted_errors("rad", covariances.orientation, configurations, scale.statistic)
     by_parameter = _parameter_shares(parameters, covariances)
     notes = list(configurations.notes)
     if robot.effects:
@@ -177,9 +177,10 @@ def predict_accuracy(
     )
 
 
-def _predicted_errors(
+def predicted_errors(
     unit: Literal["m", "rad"], covariance: Array, configurations: Configurations, statistic: Statistic
 ) -> PredictedErrors:
+    """Return the predicted errors of covariances ``(3, 3, N)`` in the tool's frame."""
     variances = principal_variances(covariance)
     rms = np.sqrt(np.sum(variances, axis=0))
     radius = length_quantiles(RADIUS_PROBABILITY, variances)

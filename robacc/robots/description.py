@@ -126,6 +126,8 @@ class Robot:
     campaign: Campaign | None = None
     mass_uncertainty: float | None = None
     """Relative standard deviation of each link's mass; None if it is not stated."""
+    fit: Mapping[str, Any] | None = None
+    """Part ``fit:`` of a model file, unchanged; :mod:`robacc.prediction.model_fit` reads it."""
 
     @property
     def variables(self) -> tuple[Joint, ...]:

@@ -46,6 +46,7 @@ _TOP_KEYS = (
     "fitted_to",
     "campaign",
     "mass_uncertainty",
+    "fit",
 )
 _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
 _DIGEST = re.compile("[0-9a-f]{64}")
@@ -102,6 +103,7 @@ def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot
         fitted_to=_read_digests(top, "fitted_to"),
         campaign=_read_campaign(top, units),
         mass_uncertainty=_read_mass_uncertainty(top),
+        fit=_read_fit(top),
     )
 
 
@@ -220,6 +222,17 @@ def _read_digests(top: YamlSection, key: str) -> tuple[str, ...]:
             top.source.report(item, f"{top.at(key)}[{i}]", message, "`write_model` writes it; do not change it")
         digests.append(digest)
     return tuple(digests)
+
+
+def _read_fit(top: YamlSection) -> Mapping[str, Any] | None:
+    node = top.get("fit")
+    if node is None:
+        return None
+    if not isinstance(node, yaml.MappingNode):
+        top.source.report(node, "fit", f"expected keys with values, found {describe(node)}", "`write_model` writes it")
+        return None
+    fit: Mapping[str, Any] = top.source.plain(node, "fit")
+    return fit
 
 
 def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tuple[Joint, ...]:

@@ -51,6 +51,8 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool =
         document["effects"] = [_plain(effect) for effect in robot.effects]
     if robot.campaign is not None:
         document["campaign"] = _campaign(robot.campaign)
+    if robot.fit is not None:
+        document["fit"] = _plain(robot.fit)
     if rounded:
         document = _rounded(document)
     head = "".join(f"# {line}\n" for comment in comments for line in comment.splitlines())

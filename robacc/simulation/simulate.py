@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.geometry import Array, compose, exp_so3
+from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
 from robacc.robots.description import Robot
@@ -77,7 +77,7 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     """Return simulated poses of ``robot`` and the effects of its file, measured according to ``plan``.
 
     With several targets each is measured at every pose, one row for each target. ``planned`` poses, in the order
-    visited, replace sampled ones; their joint variables, ids and cycles are used.
+    visited, replace sampled ones; their joint variables, ids, cycles and commanded poses are used.
 
     Raises:
         InputError: A prismatic joint has no limits, or the robot's effects cannot be read.
@@ -97,19 +97,40 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     outlier_rows, shift = _outliers(plan, data.n)
     position = position.copy()
     position[:, outlier_rows] += shift
-    nominal = predict(dataclasses.replace(robot, effects=()), data) if plan.commanded else None
+    nominal = (
+        predict(dataclasses.replace(robot, effects=()), data)
+        if plan.commanded
+        else _planned_poses(planned, plan, data.n)
+    )
     measured = dataclasses.replace(
         data,
         position=position,
         rotation=rotation if plan.orientation else None,
         commanded_position=None if nominal is None else nominal.translation,
-        commanded_rotation=None if nominal is None or not plan.orientation else nominal.rotation,
+        commanded_rotation=None
+        if nominal is None or not (plan.orientation and _is_turned(planned, plan))
+        else nominal.rotation,
         sigma_position=np.full(shape, plan.noise_position) if plan.sigma else None,
         sigma_rotation=np.full(data.n, plan.noise_orientation) if plan.sigma and plan.orientation else None,
         direction=data.direction if plan.motion else None,
         speed=data.speed if plan.motion else None,
     )
     return Simulation(measured, outlier_rows)
+
+
+def _is_turned(planned: Measurements | None, plan: Plan) -> bool:
+    """Return whether orientations are commanded, not only positions."""
+    return plan.commanded or (planned is not None and planned.commanded_rotation is not None)
+
+
+def _planned_poses(planned: Measurements | None, plan: Plan, n: int) -> Poses | None:
+    """Return the wanted poses of a plan, visit by visit; None where it has none, or several targets at a pose."""
+    if planned is None or planned.commanded_position is None or planned.n * plan.cycles != n:
+        return None
+    count = planned.n
+    rotation = planned.commanded_rotation
+    turned = np.repeat(np.eye(3)[:, :, None], count, axis=2) if rotation is None else rotation
+    return Poses(np.tile(turned, plan.cycles), np.tile(planned.commanded_position, plan.cycles))
 
 
 def joint_samples(robot: Robot, plan: Plan) -> Array:

@@ -108,6 +108,13 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: robacc.compare(f"{FOLDER}/a.json", f"{FOLDER}/b.json", by="position.p95", grade="D"),
         lambda: printed("compare", f"{FOLDER}/a.json", f"{FOLDER}/b.json", "--by", "position.p95", "--grade", "D"),
     ),
+    "compare_paired": (
+        lambda: robacc.compare_paired(f"{FOLDER}/p.csv", f"{FOLDER}/p.csv", nominal="configs/robots/puma560.yaml"),
+        lambda: printed(
+            *("compare", "--paired", f"{FOLDER}/p.csv", f"{FOLDER}/p.csv"),
+            *("--nominal", "configs/robots/puma560.yaml"),
+        ),
+    ),
     "check": (
         lambda: robacc.check(f"{FOLDER}/a.json", f"{FOLDER}/gate.yaml"),
         lambda: printed("check", f"{FOLDER}/a.json", "--gate", f"{FOLDER}/gate.yaml"),
@@ -186,7 +193,19 @@ def test_files_that_commands_write_beside_the_result(tmp_path: Path) -> None:
     assert robacc.simulate(puma, poses=4, outliers=1).csv() == run("simulate", puma, "--poses", "4", "--outliers", "1")
 
 
-OWN = {"form", "output", "gate", "junit", "report", "per_pose", "per_target", "write_model", "jobs"}
+OWN = {
+    "form",
+    "output",
+    "gate",
+    "junit",
+    "report",
+    "per_pose",
+    "per_target",
+    "warranty_map",
+    "voxel",
+    "write_model",
+    "jobs",
+}
 """Options of the command line that say what becomes of the result, or how it is computed."""
 IN_WORDS = {"noise": "0", "noise_orientation": "0", "outlier_size": "10mm", "sampling": "even"}
 
@@ -197,7 +216,8 @@ IN_WORDS = {"noise": "0", "noise_orientation": "0", "outlier_size": "10mm", "sam
 def test_call_has_the_commands_options_and_defaults(name: str) -> None:
     command = inspect.signature(getattr(importlib.import_module(f"robacc.cli.commands.{name}"), name)).parameters
     call = inspect.signature(getattr(robacc, name)).parameters
-    assert set(command) - OWN == set(call) - {"progress"}
+    own = OWN | {"paired", "model", "nominal", "noise"} if name == "compare" else OWN  # those of compare_paired
+    assert set(command) - own == set(call) - {"progress"}
     for key, parameter in call.items():
         if key == "progress" or parameter.default is inspect.Parameter.empty:
             continue

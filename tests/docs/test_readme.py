@@ -21,18 +21,25 @@ EXAMPLE = [shown for block in blocks(README) for shown in commands(block.text)]
 
 def test_it_is_short() -> None:
     assert len(README.splitlines()) <= 150
-    assert sum(len(shown.output) for shown in EXAMPLE) <= 25
+    assert sum(len(shown.output) for shown in EXAMPLE) <= 36
     assert README.count("](docs/pictures/") == 1
 
 
-def test_the_example_asks_for_the_accuracy_and_then_for_the_cause() -> None:
-    assert [shown.command.split()[:2] for shown in EXAMPLE] == [["robacc", "estimate"], ["robacc", "trace"]]
+def test_the_example_asks_for_the_accuracy_then_for_the_cause_and_closes_the_loop() -> None:
+    loop = ["estimate", "trace", "simulate", "correct", "simulate", "estimate"]
+    assert [shown.command.split()[:2] for shown in EXAMPLE] == [["robacc", name] for name in loop]
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Outputs of all commands of the example, in one session."""
+    session = Session(tmp_path_factory.mktemp("example"))
+    return [session.run(shown.command) for shown in EXAMPLE]
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLE)), ids=[shown.command.split()[1] for shown in EXAMPLE])
-def test_the_example_is_real_output(number: int, tmp_path: Path) -> None:
-    shown = EXAMPLE[number]
-    output = Session(tmp_path).run(shown.command)
+def test_the_example_is_real_output(number: int, outputs: list[str]) -> None:
+    shown, output = EXAMPLE[number], outputs[number]
     assert agrees(shown.output, output), f"{shown.command}\nprints\n{output}"
 
 

@@ -133,6 +133,20 @@ def against() -> Document:
     return made(robacc.predict(root, against=data, align="base_frame", noise="0.05mm,0.01deg"))
 
 
+def measured_twice(folder: Path) -> tuple[str, ...]:
+    """The same targets, before and after a correction, and its model."""
+    root = results.PROJECT
+    model = robacc.calibrate(
+        root / POSES, robot=root / ROBOT, fit=("base_frame", "tool_frame", "joint_offset"), folds=2
+    )
+    model.write_model(folder / "model.yaml")
+    for name, seed in (("before", 1), ("after", 2)):
+        robacc.simulate(
+            root / "sample_data" / "truth.yaml", poses=8, noise="0.02mm", seed=seed, commanded=True, motion=False
+        ).write(folder / f"{name}.csv")
+    return f"{folder}/before.csv", f"{folder}/after.csv", "--model", f"{folder}/model.yaml"
+
+
 MADE: dict[str, Callable[[Path], Document]] = {
     **{name: lambda _, name=name: results.document(name) for name in results.CALLS},
     "estimate, gate": lambda folder: run("estimate", *results.CALLS["estimate"], *gated(folder)),
@@ -150,6 +164,7 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "simulate": lambda folder: run("simulate", ROBOT, "--poses", "5", "--outliers", "1", "-o", f"{folder}/made.csv"),
     "correct": lambda folder: run(*CORRECT, "-o", f"{folder}/corrected.csv"),
     "correct, base frame": lambda folder: run(*CORRECT, "-o", f"{folder}/corrected.csv", "--frame", "base"),
+    "compare-paired": lambda folder: run("compare", "--paired", *measured_twice(folder)),
     "show": lambda _: run("show", ROBOT),
     "show, masses": lambda _: run("show", "configs/robots/puma560.yaml"),
     "effects": lambda _: run("effects"),
@@ -208,7 +223,7 @@ def test_schema_is_one_and_says_whose(path: Path) -> None:
 
 
 def test_every_command_that_writes_json_has_a_schema() -> None:
-    assert set(NAMES) == (set(COMMANDS) - NO_RESULT) | {"estimate-many"}
+    assert set(NAMES) == (set(COMMANDS) - NO_RESULT) | {"estimate-many", "compare-paired"}
 
 
 def test_parts_that_schemas_share_are_the_same_in_all() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, TextIO
 
 import typer
@@ -22,6 +23,21 @@ def compare(
     results: Annotated[
         list[str], typer.Argument(metavar="RESULT", help="Results stored as JSON; - reads standard input.")
     ],
+    paired: Annotated[
+        bool,
+        typer.Option("--paired", help="Compare two CSVs of the same targets, before and after a correction."),
+    ] = False,
+    model: Annotated[
+        str | None, typer.Option("--model", metavar="FILE", help="With --paired: model of the correction.")
+    ] = None,
+    nominal: Annotated[
+        str | None,
+        typer.Option("--nominal", metavar="FILE", help="With --paired: nominal robot, for CSVs without cmd_ columns."),
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option("--noise", metavar="SIZE", help="With --paired: measurement noise along each axis."),
+    ] = None,
     baseline: Annotated[
         str | None,
         typer.Option(
@@ -51,10 +67,15 @@ def compare(
 ) -> None:
     """Compare stored results: significant differences, ranking and confirmed grades.
 
-    Differences are paired if the results have the same poses.
+    Differences are paired if the results have the same poses. --paired compares two CSVs of the same targets, measured
+    before and after a correction: the gain, what remains, and whether the correction was loaded.
 
     Example: robacc compare arm1.json arm2.json --grade D
     """
+    options = {"baseline": baseline, "by": by, "grade": grade, "scale": scale, "gate": gate, "report": report}
+    if _is_paired(paired, results, {"model": model, "nominal": nominal, "noise": noise}, options):
+        _compare_paired(results, model, nominal, noise, form, output)
+        return
     from robacc.api.compare import compare as run_compare
     from robacc.cli.output import Outlets, deliver
 
@@ -66,3 +87,39 @@ def compare(
         draw_comparison(result, stream)
 
     deliver(Outlets(form, output, gate, junit, report), result, table)
+
+
+def _is_paired(
+    paired: bool, results: list[str], own: Mapping[str, str | None], others: Mapping[str, str | None]
+) -> bool:
+    """Return whether the call compares targets before and after a correction.
+
+    Raises:
+        UsageError: The options do not fit together.
+    """
+    from robacc.errors import UsageError
+
+    if not paired:
+        for name, value in own.items():
+            if value is not None:
+                raise UsageError(f"--{name} needs --paired")
+        return False
+    if len(results) != 2:
+        raise UsageError(f"--paired compares two CSVs, before and after a correction, found {len(results)}")
+    for name, value in others.items():
+        if value is not None:
+            raise UsageError(f"--{name} compares stored results; leave it out with --paired")
+    return True
+
+
+def _compare_paired(
+    results: list[str], model: str | None, nominal: str | None, noise: str | None, form: Format, output: str
+) -> None:
+    """Compare two CSVs of the same targets."""
+    from robacc.api.compare_paired import compare_paired
+    from robacc.cli.output import Outlets, deliver
+    from robacc.render.text.compare_paired import draw_paired_targets
+
+    before, after = results
+    result = compare_paired(before, after, model=model, nominal=nominal, noise=noise)
+    deliver(Outlets(form, output), result, lambda stream: draw_paired_targets(result, (before, after), stream))

@@ -80,6 +80,13 @@ def predict(
     per_pose: Annotated[
         str | None, typer.Option("--per-pose", metavar="FILE", help="CSV to write with the prediction at each pose.")
     ] = None,
+    warranty_map: Annotated[
+        str | None,
+        typer.Option("--warranty-map", metavar="FILE", help="CSV to write with the errors and the grade by voxel."),
+    ] = None,
+    voxel: Annotated[
+        str, typer.Option("--voxel", metavar="SIZE", help="Edge of a voxel of --warranty-map, such as 50mm.")
+    ] = "100mm",
     ordered: OrderedOption = False,
     ignore_limits: IgnoreLimitsOption = False,
     campaign: CampaignOption = CampaignUseName.auto,
@@ -93,9 +100,10 @@ def predict(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Predict covariances, error budget and grade from parameter tolerances.
+    """Predict covariances, error budget and grade from parameter tolerances, or from the fit of a model file.
 
-    The prediction is for the joints of --poses, else of --against, else for configurations over the joint ranges.
+    The prediction is for the joints of --poses, else of --against, else for configurations over the joint ranges. For a
+    file of --write-model it is that of the calibrated arm; --tolerances predicts arms made with these tolerances.
 
     Example: robacc predict robot.yaml --tolerances tolerances.yaml --allocate C
     """
@@ -128,6 +136,10 @@ def predict(
 
         draw_prediction(result.robot, result, result.allocation, result.comparison, stream)
 
+    if warranty_map is not None:
+        from robacc.io.files import write_text
+
+        write_text(warranty_map, result.map_csv(voxel))
     if per_pose is not None:
         from robacc.io.files import write_text
 

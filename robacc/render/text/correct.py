@@ -77,10 +77,12 @@ def _bound_rows(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -
 
 def _row(label: str, position: Array, orientation: Array | None, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
     cells = [label]
-    for values, factor in ((position, _IN_MM), (orientation, _IN_DEGREES)):
+    for values, factor, least in ((position, _IN_MM, 1e-3), (orientation, _IN_DEGREES, 1e-4)):
         if values is None:
             cells += ["–", "–"]
             continue
         part = values[chosen] * factor
-        cells += [three_digits(float(np.sqrt(np.mean(np.square(part))))), three_digits(float(np.max(part)))]
+        for size in (float(np.sqrt(np.mean(np.square(part)))), float(np.max(part))):
+            # Below a micrometre the solver's tolerance decides, not the arm.
+            cells.append(three_digits(size) if size >= least else f"< {least:g}")
     return tuple(cells)

@@ -46,7 +46,8 @@ def prediction_lines(
     width: int,
 ) -> Iterator[TextLine]:
     """Return the report's lines; text is wrapped to ``width`` columns, tables take at most 80."""
-    yield heading(f"Expected accuracy of {robot.name}, from {len(prediction.parameters)} tolerances")
+    source = f"{len(prediction.parameters)} tolerances" if prediction.parameters else "the fit of its model"
+    yield heading(f"Expected accuracy of {robot.name}, from {source}")
     yield TextLine(f"at {prediction.configurations.source}")
     yield TextLine(prediction.meaning)
     yield from (BLANK, *_grade(prediction, width))
@@ -58,13 +59,14 @@ def prediction_lines(
         yield from _worst(robot, errors, name, width)
     yield from (BLANK, heading("Error budget: share of the variance (parameters sorted by both shares)"))
     budget = sorted(prediction.budget, key=lambda share: -round(share.position + share.orientation, 9))
-    yield from _budget("parameter", budget[:_LISTED])
+    yield from _budget("parameter" if prediction.parameters else "source", budget[:_LISTED])
     if len(budget) > _LISTED:
         unlisted = budget[_LISTED:]
         shares = (percent(sum(getattr(share, name) for share in unlisted)) for name in ("position", "orientation"))
         yield TextLine("{} more parameters: {} of position, {} of orientation".format(len(unlisted), *shares))
-    yield from (BLANK, *_budget("joint", prediction.by_joint))
-    yield from (BLANK, *_budget("kind", prediction.by_kind))
+    for label, parts in (("joint", prediction.by_joint), ("kind", prediction.by_kind)):
+        if parts:
+            yield from (BLANK, *_budget(label, parts))
     if allocation is not None:
         yield from _allocation(prediction, allocation, width)
     if comparison is not None:

@@ -1,0 +1,212 @@
+"""Call of ``robacc compare --paired``."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.api.inputs import StrPath, load_poses, load_robot
+from robacc.api.result import Provenance, Result, fields_of, options_of
+from robacc.comparison.paired_targets import PairedTargets, Promise, paired_targets
+from robacc.errors import InputError, Problem, UsageError
+from robacc.fitting.apply_fit import absorb_constants
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+from robacc.prediction.calibrated import completed
+from robacc.prediction.model_fit import model_fit
+from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.quantities import size
+from robacc.robots.description import Robot
+
+_FEWEST = 3
+"""Smallest number of shared targets."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ComparedTargets(Result, PairedTargets):
+    """The same targets before and after a correction, with the inputs."""
+
+    command: ClassVar[str] = "compare-paired"
+    doubts: tuple[str, ...]
+    made: Provenance
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the poses read, and a correction that is not loaded."""
+        if self.loaded.verdict == "not loaded":
+            return (*self.doubts, "no sign that the correction was loaded: the targets are where they were before")
+        return self.doubts
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys; arrays stay arrays."""
+        from robacc.documents.compare_paired import payload
+
+        return payload(self)
+
+
+def compare_paired(
+    before: StrPath | Measurements,
+    after: StrPath | Measurements,
+    *,
+    model: StrPath | Robot | None = None,
+    nominal: StrPath | Robot | None = None,
+    noise: str | float | None = None,
+) -> ComparedTargets:
+    """Compare the same targets, measured before and after a correction.
+
+    Rows belong together by their ``pose``, or by their order where both files have no such column. Wanted poses are the
+    ``cmd_`` columns of ``after``, as ``correct`` writes them, else of ``before``, else the poses of the nominal robot
+    at the joints of ``before``.
+
+    Args:
+        before: Poses measured without the correction.
+        after: Poses measured with the correction.
+        model: Model of the correction, to test whether the remaining error is what it promised.
+        nominal: Robot file that the controller computes with; only for files without ``cmd_`` columns.
+        noise: Standard deviation of the measurement noise along each axis, m or text; None for the files' own.
+
+    Returns:
+        The gain with its interval, the remaining error, and whether the correction was loaded and kept its promise.
+
+    Raises:
+        InputError: A file cannot be used, or the files share fewer than three targets.
+        UsageError: The arguments contradict each other.
+    """
+    arguments = locals()
+    arm, arm_records = (None, ()) if model is None else _one(load_robot(model))
+    controller, nominal_records = (None, ()) if nominal is None else _one(load_robot(nominal))
+    first, first_record = load_poses(before, controller or arm, kind="before")
+    second, second_record = load_poses(after, controller or arm, kind="after")
+    names, first_rows, second_rows = _shared(first, second)
+    wanted = _wanted(first, second, first_rows, second_rows, controller)
+    promise = None
+    if arm is not None:
+        promise = _promise(arm, first, second, first_rows, second_rows, noise)
+    body = paired_targets(
+        names, _means(first.position, first_rows), _means(second.position, second_rows), wanted, promise
+    )
+    options = options_of(compare_paired, arguments, model=None, nominal=None)
+    options = {"noise": options["noise"]}
+    records = (first_record, second_record, *arm_records, *nominal_records)
+    return ComparedTargets(
+        **fields_of(body),
+        doubts=(*first.warnings, *second.warnings),
+        made=Provenance(options, records, None),
+    )
+
+
+def _one(loaded: tuple[Robot, Any]) -> tuple[Robot, tuple[Any, ...]]:
+    return loaded[0], (loaded[1],)
+
+
+Rows = list[NDArray[np.int64]]
+
+
+def _shared(first: Measurements, second: Measurements) -> tuple[tuple[str, ...], Rows, Rows]:
+    """Return the names of shared targets and their rows in each file.
+
+    Raises:
+        InputError: The files share fewer than three targets.
+    """
+    if (first.pose is None) != (second.pose is None):
+        raise InputError(Problem("one file has a column pose, the other has none", fix="add it to both files"))
+    if first.pose is None or second.pose is None:
+        if first.n != second.n:
+            message = f"{first.n} and {second.n} rows without a column pose cannot be paired"
+            raise InputError(Problem(message, second.source, fix="add a column pose to both files"))
+        rows = [np.array([i]) for i in range(first.n)]
+        names, first_rows, second_rows = tuple(str(i + 1) for i in range(first.n)), rows, rows
+    else:
+        keys = [_keys(data) for data in (first, second)]
+        common = [key for key in dict.fromkeys(keys[0]) if key in set(keys[1])]
+        first_rows, second_rows = ([np.flatnonzero([key == own for own in file]) for key in common] for file in keys)
+        names = tuple(common)
+    if len(names) < _FEWEST:
+        fix = "give the files of the same targets before and after the correction"
+        raise InputError(Problem(f"the files share {len(names)} targets, {_FEWEST} are needed", second.source, fix=fix))
+    return names, first_rows, second_rows
+
+
+def _keys(data: Measurements) -> list[str]:
+    """Return the name of each row's target: its pose, and the measured target if there are several."""
+    assert data.pose is not None
+    if data.target is None:
+        return [str(name) for name in data.pose]
+    return [f"{name} {target}" for name, target in zip(data.pose, data.target, strict=True)]
+
+
+def _means(values: Array, rows: Rows) -> Array:
+    """Return the means ``(K, T)`` of the columns of ``(K, N)`` over the rows of each target."""
+    return np.stack([values[:, index].mean(axis=1) for index in rows], axis=1)
+
+
+def _wanted(
+    first: Measurements, second: Measurements, first_rows: Rows, second_rows: Rows, nominal: Robot | None
+) -> Array:
+    """Return the wanted positions ``(3, T)``.
+
+    Raises:
+        UsageError: Neither file has wanted poses, and there is no nominal robot.
+    """
+    if second.commanded_position is not None:
+        return _means(second.commanded_position, second_rows)
+    if first.commanded_position is not None:
+        return _means(first.commanded_position, first_rows)
+    if nominal is None or first.q is None:
+        raise UsageError("the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints")
+    return _means(predict(dataclasses.replace(nominal, effects=()), first).translation, first_rows)
+
+
+def _promise(
+    arm: Robot,
+    first: Measurements,
+    second: Measurements,
+    first_rows: Rows,
+    second_rows: Rows,
+    noise: str | float | None,
+) -> Promise:
+    """Return what the model predicts at the commands of both files.
+
+    Raises:
+        UsageError: The files have no joints.
+        InputError: The model has no record of its fit.
+    """
+    fit = model_fit(arm)
+    if fit is None:
+        fix = "give a file that `write_model` of a trace or a calibration wrote"
+        raise InputError(Problem("the model has no record of its fit", arm.name, column="fit", fix=fix))
+    if first.q is None or second.q is None:
+        raise UsageError("`model` needs the joints q1, q2, … that were commanded, in both files")
+    arm = absorb_constants(arm)
+    full = [completed(arm, fit, None, data, 0) for data in (first, second)]
+    known = Model.of(arm)
+    predicted = [known.bind(data).poses(np.zeros(0)).translation for data in full]
+    bound = Model.of(arm, fit.effects).bind(full[1])
+    columns = np.array([bound.names.index(name) for name in fit.coefficients], dtype=np.int64)
+    jacobian = bound.linearise(np.zeros(len(bound.names)), columns)[1][:3]
+    separate = model_uncertainty(arm, dataclasses.replace(fit, covariance=0.0 * fit.covariance), full[1]).position
+    variance = _noise_variance(second, fit.noise[0], noise)
+    counts = np.array([index.size for index in second_rows])
+    firsts = np.array([index[0] for index in second_rows])
+    repeated = np.eye(3)[:, :, None] * (variance / counts)
+    return Promise(
+        _means(predicted[0], first_rows),
+        _means(predicted[1], second_rows),
+        jacobian[:, :, firsts],
+        fit.covariance,
+        separate[:, :, firsts] + repeated,
+    )
+
+
+def _noise_variance(data: Measurements, of_fit: float, noise: str | float | None) -> float:
+    """Return the variance of the measurement noise along an axis, m²: as given, from the file, else from the fit."""
+    if noise is not None:
+        return size(noise, "length", "`noise`") ** 2
+    if data.sigma_position is not None:
+        return float(np.mean(np.square(data.sigma_position)))
+    return of_fit**2

@@ -1,0 +1,61 @@
+"""Keys of ``robacc.compare-paired/1`` in m."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robacc.comparison.paired_targets import PairedTargets
+from robacc.documents.poses import rounded
+from robacc.geometry import Array
+
+Document = dict[str, Any]
+
+
+def payload(result: PairedTargets) -> Document:
+    """Return the keys of the comparison; arrays stay arrays, with targets first."""
+    promise = result.promise
+    return {
+        "n_targets": len(result.names),
+        "before": _errors(result.before),
+        "after": _errors(result.after),
+        "gain": {
+            "value_m": result.gain.value,
+            "lower_m": result.gain.low,
+            "upper_m": result.gain.high,
+            "confidence": result.gain.confidence,
+        },
+        "loaded": {
+            "verdict": result.loaded.verdict.replace(" ", "_"),
+            "slope": result.loaded.slope,
+            "lower": result.loaded.low,
+            "upper": result.loaded.high,
+            "planned_rms_m": result.loaded.planned_rms,
+        },
+        "promise": None
+        if promise is None
+        else {
+            "kept": promise.kept,
+            "chi_square": promise.chi_square,
+            "degrees_of_freedom": promise.degrees_of_freedom,
+            "p_value": promise.p_value,
+            "promised_rms_m": promise.promised_rms,
+        },
+        "targets": {
+            "name": list(result.names),
+            "error_before_m": rounded(result.before),
+            "error_after_m": rounded(result.after),
+        },
+        "notes": list(result.notes),
+    }
+
+
+def _errors(errors: Array) -> Document:
+    length = np.linalg.norm(errors, axis=0)
+    return {
+        "rms_m": float(np.sqrt(np.mean(np.square(length)))),
+        "mean_error_m": float(np.mean(length)),
+        "p95_m": float(np.percentile(length, 95)),
+        "max_m": float(np.max(length)),
+    }

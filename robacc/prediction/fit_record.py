@@ -1,0 +1,201 @@
+"""Record of a fit for its model file, from the fit and its held-out residuals."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.fitting.apply_fit import absorb_constants
+from robacc.fitting.fit_repeatability import Repeatability
+from robacc.fitting.solver import Fit
+from robacc.geometry import Array, Poses, log_between, rotate_back
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+from robacc.prediction.lengths import length_quantiles, principal_variances
+from robacc.prediction.model_fit import ModelFit
+from robacc.prediction.model_uncertainty import ModelUncertainty, model_uncertainty
+from robacc.robots.description import Robot
+
+_PROBABILITY = 0.95
+_DOUBT = 2.6
+"""Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p = 0.01)."""
+_FEWEST = 20
+"""Smallest number of held-out poses from which a factor of the bounds is taken."""
+
+
+def fit_record(
+    fit: Fit,
+    robot: Robot,
+    nominal: Robot,
+    data: Measurements,
+    held_out: tuple[Measurements, Array] | None,
+    repeatability: Repeatability | None,
+) -> ModelFit:
+    """Return the record of a fit.
+
+    Args:
+        fit: The final fit.
+        robot: The fitted robot.
+        nominal: The robot that the fit started from.
+        data: Poses of the fit.
+        held_out: Poses that were held out and their residuals ``(M, N)``; None without any.
+        repeatability: Scatter of the joints, if it is significant.
+    """
+    columns = fit.identifiability.columns
+    known = np.array([i for i in columns if np.all(np.isfinite(fit.covariance[i, columns]))], dtype=np.int64)
+    stds = {} if repeatability is None else {name: std for name, std in repeatability.joints if std is not None}
+    record = ModelFit(
+        effects=fit.model.free,
+        coefficients=tuple(fit.names[i] for i in known),
+        covariance=fit.covariance[np.ix_(known, known)],
+        nominal=_changed_numbers(robot, nominal),
+        repeatability=stds,
+        unexplained=np.zeros((fit.residual.shape[0],) * 2),
+        noise=(fit.noise.position, fit.noise.orientation),
+        bound_factor=(1.0, 1.0),
+        largest_correction=_largest_correction(robot, nominal, data),
+        ranges=_ranges(robot, data),
+        n_poses=data.n,
+    )
+    residual, poses, sign = fit.residual[:, fit.inliers], data.subset(np.flatnonzero(fit.inliers)), 1.0
+    if held_out is not None:
+        finite = np.all(np.isfinite(held_out[1]), axis=0)
+        if held_out[0] is data:
+            finite &= fit.inliers
+        residual, poses, sign = held_out[1][:, finite], held_out[0].subset(np.flatnonzero(finite)), -1.0
+    spread = model_uncertainty(robot, record, poses)
+    noise = _noise_variances(poses, fit, repeatability)
+    # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
+    unexplained = _unexplained(residual, spread, sign, noise)
+    record = dataclasses.replace(record, unexplained=unexplained)
+    if held_out is None or poses.n < _FEWEST:
+        return record
+    spread = model_uncertainty(robot, record, poses)
+    return dataclasses.replace(record, bound_factor=_bound_factors(residual, spread, noise))
+
+
+def nominal_robot(robot: Robot, record: ModelFit) -> Robot:
+    """Return the robot that a model was fitted from, in the model's frames and without effects."""
+    robot = absorb_constants(robot)
+    joints = tuple(
+        dataclasses.replace(joint, parameters={**joint.parameters, **record.nominal.get(joint.name, {})})
+        for joint in robot.joints
+    )
+    return dataclasses.replace(robot, joints=joints, effects=())
+
+
+def _changed_numbers(robot: Robot, nominal: Robot) -> dict[str, dict[str, float]]:
+    """Return the numbers of the nominal robot's joints that differ from those of the fitted robot."""
+    changed = {}
+    for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True):
+        names = {*fitted.parameters, *before.parameters}
+        numbers = {
+            name: float(before.parameters.get(name, 0.0))
+            for name in sorted(names)
+            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
+        }
+        if numbers:
+            changed[before.name] = numbers
+    return changed
+
+
+def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tuple[float, float]:
+    """Return the largest difference of the model from the nominal robot in the model's frames, m and rad."""
+    robot = absorb_constants(robot)
+    rigid = dataclasses.replace(
+        nominal, base=robot.base, tool=robot.tool, targets=robot.targets, effects=(), effect_units=(1.0, 1.0)
+    )
+    full = Model.of(robot)
+    arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.is_of_measurement))
+    real: Poses = arm_only.bind(data).poses(np.zeros(0))
+    wanted = predict(rigid, data)
+    angle = log_between(real.rotation, wanted.rotation)
+    return (
+        float(np.max(np.linalg.norm(real.translation - wanted.translation, axis=0))),
+        float(np.max(np.linalg.norm(angle, axis=0))),
+    )
+
+
+def _ranges(robot: Robot, data: Measurements) -> dict[str, tuple[float, float]]:
+    """Return the lowest and the highest value of each joint and of each circumstance."""
+    assert data.q is not None
+    columns: dict[str, Array | None] = dict(zip(robot.variable_names, data.q, strict=True))
+    columns |= {"payload_kg": data.payload, "temperature_c": data.temperature, "time_s": data.time}
+    return {
+        name: (float(np.min(values)), float(np.max(values))) for name, values in columns.items() if values is not None
+    }
+
+
+def _noise_variances(data: Measurements, fit: Fit, repeatability: Repeatability | None) -> tuple[float, float]:
+    """Return the variances of the measurement noise that is known apart from the arm's errors, m² and rad²."""
+    if data.sigma_position is not None:
+        angle = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
+        return float(np.mean(np.square(data.sigma_position))), angle
+    if repeatability is not None and repeatability.source != "residual":
+        return fit.misfit[0] ** 2, fit.misfit[1] ** 2
+    return 0.0, 0.0
+
+
+def _unexplained(residual: Array, spread: ModelUncertainty, sign: float, noise: tuple[float, float]) -> Array:
+    """Return the covariance ``(M, M)`` of the residual beyond the known sources, in the target's frame.
+
+    Where position or orientation shows no more than the known sources, its part is zero.
+    """
+    rows = residual.shape[0]
+    turned = np.concatenate([rotate_back(spread.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
+    n = turned.shape[1]
+    total = turned @ turned.T / n
+    local = spread.in_target_frame()
+    explained = np.zeros((rows, rows))
+    parts = (local.position, local.orientation)
+    for i, (part, variance, shares) in enumerate(zip(parts[: rows // 3], noise, spread.shares.T, strict=False)):
+        block = slice(3 * i, 3 * i + 3)
+        # The first share is that of the coefficients, the second that of the scatter of the joints.
+        known = shares[0] + shares[1]
+        scale = (sign * -1.0 * shares[0] + shares[1]) / known if known > 0 else 0.0
+        explained[block, block] = variance * np.eye(3)
+        explained[block, block] += scale * np.mean(part, axis=2)
+    remaining = total - explained
+    for block in (slice(i, i + 3) for i in range(0, rows, 3)):
+        expected = float(np.trace(explained[block, block]))
+        if float(np.trace(remaining[block, block])) <= 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(expected, 0.0):
+            remaining[block, :] = remaining[:, block] = 0.0
+    return _positive(remaining)
+
+
+def _positive(matrix: Array) -> Array:
+    """Return the nearest positive semidefinite matrix, each block of three scaled to its own size first."""
+    scale = np.repeat([math.sqrt(max(float(np.trace(matrix[i : i + 3, i : i + 3])), 0.0)) or 1.0
+                       for i in range(0, matrix.shape[0], 3)], 3)  # fmt: skip
+    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T * scale[:, None] * scale
+    return result
+
+
+def _bound_factors(residual: Array, spread: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:
+    """Return the factors that put 95 % of the held-out residuals within their bounds; 1 where they do by chance."""
+    factors = [1.0, 1.0]
+    for i, (covariance, variance) in enumerate(zip((spread.position, spread.orientation), noise, strict=True)):
+        if residual.shape[0] < 3 * i + 3:
+            continue
+        total = covariance + variance * np.eye(3)[:, :, None]
+        radius = length_quantiles(_PROBABILITY, principal_variances(total))
+        length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
+        factors[i] = _factor(length[radius > 0] / radius[radius > 0])
+    return factors[0], factors[1]
+
+
+def _factor(ratio: NDArray[np.float64]) -> float:
+    """Return the factor of bounds from the ratios ``(N,)`` of held-out errors to their bounds."""
+    n = ratio.size
+    if n < _FEWEST:
+        return 1.0
+    outside = float(np.mean(ratio > 1.0))
+    chance = math.sqrt(_PROBABILITY * (1.0 - _PROBABILITY) / n)
+    if abs(outside - (1.0 - _PROBABILITY)) <= _DOUBT * chance:
+        return 1.0
+    rank = min(math.ceil((n + 1) * _PROBABILITY), n) - 1
+    return float(np.sort(ratio)[rank])

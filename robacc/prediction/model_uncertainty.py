@@ -1,0 +1,107 @@
+"""Uncertainty of a fitted model at given poses: coefficients, repeatability, and what the model does not explain.
+
+The error of the calibrated arm against its model has the covariance
+
+    V = J C J^T + J_q S J_q^T + R U R^T,
+
+with J the Jacobian of the pose to the fitted coefficients and C their covariance, J_q that to the joints and S the
+variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.chain import BLOCK
+from robacc.effects.joint_offset import JointOffset
+from robacc.fitting.apply_fit import absorb_constants
+from robacc.geometry import Array, compose, transpose
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.prediction.model_fit import ModelFit
+from robacc.robots.description import Robot
+
+SOURCES = ("coefficients", "repeatability", "unexplained")
+
+
+@dataclass(frozen=True, slots=True)
+class ModelUncertainty:
+    """Covariances of the model's error at N poses, in the measuring frame."""
+
+    position: Array
+    """``(3, 3, N)`` m²."""
+    orientation: Array
+    """``(3, 3, N)`` rad²."""
+    is_oriented: bool
+    """The fit had measured orientations; else that covariance lacks the unexplained error."""
+    rotation: Array
+    """``(3, 3, N)`` predicted orientation of the target."""
+    shares: Array
+    """``(3, 2)`` mean trace of each of :data:`SOURCES`, of position (m²) and orientation (rad²)."""
+
+    def in_target_frame(self) -> ModelUncertainty:
+        """Return the covariances in the axes of the predicted target."""
+        position, orientation = (
+            compose(transpose(self.rotation), compose(part, self.rotation))
+            for part in (self.position, self.orientation)
+        )
+        return dataclasses.replace(self, position=position, orientation=orientation)
+
+
+def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements) -> ModelUncertainty:
+    """Return the uncertainty of the model ``robot`` at the joints and circumstances of ``data``.
+
+    Raises:
+        UsageError: The poses lack what an effect of the model depends on.
+    """
+    robot = absorb_constants(robot)
+    position, orientation, rotation = (np.empty((3, 3, data.n)) for _ in range(3))
+    traces = np.zeros((3, 2))
+    for start in range(0, data.n, BLOCK):
+        block = slice(start, min(start + BLOCK, data.n))
+        parts, turned = _blocks(robot, fit, data.subset(block))
+        rotation[..., block] = turned
+        total = parts[0] + parts[1] + parts[2]
+        position[..., block] = fit.bound_factor[0] ** 2 * total[:3, :3]
+        orientation[..., block] = fit.bound_factor[1] ** 2 * total[3:, 3:]
+        for i, part in enumerate(parts):
+            traces[i] += np.einsum("iin->", part[:3, :3]), np.einsum("iin->", part[3:, 3:])
+    is_oriented = fit.unexplained.shape[0] == 6
+    return ModelUncertainty(position, orientation, is_oriented, rotation, traces / max(data.n, 1))
+
+
+def _blocks(robot: Robot, fit: ModelFit, data: Measurements) -> tuple[tuple[Array, Array, Array], Array]:
+    """Return the covariances ``(6, 6, n)`` of the three sources, and the predicted rotations."""
+    model = Model.of(robot, fit.effects)
+    bound = model.bind(data)
+    names = {name: i for i, name in enumerate(bound.names)}
+    known = [i for i, name in enumerate(fit.coefficients) if name in names]
+    columns = np.array([names[fit.coefficients[i]] for i in known], dtype=np.int64)
+    poses, jacobian = bound.linearise(np.zeros(len(bound.names)), columns)
+    coefficients = _propagated(jacobian, fit.covariance[np.ix_(known, known)])
+    stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
+    scatter = np.zeros_like(coefficients)
+    if stds.any():
+        joints = Model(model.arm, model.known, (JointOffset(model.arm.names),)).bind(data)
+        scatter = _propagated(joints.linearise(np.zeros(stds.size))[1], np.diag(np.square(stds)))
+    return (coefficients, scatter, _turned(fit.unexplained, poses.rotation)), poses.rotation
+
+
+def _propagated(jacobian: Array, covariance: Array) -> Array:
+    """Return ``J C J^T`` ``(6, 6, n)`` of a Jacobian ``(6, P, n)``."""
+    stacked = np.ascontiguousarray(np.moveaxis(jacobian, 2, 0))
+    result: Array = np.moveaxis(stacked @ covariance @ np.swapaxes(stacked, 1, 2), 0, 2)
+    return result
+
+
+def _turned(covariance: Array, rotation: Array) -> Array:
+    """Return a covariance ``(M, M)`` of the target's frame in the measuring frame ``(6, 6, n)``."""
+    result = np.zeros((6, 6, rotation.shape[2]))
+    for i in range(0, covariance.shape[0], 3):
+        for j in range(0, covariance.shape[0], 3):
+            part = np.einsum("ian,ab->ibn", rotation, covariance[i : i + 3, j : j + 3])
+            result[i : i + 3, j : j + 3] = np.einsum("ibn,jbn->ijn", part, rotation)
+    return result

@@ -1,0 +1,58 @@
+"""Targets before and after a correction as a table in mm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TextIO
+
+import numpy as np
+
+from robacc.comparison.paired_targets import PairedTargets
+from robacc.geometry import Array
+from robacc.render.text.console import width_of, write_lines
+from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
+from robacc.render.text.numbers import p_value, three_digits
+
+_IN_MM = 1e3
+_VERDICTS = {
+    "loaded": "the correction was loaded",
+    "partly loaded": "only a part of the correction was loaded",
+    "not loaded": "no sign that the correction was loaded",
+    "undecided": "the measurements do not decide whether the correction was loaded",
+}
+
+
+def draw_paired_targets(result: PairedTargets, names: tuple[str, str], stream: TextIO) -> None:
+    """Write the comparison of the files ``names`` to ``stream``."""
+    write_lines(paired_lines(result, names, width_of(stream)), stream)
+
+
+def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> Iterator[TextLine]:
+    """Return the report's lines, wrapped to ``width`` columns."""
+    yield heading(f"{len(result.names)} targets before ({names[0]}) and after ({names[1]}) a correction")
+    rows = [_row("before", result.before), _row("after", result.after)]
+    yield from (BLANK, *columns(("error, mm", "RMS", "mean", "95 %", "largest"), rows), BLANK)
+    gain = result.gain
+    low, high = (three_digits(bound * _IN_MM) for bound in (gain.low, gain.high))
+    texts = [f"gain {three_digits(gain.value * _IN_MM)} mm of the RMS error, 95 % interval {low} to {high} mm"]
+    loaded = result.loaded
+    texts.append(
+        f"{_VERDICTS[loaded.verdict]}: the targets moved by {100 * loaded.slope:.0f} % of the planned displacement of "
+        f"{three_digits(loaded.planned_rms * _IN_MM)} mm rms, 95 % interval {100 * loaded.low:.0f} to "
+        f"{100 * loaded.high:.0f} %"
+    )
+    if result.promise is not None:
+        promise = result.promise
+        kept = "is what the model promised" if promise.kept else "is not what the model promised"
+        texts.append(
+            f"the remaining error {kept}: {three_digits(promise.promised_rms * _IN_MM)} mm rms expected with "
+            f"measurement noise; chi-square {promise.chi_square:.4g} on {promise.degrees_of_freedom} degrees of "
+            f"freedom, {p_value(promise.p_value)}"
+        )
+    yield from items((*texts, *result.notes), width)
+
+
+def _row(label: str, errors: Array) -> tuple[str, ...]:
+    length = np.linalg.norm(errors, axis=0) * _IN_MM
+    figures = (np.sqrt(np.mean(np.square(length))), np.mean(length), np.percentile(length, 95), np.max(length))
+    return (label, *(three_digits(float(figure)) for figure in figures))

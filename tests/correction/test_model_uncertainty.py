@@ -1,0 +1,214 @@
+"""The record of a fit in its model file, the accuracy it predicts, and the check after a correction."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robacc
+from robacc.modelling.model import predict
+from robacc.prediction.model_fit import model_fit
+from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.robots.description import Robot
+from robacc.robots.yaml_robot import parse_robot
+from robacc.robots.yaml_writer import robot_to_yaml
+
+ROBOT, TRUTH = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
+FIT = "base_frame,tool_frame,joint_offset[j2,j3,j4,j5],link_geometry[j1,j2,j3,j4],joint_compliance[j2],backlash[j3]"
+UR10 = Path("/work/shared/data/ipa_ur10")
+
+
+@cache
+def calibrated(seed: int, n: int = 60, *, orientation: bool = True) -> robacc.Calibrated:
+    """A calibration of simulated poses with known noise."""
+    noise = {"noise": "0.03mm", "noise_orientation": "0.03mrad", "sigma": True}
+    data = robacc.simulate(TRUTH, poses=n, seed=seed, position_only=not orientation, **noise).data
+    return robacc.calibrate(data, robot=ROBOT, fit=FIT, folds=4, shrink=False)
+
+
+def test_model_file_keeps_the_record() -> None:
+    result = calibrated(1)
+    text = result.model_yaml()
+    robot = parse_robot(text, "model.yaml")
+    own, read = model_fit(result.robot), model_fit(robot)
+    assert own is not None
+    assert read is not None
+    assert read.coefficients == own.coefficients
+    np.testing.assert_allclose(read.covariance, own.covariance, rtol=1e-10)
+    assert set(read.coefficients) <= {parameter.name for parameter in result.parameters}
+    by_name = {parameter.name: parameter for parameter in result.parameters}
+    for name, variance in zip(read.coefficients, np.diag(read.covariance), strict=True):
+        if not name.startswith(("base_frame", "tool_frame")):
+            assert np.sqrt(variance) == pytest.approx(by_name[name].std, rel=1e-6)
+    # The writer writes what it read, byte for byte, and other commands do not mind the part.
+    assert robot_to_yaml(parse_robot(robot_to_yaml(robot), "again.yaml")) == robot_to_yaml(robot)
+    assert robacc.simulate(robot, poses=3).data.n == 3
+
+
+def test_nominal_robot_comes_back_from_the_model() -> None:
+    result = calibrated(1)
+    targets = robacc.simulate(ROBOT, poses=12, seed=5, motion=False).data
+    own = robacc.correct(targets, model=result.robot)
+    given = robacc.correct(targets, model=result.robot, nominal=ROBOT)
+    np.testing.assert_allclose(own.targets.q, given.targets.q, atol=1e-9)
+    assert not own.doubts
+    limit = own.document()["limit"]
+    assert limit["source"] == "model"
+    assert limit["position_m"] == pytest.approx(2 * model_fit(result.robot).largest_correction[0])  # type: ignore[union-attr]
+
+
+def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
+    """Fits of other noise scatter about their mean at new poses as one fit's covariance says."""
+    poses = robacc.simulate(ROBOT, poses=15, seed=99).data
+    truth = predict(robacc.read_robot(TRUTH), poses).translation
+    normalised = []
+    for seed in range(12):
+        robot = calibrated(seed).robot
+        fit = model_fit(robot)
+        assert fit is not None
+        bare = dataclasses.replace(fit, unexplained=0 * fit.unexplained, repeatability={}, bound_factor=(1.0, 1.0))
+        spread = model_uncertainty(robot, bare, poses)
+        error = predict(robot, poses).translation - truth
+        inverse = np.linalg.inv(np.moveaxis(spread.position, 2, 0))
+        normalised.append(np.einsum("in,nij,jn->n", error, inverse, error).mean() / 3.0)
+    # A mean over 12 fits with some 20 coefficients each: standard deviation about 0.12.
+    assert 0.6 < np.mean(normalised) < 1.5
+
+
+@pytest.mark.parametrize("orientation", [True, False])
+def test_errors_after_the_correction_keep_their_bound(orientation: bool) -> None:
+    truth, inside, ratio = robacc.read_robot(TRUTH), [], []
+    for seed in range(6):
+        model = calibrated(seed, orientation=orientation).robot
+        targets = robacc.simulate(ROBOT, poses=60, seed=100 + seed, motion=False).data
+        result = robacc.correct(targets, model=model, beyond_range=True)
+        real = predict(truth, result.targets.data).translation
+        chosen = result.targets.is_corrected
+        error = np.linalg.norm(real - result.targets.wanted.poses.translation, axis=0)[chosen]
+        bound = result.after.position_bound
+        assert bound is not None
+        inside.append(np.mean(error <= bound[chosen]))
+        spread = np.sqrt(np.mean((bound[chosen] / 1.8) ** 2) + 3 * 0.03e-3**2)
+        ratio.append(np.sqrt(np.mean(error**2)) / spread)
+        assert np.sqrt(np.mean(error**2)) < 0.1 * np.sqrt(np.mean(result.before.position[chosen] ** 2))
+    # Errors of one fit belong together, so few fits leave a wide range; an unknown noise makes the bound wide.
+    assert 0.88 <= np.mean(inside) <= 1.0
+    assert max(ratio) < 1.2
+
+
+def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> None:
+    result = calibrated(1)
+    model = tmp_path / "model.yaml"
+    result.write_model(model)
+    prediction = robacc.predict(model, samples=200)
+    assert {share.name for share in prediction.budget} == {"coefficients", "repeatability", "unexplained"}
+    assert sum(share.position for share in prediction.budget) == pytest.approx(1.0)
+    assert prediction.position.rms < 1e-4
+    assert prediction.grade.grade in "AB"
+    rows = prediction.map_csv("250mm").splitlines()
+    assert rows[0].startswith("x_m,y_m,z_m,configurations,rms_m,bound95_m")
+    assert sum(int(row.split(",")[3]) for row in rows[1:]) == 200
+    measured = robacc.simulate(TRUTH, poses=80, seed=55, noise="0.03mm", noise_orientation="0.03mrad").data
+    notes = robacc.predict(model, against=measured).notes
+    assert any("lie within the 95 % bound of position" in note for note in notes)
+    with pytest.raises(robacc.InputError, match="tolerance"):
+        robacc.predict(ROBOT)
+
+
+def test_records_that_were_changed_are_refused() -> None:
+    robot = calibrated(1).robot
+    assert robot.fit is not None
+    for key, value in (("covariance", ["1", "2 3"]), ("coefficients", None), ("effects", [{"effect": "wrong"}])):
+        changed = dataclasses.replace(robot, fit={**robot.fit, key: value})
+        with pytest.raises(robacc.InputError, match="fit"):
+            robacc.predict(changed)
+    missing = dataclasses.replace(robot, fit={k: v for k, v in robot.fit.items() if k != "noise"})
+    with pytest.raises(robacc.InputError, match="'noise' is missing"):
+        robacc.correct(robacc.simulate(ROBOT, poses=3).data, model=missing)
+
+
+def test_targets_outside_the_ranges_of_the_fit_are_refused() -> None:
+    model = calibrated(1).robot
+    fit = model_fit(model)
+    assert fit is not None
+    targets = robacc.simulate(ROBOT, poses=20, seed=5, motion=False).data
+    narrow = dataclasses.replace(fit, ranges={**fit.ranges, "j1": (-1.0, 1.0)})
+    model = dataclasses.replace(model, fit=narrow.entry())
+    result = robacc.correct(targets, model=model)
+    assert targets.q is not None
+    outside = np.abs(targets.q[0]) > 1.1
+    causes = [None if refusal is None else refusal.cause.value for refusal in result.targets.refusals]
+    assert {causes[i] for i in np.flatnonzero(outside)} == {"out_of_range"}
+    allowed = robacc.correct(targets, model=model, beyond_range=True)
+    assert allowed.n_corrected > result.n_corrected
+
+
+# -- after the correction
+
+
+def measured(robot: Robot, targets: robacc.Measurements, seed: int) -> robacc.Measurements:
+    data = robacc.simulate(robot, at=targets, seed=seed, noise="0.02mm", noise_orientation="0.02mrad").data
+    return dataclasses.replace(data, pose=np.array([f"P{i}" for i in range(data.n)]))
+
+
+def test_compare_paired_sees_gain_promise_and_a_correction_that_is_not_loaded() -> None:
+    truth, model = robacc.read_robot(TRUTH), calibrated(2).robot
+    targets = robacc.simulate(ROBOT, poses=40, seed=7, motion=False).data
+    correction = robacc.correct(targets, model=model, beyond_range=True)
+    chosen = np.flatnonzero(correction.targets.is_corrected)
+    nominal = targets.subset(chosen)
+    corrected = dataclasses.replace(nominal, q=correction.targets.q[:, chosen])
+    wanted = correction.targets.wanted.poses
+    pose = {
+        "commanded_position": wanted.translation[:, chosen],
+        "commanded_rotation": wanted.rotation[..., chosen],
+    }
+    before = dataclasses.replace(measured(truth, nominal, 1), **pose)
+    after = dataclasses.replace(measured(truth, corrected, 2), **pose)
+    result = robacc.compare_paired(before, after, model=model, noise="0.02mm")
+    assert result.loaded.verdict == "loaded"
+    assert result.loaded.slope == pytest.approx(1.0, abs=0.03)
+    assert result.gain.low > 0.0
+    assert result.rms_after < 0.1 * result.rms_before
+    assert result.promise is not None
+    assert result.promise.kept
+    # The robot drove to the nominal targets again.
+    again = dataclasses.replace(measured(truth, nominal, 3), **pose, q=corrected.q)
+    result = robacc.compare_paired(before, again, model=model, noise="0.02mm")
+    assert result.loaded.verdict == "not loaded"
+    assert any("no sign that the correction was loaded" in warning for warning in result.warnings)
+    assert result.promise is not None
+    assert not result.promise.kept
+    # Half of it, and no model: the plan is then the error before.
+    half = 0.5 * (before.position + after.position)
+    result = robacc.compare_paired(before, dataclasses.replace(after, position=half))
+    assert result.loaded.verdict == "partly loaded"
+    assert result.loaded.slope == pytest.approx(0.5, abs=0.05)
+    assert result.promise is None
+
+
+def test_promise_is_kept_as_often_as_it_claims() -> None:
+    """The normalised square of what is drawn from the promised covariance has the mean and variance of a chi-square."""
+    from robacc.comparison.paired_targets import Promise, paired_targets
+
+    rng = np.random.default_rng(0)
+    n, count = 12, 5
+    jacobian, root = rng.normal(size=(3, count, n)), np.diag(rng.uniform(0.5, 2.0, count))
+    separate = np.repeat(np.diag([1.0, 2.0, 0.5])[:, :, None], n, axis=2)
+    squares = []
+    for _ in range(300):
+        shared = np.einsum("ipn,p->in", jacobian, root @ rng.normal(size=count))
+        own = np.sqrt([[1.0], [2.0], [0.5]]) * rng.normal(size=(3, n))
+        predicted = rng.normal(size=(3, n))
+        promise = Promise(predicted + 10.0, predicted, jacobian, root @ root.T, separate)
+        names = tuple(map(str, range(n)))
+        result = paired_targets(names, predicted + 10.0, predicted + shared + own, predicted, promise)
+        assert result.promise is not None
+        squares.append(result.promise.chi_square)
+    # Mean 36 with a standard error of sqrt(72 / 300) = 0.5.
+    assert np.mean(squares) == pytest.approx(3 * n, abs=2.0)
+    assert np.var(squares) == pytest.approx(6 * n, rel=0.35)

@@ -45,6 +45,7 @@ class Step(Effect):
     """Length of the run, s or lines; 0 if unknown."""
 
     name = "step"
+    extrapolates = "a change stays after its step"
     joints_optional: ClassVar[bool] = True
     missing_reasons = ("the poses have neither a time_s that varies nor lines",)
     about = About(
@@ -59,6 +60,15 @@ class Step(Effect):
         source="G. Lorden, Annals of Mathematical Statistics 42 (1971) 1897: likelihood ratio over all change points",
         example="{effect: step, part: target, from_time_s: 1800, values: {x: 2e-4, y: -1e-4, z: 5e-5}}",
     )
+
+    @property
+    def of_campaign(self) -> bool:
+        """True: the step happened between two poses of one campaign."""
+        return True
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return none: a step has two values."""
+        return ()
 
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:

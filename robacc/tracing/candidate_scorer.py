@@ -190,7 +190,7 @@ class CandidateScorer:
     def _with_handicap(self, entry: Ranked, conditioned: Conditioned) -> Ranked:
         """Return the score, lowered by :data:`HANDICAP` if the candidate's coefficients would be implausible."""
         candidate = entry.candidate
-        if not candidate.terms or candidate.is_block or entry.p_value >= 1.0:
+        if candidate.is_block or not candidate.terms or entry.p_value >= 1.0:
             return entry
         # Columns of a step are built when it is chosen; until then it has no coefficients to judge.
         columns = self._placed.get(candidate.key)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.normal_equations import joint_columns
-from robacc.fitting.repeatability import MOST_ROWS, Components, estimate
+from robacc.fitting.repeatability import FEWER_ROWS, MANY_COEFFICIENTS, MOST_ROWS, Components, estimate
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
@@ -70,13 +70,14 @@ def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Re
 
 def components_of(fit: Fit, data: Measurements) -> Components | None:
     """Estimate the joints' scatter and the noise from the residual of a fit; None if there are too few visits."""
-    rows = _thinned(data, np.flatnonzero(fit.inliers))
+    columns = fit.identifiability.columns
+    most = FEWER_ROWS if columns.size > MANY_COEFFICIENTS else MOST_ROWS
+    rows = _thinned(data, np.flatnonzero(fit.inliers), most)
     part = data.subset(rows)
     visits, poses = visit_numbers(part), part.groups()
     if part.q is None or np.unique(visits).size < _FEWEST:
         return None
     components = fit.residual.shape[0]
-    columns = fit.identifiability.columns
     _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)
     return estimate(
         fit.residual[:, rows],
@@ -123,14 +124,14 @@ def is_same(options: Options, components: Components) -> bool:
     return bool(np.linalg.norm(new - old) <= _SAME * np.linalg.norm(old))
 
 
-def _thinned(data: Measurements, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rows, or the rows of random commanded poses, about :data:`MOST_ROWS` in all."""
-    if rows.size <= MOST_ROWS:
+def _thinned(data: Measurements, rows: NDArray[np.int64], most: int = MOST_ROWS) -> NDArray[np.int64]:
+    """Return the rows, or the rows of random commanded poses, about ``most`` in all."""
+    if rows.size <= most:
         return rows
     groups = data.groups()[rows]
     rank = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
     order = np.argsort(rank, kind="stable")
-    last = rank[order[MOST_ROWS - 1]]
+    last = rank[order[most - 1]]
     chosen: NDArray[np.int64] = rows[rank < last]
     return chosen if chosen.size else rows[rank <= last]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.fitting.fit_repeatability import SIGNIFICANT, components_of, is_same, with_scatter
-from robacc.fitting.repeatability import Components
+from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -160,7 +160,8 @@ class _Search:
         if components is None or components.gain <= SIGNIFICANT:
             return False
         self.components = components
-        if is_same(self.options, components):
+        if is_same(self.options, components) or last.fit.theta.size > MANY_COEFFICIENTS:
+            # With profiles of joints in the model, scatter is reported beside them and does not change them.
             return False
         self.options = with_scatter(self.options, components)
         self.baseline = refit(self.baseline, self.baseline.model.free, self.data, self.options)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.normal_equations import joint_columns
-from robacc.fitting.repeatability import FEWER_ROWS, MANY_COEFFICIENTS, MOST_ROWS, Components, estimate
+from robacc.fitting.repeatability import MANY_COEFFICIENTS, MOST_ROWS, Components, estimate
 from robacc.fitting.solver import Fit, Options
 from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
@@ -70,9 +70,11 @@ def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Re
 
 def components_of(fit: Fit, data: Measurements) -> Components | None:
     """Estimate the joints' scatter and the noise from the residual of a fit; None if there are too few visits."""
-    columns = fit.identifiability.columns
-    most = FEWER_ROWS if columns.size > MANY_COEFFICIENTS else MOST_ROWS
-    rows = _thinned(data, np.flatnonzero(fit.inliers), most)
+    columns, precision = fit.identifiability.columns, fit.precision
+    if columns.size > MANY_COEFFICIENTS:
+        # Profiles use few degrees of freedom, because their coefficients are shrunk; they stay as fitted.
+        columns, precision = columns[precision == 0.0], precision[precision == 0.0]
+    rows = _thinned(data, np.flatnonzero(fit.inliers))
     part = data.subset(rows)
     visits, poses = visit_numbers(part), part.groups()
     if part.q is None or np.unique(visits).size < _FEWEST:
@@ -86,7 +88,7 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
         _known_variance(part, components),
         visits,
         poses,
-        fit.precision,
+        precision,
     )
 
 
@@ -124,14 +126,14 @@ def is_same(options: Options, components: Components) -> bool:
     return bool(np.linalg.norm(new - old) <= _SAME * np.linalg.norm(old))
 
 
-def _thinned(data: Measurements, rows: NDArray[np.int64], most: int = MOST_ROWS) -> NDArray[np.int64]:
-    """Return the rows, or the rows of random commanded poses, about ``most`` in all."""
-    if rows.size <= most:
+def _thinned(data: Measurements, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows, or the rows of random commanded poses, about :data:`MOST_ROWS` in all."""
+    if rows.size <= MOST_ROWS:
         return rows
     groups = data.groups()[rows]
     rank = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
     order = np.argsort(rank, kind="stable")
-    last = rank[order[most - 1]]
+    last = rank[order[MOST_ROWS - 1]]
     chosen: NDArray[np.int64] = rows[rank < last]
     return chosen if chosen.size else rows[rank <= last]
 

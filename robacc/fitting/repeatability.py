@@ -23,8 +23,6 @@ from robacc.geometry import Array
 
 MOST_ROWS = 1200
 """Largest number of rows that variances are estimated from."""
-FEWER_ROWS = 400
-"""The same where the coefficients are many."""
 _ROUNDS = 80
 _SETTLED = 1e-2
 """Change of the restricted log-likelihood below which the iteration stops."""
@@ -33,7 +31,7 @@ _SURE_POWER = 0.5
 _LARGEST_INVERSE = 1e12
 """Largest entry of the inverse of a matrix that is not singular."""
 MANY_COEFFICIENTS = 120
-"""Coefficients from which fewer rows are used: the time grows with their square."""
+"""Coefficients from which shrunk ones are not estimated anew beside the variances: the time grows with their square."""
 _NEGLIGIBLE = 1e-4
 """Share of the largest variance at the target below which a joint's scatter is set to zero."""
 
@@ -237,7 +235,9 @@ def _inverse(matrix: Array) -> Array:
     except np.linalg.LinAlgError:
         inverse = np.full_like(matrix, np.inf)
     largest = float(np.abs(inverse).max(initial=0.0))
-    return inverse if largest < _LARGEST_INVERSE else np.asarray(np.linalg.pinv(matrix, hermitian=True))
+    if largest < _LARGEST_INVERSE:
+        return np.asarray(inverse, dtype=np.float64)
+    return np.asarray(np.linalg.pinv(matrix, hermitian=True), dtype=np.float64)
 
 
 def _transposed(white: Whitening, values: Array) -> Array:

@@ -32,6 +32,8 @@ _LARGEST_LOG = 200.0
 _ROUNDS = 60
 _SETTLED = 1e-3
 """Change of the groups' standard deviations, as a share, at which the iteration ends."""
+_INNER = 0.1
+"""The same, over the change that counts as settled: later linearisations continue the iteration."""
 
 
 class Priors:
@@ -144,7 +146,7 @@ class Priors:
             if not noise_known:
                 n_determined = columns.size - float(prior @ posterior_var)
                 noise_var = float(max(normal.expected_cost(theta) / max(components - n_determined, 1.0), 1e-12))
-            if not self._changed(previous, _SETTLED):
+            if not self._changed(previous, max(_SETTLED, _INNER * settled)):
                 break
         self._set(noise_var)
         return self._changed(before, settled)

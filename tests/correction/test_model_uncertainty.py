@@ -64,7 +64,7 @@ def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
     poses = robacc.simulate(ROBOT, poses=15, seed=99).data
     truth = predict(robacc.read_robot(TRUTH), poses).translation
     normalised = []
-    for seed in range(12):
+    for seed in range(6):
         robot = calibrated(seed).robot
         fit = model_fit(robot)
         assert fit is not None
@@ -73,14 +73,14 @@ def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
         error = predict(robot, poses).translation - truth
         inverse = np.linalg.inv(np.moveaxis(spread.position, 2, 0))
         normalised.append(np.einsum("in,nij,jn->n", error, inverse, error).mean() / 3.0)
-    # A mean over 12 fits with some 20 coefficients each: standard deviation about 0.12.
-    assert 0.6 < np.mean(normalised) < 1.5
+    # A mean over 6 fits with some 20 coefficients each: standard deviation about 0.17.
+    assert 0.5 < np.mean(normalised) < 1.6
 
 
 @pytest.mark.parametrize("orientation", [True, False])
 def test_errors_after_the_correction_keep_their_bound(orientation: bool) -> None:
     truth, inside, ratio = robacc.read_robot(TRUTH), [], []
-    for seed in range(6):
+    for seed in range(3):
         model = calibrated(seed, orientation=orientation).robot
         targets = robacc.simulate(ROBOT, poses=60, seed=100 + seed, motion=False).data
         result = robacc.correct(targets, model=model, beyond_range=True)

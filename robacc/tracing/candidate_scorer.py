@@ -143,7 +143,7 @@ class CandidateScorer:
             for finding in chosen:
                 active.extend(finding.columns.tolist())
                 precision.extend(finding.precision.tolist())
-            result = Conditioned(self.system, active, np.array(precision))
+            result = Conditioned.on(self.system, active, np.array(precision))
             if len(self._conditioned) >= _CACHED:
                 self._conditioned.pop(next(iter(self._conditioned)))
             self._conditioned[key] = result

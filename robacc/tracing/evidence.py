@@ -88,23 +88,45 @@ class Columns:
 class Conditioned:
     """All columns and the residual, orthogonalised to a model's columns."""
 
-    def __init__(self, system: Columns, active: Sequence[int], precision: Array) -> None:
+    def __init__(
+        self,
+        system: Columns,
+        active: NDArray[np.int64],
+        precision: Array,
+        root: Array,
+        reduced: Array,
+        explained: Array,
+        rank: int,
+        removed: tuple[Conditioned, Array] | None = None,
+    ) -> None:
+        """Store the parts; :meth:`on` computes them.
+
+        Args:
+            system: All columns.
+            active: ``(A,)`` numbers of the model's columns.
+            precision: ``(A,)`` precision of their priors, whitened, 0 for none.
+            root: ``(A, R)``: root @ root.T is the inverse of the active columns' Gram matrix.
+            reduced: ``(R, C)`` orthonormal coordinates of the model times every column.
+            explained: ``(R,)`` the same coordinates of the residual.
+            rank: Independent columns of the model.
+            removed: The larger model and the directions of it that this model lacks.
+        """
+        self.system, self.active, self.precision = system, active, precision
+        self.root, self.reduced, self.rank = root, reduced, rank
+        self._removed, self._crossed = removed, dict[Family, Array]()
+        self._explain(explained)
+
+    @classmethod
+    def on(cls, system: Columns, active: Sequence[int], precision: Array) -> Conditioned:
         """Condition on the columns ``active``; ``precision`` ``(A,)`` of their priors, whitened, 0 for none."""
-        self.system = system
-        self.active = np.array(active, dtype=np.int64)
-        self.precision = precision
-        gram = system.gram[np.ix_(self.active, self.active)] + np.diag(precision)
+        numbers = np.array(active, dtype=np.int64)
+        gram = system.gram[np.ix_(numbers, numbers)] + np.diag(precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
         independent = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
-        self.root: Array = (scale[:, None] * vectors[:, independent]) / np.sqrt(values[independent])
-        """``(A, R)``: root @ root.T is the inverse of the active columns' Gram matrix."""
-        self.rank = int(independent.sum())
-        self._removed: tuple[Conditioned, Array] | None = None
-        self._crossed: dict[Family, Array] = {}
-        self.reduced: Array = self.root.T @ system.gram[self.active]
-        """``(R, C)``: orthonormal coordinates of the model times every column."""
-        self._explain(self.root.T @ system.rhs[self.active])
+        root = (scale[:, None] * vectors[:, independent]) / np.sqrt(values[independent])
+        reduced = root.T @ system.gram[numbers]
+        return cls(system, numbers, precision, root, reduced, root.T @ system.rhs[numbers], int(independent.sum()))
 
     def _explain(self, explained: Array) -> None:
         system = self.system
@@ -126,16 +148,18 @@ class Conditioned:
         removed_root = self.root[rows]
         _, sizes, directions = np.linalg.svd(removed_root, full_matrices=False)
         directions = directions[sizes > 1e-9 * max(sizes.max(initial=0.0), 1e-300)]
-        smaller_model = object.__new__(Conditioned)
-        smaller_model.system, smaller_model.active = self.system, self.active
-        smaller_model.precision = np.where(rows, 0.0, self.precision)
-        smaller_model.root = self.root - (self.root @ directions.T) @ directions
-        smaller_model.root[rows] = 0.0
-        smaller_model.rank = self.rank - len(directions)
-        smaller_model._removed, smaller_model._crossed = (self, directions), {}
-        smaller_model.reduced = self.reduced - directions.T @ (directions @ self.reduced)
-        smaller_model._explain(self.explained - directions.T @ (directions @ self.explained))
-        return smaller_model
+        root = self.root - (self.root @ directions.T) @ directions
+        root[rows] = 0.0
+        return Conditioned(
+            self.system,
+            self.active,
+            np.where(rows, 0.0, self.precision),
+            root,
+            self.reduced - directions.T @ (directions @ self.reduced),
+            self.explained - directions.T @ (directions @ self.explained),
+            self.rank - len(directions),
+            (self, directions),
+        )
 
     def crossed(self, family: Family) -> Array:
         """Return ``(R, B Q)`` orthonormal coordinates of the model times every column of a family."""

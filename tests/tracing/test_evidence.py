@@ -30,7 +30,7 @@ def scores(base: np.ndarray, candidate: np.ndarray, residual: np.ndarray, *, blo
 
     system = Columns(by_pose(base), residual.reshape(3, -1))
     columns = system.append(by_pose(candidate))
-    present = Conditioned(system, range(BASE), np.zeros(BASE))
+    present = Conditioned.on(system, range(BASE), np.zeros(BASE))
     return judge(
         present.block(columns)[None],
         present.rhs[columns][None],
@@ -149,7 +149,7 @@ def test_conditioning_with_a_prior_is_ridge_regression() -> None:
         return np.moveaxis(matrix.reshape(3, ROWS // 3, -1), 2, 1)
 
     system = Columns(by_pose(np.hstack((base, candidate))), residual.reshape(3, -1))
-    found = Conditioned(system, range(BASE), precision)
+    found = Conditioned.on(system, range(BASE), precision)
     # A prior is rows of its own: sqrt(precision) theta = 0.
     padded = np.vstack((base, np.diag(np.sqrt(precision))))
     solution, *_ = np.linalg.lstsq(padded, np.concatenate((residual, np.zeros(BASE))), rcond=None)

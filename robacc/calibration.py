@@ -120,13 +120,14 @@ def calibrate(
     plan = _Plan(robot, data, requests, options, priors or {}, shrink)
     progress("fitting", 0, n_folds + 1)
     effects = plan.effects(data)
-    unshrunk = dataclasses.replace(plan, shrink=False)
-    first_fit, _, _ = _fitted(unshrunk, effects, data, options)
+    unshrunk, deflection = _unshrunk(plan, effects, data, options)
     options, components = settle_scatter(
-        first_fit, data, options, lambda scattered: _fitted(unshrunk, effects, data, scattered)[0]
+        unshrunk, data, options, lambda scattered: _unshrunk(plan, effects, data, scattered)[0]
     )
     plan = dataclasses.replace(plan, options=options)
-    final_fit, shrunk, deflection = _fitted(plan, effects, data, options)
+    if components is not None:
+        unshrunk, deflection = _unshrunk(plan, effects, data, options)
+    final_fit, shrunk = _shrunk(plan, unshrunk, data, options)
     effects = final_fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
@@ -211,21 +212,30 @@ class _Plan:
         return tuple(request.name for request in self.requests if request.name in _CONSTANTS and request.joints is None)
 
 
-def _fitted(
+def _fitted(plan: _Plan, effects: tuple[Effect, ...], data: Measurements, options: Options) -> Fit:
+    """Fit all effects, with constants shrunk to nominal as the plan says."""
+    return _shrunk(plan, _unshrunk(plan, effects, data, options)[0], data, options)[0]
+
+
+def _unshrunk(
     plan: _Plan, effects: tuple[Effect, ...], data: Measurements, options: Options
-) -> tuple[Fit, tuple[ShrunkKind, ...], DeflectionChoice | None]:
+) -> tuple[Fit, DeflectionChoice | None]:
     """Fit all effects, with the torque model of elastic effects that the data support.
 
-    Without explicit priors, idle rotations are removed and constants are shrunk to nominal as the plan says.
+    Without explicit priors, idle rotations are removed.
     """
     model, options = Model.of(plan.robot, effects), plan.with_priors(options, effects, data)
     chosen, model, deflection = choose_deflection(fit(model, data, options), model, data, options)
     if plan.priors:
-        return chosen, (), deflection
-    chosen = without_idle_rotations(chosen, model, data, options)
-    if not plan.shrink:
-        return chosen, (), deflection
-    return (*shrink_to_nominal(chosen, data, options, plan.all_joint_constants), deflection)
+        return chosen, deflection
+    return without_idle_rotations(chosen, model, data, options), deflection
+
+
+def _shrunk(plan: _Plan, chosen: Fit, data: Measurements, options: Options) -> tuple[Fit, tuple[ShrunkKind, ...]]:
+    """Return the fit with constants shrunk to nominal, unless there are given priors or the plan has no shrinkage."""
+    if plan.priors or not plan.shrink:
+        return chosen, ()
+    return shrink_to_nominal(chosen, data, options, plan.all_joint_constants)
 
 
 def _is_searched(request: Request) -> bool:
@@ -251,7 +261,7 @@ def _hold_out(
     fold_options = dataclasses.replace(plan.options, tolerance=1e-6)
     if holdout is not None:
         baseline = fit(Model.of(plan.robot, frames), data, fold_options)
-        extended = _fitted(plan, effects, data, fold_options)[0]
+        extended = _fitted(plan, effects, data, fold_options)
         return held_out(baseline, holdout), held_out(extended, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:
@@ -265,7 +275,7 @@ def _hold_out(
             train_data, test_data = data.subset(np.flatnonzero(training)), data.subset(np.flatnonzero(test))
             chosen = plan.effects(train_data) if has_search else with_deflection(effects, "equilibrium")
             before[:, test] = held_out(fit(Model.of(plan.robot, frames), train_data, fold_options), test_data)
-            after[:, test] = held_out(_fitted(plan, chosen, train_data, fold_options)[0], test_data)
+            after[:, test] = held_out(_fitted(plan, chosen, train_data, fold_options), test_data)
     except InputError:
         # The poses outside a fold are too few for the fitted coefficients.
         return None

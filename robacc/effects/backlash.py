@@ -14,6 +14,9 @@ from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
+_LEAST_LEVER = 1e-3
+"""Lever of the arm's whole weight, m, below which gravity's torque presses against no flank."""
+
 
 @register
 @dataclass(frozen=True)
@@ -81,8 +84,11 @@ class Backlash(Effect):
         if self.by == "approach":
             sign = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
         else:
-            weight_needed(arm, f"{self.name} by gravity")
-            sign = np.sign(gravity_torques(arm, commanded(data, self.name)))
+            loads = weight_needed(arm, f"{self.name} by gravity")
+            torque = gravity_torques(arm, commanded(data, self.name))
+            weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
+            # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
+            sign = np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
         return tuple(
             Term(
                 f"{self.name}.{joint}",

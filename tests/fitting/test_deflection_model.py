@@ -18,6 +18,7 @@ import robacc.fitting.deflection_model
 from robacc.calibration import Calibration, calibrate
 from robacc.documents.fit import calibration_payload, trace_payload
 from robacc.effects.base import REGISTRY
+from robacc.effects.baseline import Baseline
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.solver import Fit, Options, fit
@@ -219,7 +220,7 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert payload["deflection"]["form"] == form
     assert payload["findings"][0]["settings"] == settings
     stream = StringIO()
-    draw_trace(found, "poses.csv", "robot.yaml", "base_frame,tool_frame", stream)
+    draw_trace(found, "poses.csv", "robot.yaml", Baseline(("base_frame", "tool_frame"), by_default=False), stream)
     assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 

@@ -76,6 +76,19 @@ def compare_paired(
     Raises:
         InputError: A file cannot be used, or the files share fewer than three targets.
         UsageError: The arguments contradict each other.
+
+    Example:
+        >>> import dataclasses, robacc
+        >>> robot, model = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
+        >>> targets = robacc.simulate(robot, poses=20, seed=1).data
+        >>> planned = robacc.correct(targets, model=model, nominal=robot).targets
+        >>> old = dataclasses.replace(targets, commanded_position=planned.wanted.poses.translation)
+        >>> new = dataclasses.replace(old, q=planned.q)
+        >>> before = robacc.simulate(model, at=old, noise="0.02mm", seed=2).data
+        >>> after = robacc.simulate(model, at=new, noise="0.02mm", seed=3).data
+        >>> result = robacc.compare_paired(before, after)
+        >>> result.loaded.verdict, result.rms_after < 0.1 * result.rms_before
+        ('loaded', True)
     """
     arguments = locals()
     arm, arm_records = (None, ()) if model is None else _one(load_robot(model))

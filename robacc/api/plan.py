@@ -121,7 +121,7 @@ def plan(
     noise: float | str | None = None,
     noise_orientation: float | str | None = None,
     repeatability: float | str | None = None,
-    unexplained: float | str = 0.0,
+    unexplained: float | str = "0",
     model: StrPath | Robot | None = None,
     already: StrPath | Measurements | None = None,
     target_error: float | str | None = None,

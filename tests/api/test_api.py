@@ -119,6 +119,13 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: robacc.check(f"{FOLDER}/a.json", f"{FOLDER}/gate.yaml"),
         lambda: printed("check", f"{FOLDER}/a.json", "--gate", f"{FOLDER}/gate.yaml"),
     ),
+    "plan": (
+        lambda: robacc.plan(ROBOT, poses=12, candidates=300, min_height="100mm", noise="0.05mm"),
+        lambda: printed(
+            *("plan", ROBOT, "--poses", "12", "--candidates", "300", "--min-height", "100mm", "--noise", "0.05mm"),
+            *("-o", f"{FOLDER}/plan.csv"),
+        ),
+    ),
     "simulate": (
         lambda: robacc.simulate(ROBOT, poses=9, noise="0.02mm", outliers=2, temperature=(20, 25), payload=(0, 2)),
         lambda: printed(
@@ -195,6 +202,7 @@ def test_files_that_commands_write_beside_the_result(tmp_path: Path) -> None:
 
 OWN = {
     "form",
+    "full",
     "output",
     "gate",
     "junit",
@@ -210,14 +218,21 @@ OWN = {
 IN_WORDS = {"noise": "0", "noise_orientation": "0", "outlier_size": "10mm", "sampling": "even"}
 
 
+OWN_OF = {
+    "compare": OWN | {"paired", "model", "nominal", "noise"},  # those of compare_paired
+    "correct": OWN | {"frames"},  # of programs, which only the command reads
+    "plan": (OWN - {"gate"}) | {"validation_output", "program"},  # the gate sets the number of poses
+}
+"""The same of commands that have more of them, or fewer."""
+
+
 @pytest.mark.parametrize(
-    "name", ["estimate", "predict", "calibrate", "trace", "iso9283", "compare", "simulate", "correct"]
+    "name", ["estimate", "predict", "calibrate", "trace", "iso9283", "compare", "simulate", "correct", "plan"]
 )
 def test_call_has_the_commands_options_and_defaults(name: str) -> None:
     command = inspect.signature(getattr(importlib.import_module(f"robacc.cli.commands.{name}"), name)).parameters
     call = inspect.signature(getattr(robacc, name)).parameters
-    own = OWN | {"paired", "model", "nominal", "noise"} if name == "compare" else OWN  # those of compare_paired
-    assert set(command) - own == set(call) - {"progress"}
+    assert set(command) - OWN_OF.get(name, OWN) == set(call) - {"progress"}
     for key, parameter in call.items():
         if key == "progress" or parameter.default is inspect.Parameter.empty:
             continue

@@ -29,7 +29,13 @@ _PROCESS_COST = 24 * 2**20
 
 
 def estimate_each(
-    paths: Sequence[str], options: EstimateOptions, outlets: Outlets, per_pose: str | None, jobs: int | None
+    paths: Sequence[str],
+    options: EstimateOptions,
+    outlets: Outlets,
+    per_pose: str | None,
+    jobs: int | None,
+    *,
+    full: bool = False,
 ) -> None:
     """Estimate every file, write the results, and exit with the worst status.
 
@@ -39,6 +45,7 @@ def estimate_each(
         outlets: Forms and files; if the output is a folder, each result becomes a file in it.
         per_pose: Folder for the errors at each pose, one file for each file of poses.
         jobs: Number of files at a time; None chooses it from the cores and the sizes of the files.
+        full: Write complete tables to the folder; the table of all files stays as it is.
 
     Raises:
         UsageError: the options fit no file.
@@ -66,6 +73,7 @@ def estimate_each(
                 _target(folder, name, _SUFFIXES[outlets.form]),
                 _target(documents, str(number), ".json"),
                 _target(None if per_pose is None else _folder(per_pose), name, ".csv"),
+                full,
             )
             for number, (path, name) in enumerate(zip(paths, names, strict=True))
         ]
@@ -81,6 +89,7 @@ def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | 
     """Raise an error that concerns every file once, before the first file is read."""
     from robacc.accuracy.estimation import check_confidence
     from robacc.api.inputs import load_grade_scale, load_optional_robot
+    from robacc.fitting.registration import check_frames
 
     if "-" in paths:
         raise UsageError("- (standard input) has no name for the table of several files; give it alone")
@@ -90,6 +99,8 @@ def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | 
     if per_pose is not None and _folder(per_pose) is None:
         raise UsageError(f"--per-pose {per_pose}: several files need a folder; name one that ends with /")
     load_optional_robot(options.robot, options.base_link, options.tip_link)
+    if options.align:
+        check_frames(options.align)
     check_confidence(options.confidence)
     load_grade_scale(options.scale)
 

@@ -56,6 +56,8 @@ class FileTask(NamedTuple):
     document: str | None
     """File for the JSON document of the result, which becomes part of the document of all files."""
     per_pose: str | None
+    full: bool = False
+    """Whether a table has covariances, tests, worst poses and limitations."""
 
 
 def estimate_file(task: FileTask) -> FileOutcome:
@@ -111,9 +113,11 @@ def _write_result(
     from robacc.cli.output import with_gate, write_result
 
     def table(stream: TextIO) -> None:
-        from robacc.render.text.estimate import draw_estimate
-
-        draw_estimate(result, task.path, task.options.robot, stream)
+        if task.full:
+            from robacc.render.text.estimate import draw_estimate as draw
+        else:
+            from robacc.render.text.estimate_short import draw_short_estimate as draw
+        draw(result, task.path, task.options.robot, stream)
 
     write_result(
         Outlets(task.form, path),

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from robacc.accuracy.grade_scale import STATISTICS, GradeStep, Scale
 from robacc.comparison.compared_result import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
 from robacc.comparison.result_document import ResultDocument
@@ -39,7 +37,7 @@ class _FitStage(NamedTuple):
 _STAGES = (
     _FitStage("", "after", "held_out", "held_out_after", "after"),
     _FitStage("before.held_out.", "before", "held_out", "held_out_before", "before"),
-    _FitStage("nominal.held_out.", "nominal", "held_out", "nominal", "nominal"),
+    _FitStage("nominal.held_out.", "nominal", "held_out", "held_out_nominal", "nominal"),
     _FitStage("after.fitted.", "after", "fitted", "after", None),
 )
 
@@ -178,12 +176,12 @@ def _errors(result: ResultDocument, command: str, n: int) -> Iterator[tuple[str,
             path, size, name = "poses_apart", n_holdout, stage.holdout_errors
         if not size:
             continue
-        poses, used = _poses(result, path, size), result.flags(f"{path}.used", size)
-        rows = np.ones(size, dtype=bool) if used is None else used
+        poses = _poses(result, path, size)
+        result.flags(f"{path}.used", size)  # checked only: the figures count outliers
         for quantity, unit in _QUANTITIES:
             vectors = result.matrix(f"{path}.errors_{unit}.{name}", size, 3)
-            if vectors is not None and np.any(rows):
-                yield f"{stage.prefix}{quantity}", ErrorSet(vectors[:, rows], poses.subset(rows))
+            if vectors is not None:
+                yield f"{stage.prefix}{quantity}", ErrorSet(vectors, poses)
 
 
 def _poses(result: ResultDocument, path: str, n: int) -> ComparedPoses:

@@ -129,24 +129,31 @@ def sample_at(document: Mapping[str, Any], key: str) -> GateSample | None:
         quantity = document.get(parts[0])
         errors = quantity.get(f"errors_{unit}") if isinstance(quantity, Mapping) else None
         return _sample(errors, document.get("poses"), document)
-    if len(parts) != 4 or parts[1] not in ("fitted", "held_out"):
+    kind = parts[1].removesuffix("_inliers")
+    if len(parts) != 4 or kind not in ("fitted", "held_out"):
         return None
-    holdout = document.get("poses_apart") if parts[1] == "held_out" else None
+    holdout = document.get("poses_apart") if kind == "held_out" else None
     poses = document.get("poses") if holdout is None else holdout
-    cross_validated = parts[1] == "held_out" and holdout is None and parts[0] != "nominal"
+    cross_validated = kind == "held_out" and holdout is None and parts[0] != "nominal_unregistered"
     stages = poses.get(f"errors_{unit}") if isinstance(poses, Mapping) else None
     errors = (
         stages.get(f"held_out_{parts[0]}" if cross_validated else parts[0]) if isinstance(stages, Mapping) else None
     )
-    return _sample(errors, poses, document, "poses" if holdout is None else "holdout")
+    source = "poses" if holdout is None else "holdout"
+    return _sample(errors, poses, document, source, inliers=parts[1].endswith("_inliers"))
 
 
-def _sample(errors: Any, poses: Any, document: Mapping[str, Any], kind: str = "poses") -> GateSample | None:
-    """Return the rows of ``errors`` in use; None if the document does not say to which poses they belong."""
+def _sample(
+    errors: Any, poses: Any, document: Mapping[str, Any], kind: str = "poses", *, inliers: bool = False
+) -> GateSample | None:
+    """Return all rows of ``errors``, or those of inliers; None if the document does not say to which poses they belong.
+
+    The metrics of a stage count outliers; those without outliers have keys of their own.
+    """
     if errors is None or not isinstance(poses, Mapping) or poses.get("group") is None:
         return None
     rows = np.asarray(errors, dtype=float)
-    flags = poses.get("used")
+    flags = poses.get("used") if inliers else None
     used = np.ones(len(rows), dtype=bool) if flags is None else np.asarray(flags, dtype=bool)
     groups = np.asarray(poses["group"], dtype=np.int64)
     if rows.ndim != 2 or rows.shape[1] != 3 or used.shape != groups.shape or len(rows) != len(groups) or not used.any():

@@ -28,6 +28,8 @@ _FIRST_SCORED = 8
 """Candidates scored first if only the best is required."""
 _LEAST_NEW = 1e-10
 """Share of its squared length below which the new part of a candidate's direction counts as none."""
+_LEAST_COST = 1e-280
+"""Least remaining cost that divides: poses without any scatter leave a residual whose square underflows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +316,7 @@ def _evidence(values: Array, projected: Array, cost: float, dof: float, gains: A
     if values.shape[0] == 0:
         return np.zeros(0), np.zeros(0)
     top = values.max(axis=1)
-    largest = _LARGEST_PRIOR_STD**2 * dof / (cost - gains)
+    largest = _LARGEST_PRIOR_STD**2 * dof / np.maximum(cost - gains, _LEAST_COST)
     prior_vars = np.minimum(_PRIOR_VARS / np.where(top > 0, top, 1.0)[:, None], largest[:, None])
     inflation = 1.0 + prior_vars[:, :, None] * values[:, None, :]
     remaining = cost - prior_vars * ((1.0 / inflation) @ projected[:, :, None])[:, :, 0]

@@ -8,6 +8,7 @@ import pty
 import subprocess
 import sys
 from importlib import import_module
+from keyword import iskeyword
 from pathlib import Path
 
 import pytest
@@ -46,7 +47,7 @@ def test_version_and_help() -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
-    own = name.replace("-", "_")
+    own = name.replace("-", "_") + "_" * iskeyword(name)
     function = getattr(import_module(f"robacc.cli.commands.{own}"), own)
     assert (inspect.getdoc(function) or "").splitlines()[0] == COMMANDS[name]
     assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0

@@ -93,11 +93,16 @@ def test_processes_change_nothing(folder: Path) -> None:
     assert (several.exit_code, several.stdout, several.stderr) == (alone.exit_code, alone.stdout, alone.stderr)
 
 
-@pytest.mark.parametrize(("form", "suffix"), [("json", ".json"), ("table", ".txt"), ("markdown", ".md")])
-def test_a_folder_takes_each_result_as_the_command_alone_writes_it(folder: Path, form: str, suffix: str) -> None:
+@pytest.mark.parametrize(
+    ("form", "suffix", "more"),
+    [("json", ".json", ()), ("table", ".txt", ()), ("table", ".txt", ("--full",)), ("markdown", ".md", ())],
+)
+def test_a_folder_takes_each_result_as_the_command_alone_writes_it(
+    folder: Path, form: str, suffix: str, more: tuple[str, ...]
+) -> None:
     out = folder / "new" / "results"
     errors = folder / "errors"
-    options = (*HOW, "--format", form)
+    options = (*HOW, *more, "--format", form)
     done = run(*files(folder), *options, "--output", f"{out}/", "--per-pose", f"{errors}/")
     assert done.exit_code == 3
     assert sorted(path.name for path in out.iterdir()) == [f"a{suffix}", f"c{suffix}"]
@@ -189,7 +194,7 @@ def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:
         (["a", "-"], 2, "- (standard input) has no name"),
         (["a", "c", "a"], 2, "a.csv is given twice"),
         (["a", "c", "--confidence", "2"], 2, "less than 1, not 2"),
-        (["a", "c", "--align", "base_frame"], 2, "it needs --robot"),
+        (["a", "c", "--align", "base_frme"], 2, "cannot align base_frme; choose among base_frame, tool_frame"),
         (["a", "c", "--tip-link", "t"], 2, "choose a chain of a URDF, so they need --robot"),
         (["a", "c", "--robot", "none.yaml"], 3, "none.yaml: there is no such file"),
         (["a", "c", "--scale", "none.yaml"], 3, "none.yaml: there is no such file"),

@@ -25,6 +25,7 @@ FILES = {
     "gate.yaml": ROOT / "configs" / "gates" / "machine_tending.yaml",
 }
 """What the examples name, by the sample that stands in for it."""
+IDENTITY = "serial_number: '12345'\ncustomer: works\n"
 TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}\n"
 ESTIMATE = ("estimate", "poses.csv", "--robot", "robot.yaml", "--align", "base_frame,tool_frame", "--format", "json")
 TRACE = ("trace", str(SAMPLE / "trace" / "poses.csv"), "--robot", str(SAMPLE / "trace" / "robot.yaml"))
@@ -57,6 +58,7 @@ def test_the_example_at_the_end_of_the_help_runs(name: str, tmp_path: Path, monk
     for file, source in FILES.items():
         shutil.copy(source, file)
     Path("tolerances.yaml").write_text(TOLERANCES, encoding="utf-8")
+    Path("cell7.yaml").write_text(IDENTITY, encoding="utf-8")
     for file in set(words) & RESULTS.keys():
         assert CliRunner().invoke(app, [*RESULTS[file], "--output", file]).exit_code == 0
     before = set(tmp_path.iterdir())

@@ -82,7 +82,7 @@ def correct(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """Compute the commands that make the real arm reach its targets, and write them as a CSV.
+    """Compute the commands that make the real arm reach its targets, from a model of the arm.
 
     A robot program (KUKA .src, .dat, ABB .mod, FANUC .ls, URScript .script) becomes the same program with other
     numbers in its targets, in the frames of the program. The CSV has the joints to command, and the wanted poses as

@@ -108,7 +108,7 @@ def estimate(
     if len(poses) > 1:
         from robacc.cli.many import estimate_each
 
-        estimate_each(poses, options, outlets, per_pose, jobs)
+        estimate_each(poses, options, outlets, per_pose, jobs, full=full)
         return
     result = run_estimate(poses[0], **options._asdict())
 

@@ -100,7 +100,7 @@ def predict(
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
-    """Predict covariances, error budget and grade from parameter tolerances, or from the fit of a model file.
+    """Predict covariances, error budget and grade from parameter tolerances or the fit of a model file.
 
     The prediction is for the joints of --poses, else of --against, else for configurations over the joint ranges. For a
     file of --write-model it is that of the calibrated arm; --tolerances predicts arms made with these tolerances.

@@ -115,14 +115,22 @@ def test_repetitions_of_a_pose_count_once() -> None:
 
 def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
     rows = {"nominal": 3 * after.T, "before": 2 * after.T, "after": after.T}
-    rows |= {"held_out_before": 2.1 * after.T, "held_out_after": 1.1 * after.T}
+    rows |= {"held_out_nominal": 3 * after.T, "held_out_before": 2.1 * after.T, "held_out_after": 1.1 * after.T}
     n = after.shape[1]
 
-    def figures(factor: float) -> dict[str, Any]:
-        rows_used = slice(None) if used is None else np.asarray(used)
+    def figures(factor: float, columns: Any = slice(None)) -> dict[str, Any]:
         return {
-            "position": statistics_document(error_statistics(factor * after[:, rows_used], "m")),
+            "position": statistics_document(error_statistics(factor * after[:, columns], "m")),
             "orientation": None,
+        }
+
+    def metrics(fitted: float, held_out: float) -> dict[str, Any]:
+        inliers = slice(None) if used is None else np.asarray(used)
+        return {
+            "fitted": figures(fitted),
+            "held_out": figures(held_out),
+            "fitted_inliers": figures(fitted, inliers),
+            "held_out_inliers": figures(held_out, inliers),
         }
 
     return {
@@ -133,8 +141,8 @@ def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
         "verdict": "explained",
         "unexplained": {"structured": False, "rms_m": 1e-4},
         "noise": {"position_m": 2e-5, "orientation_rad": None, "source": "file"},
-        "after": {"fitted": figures(1.0), "held_out": figures(1.1)},
-        "nominal": {"fitted": figures(3.0), "held_out": figures(3.0)},
+        "after": metrics(1.0, 1.1),
+        "nominal": metrics(3.0, 3.0),
         "gain_m": {"value": 1e-3, "low": 0.8e-3, "high": 1.2e-3, "confidence": 0.95},
         "poses": {"group": np.arange(n), "used": used, "commanded_m": np.zeros((n, 3)), "errors_m": rows},
         "poses_apart": None,
@@ -142,22 +150,22 @@ def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
     }
 
 
-def test_samples_are_the_rows_that_a_stages_figures_are_of() -> None:
+def test_samples_are_the_rows_that_a_stages_metrics_are_of() -> None:
     after = errors(n=30)
     used = np.arange(30) != 7
     document = stage(after, used)
-    for key, factor in (
-        ("after.held_out.position.rms", 1.1),
-        ("after.fitted.position.rms", 1.0),
-        ("nominal.held_out.position.rms", 3.0),
-    ):
-        rows = sample_at(document, key)
-        assert rows is not None
-        np.testing.assert_allclose(rows.errors, factor * after[:, used])
-        assert 7 not in rows.rows
-        stage_figure = figure_at(document, key, 0.95)
-        assert not isinstance(stage_figure, Missing)
-        assert stage_figure.value == pytest.approx(np.sqrt(np.mean(np.sum(rows.errors**2, axis=0))))
+    for stage_key, factor in (("after.held_out", 1.1), ("after.fitted", 1.0), ("nominal.held_out", 3.0)):
+        for key, columns in (
+            (f"{stage_key}.position.rms", slice(None)),
+            (f"{stage_key}_inliers.position.rms", used),
+        ):
+            rows = sample_at(document, key)
+            assert rows is not None
+            np.testing.assert_allclose(rows.errors, factor * after[:, columns])
+            assert (7 in rows.rows) == (columns is not used)
+            stage_figure = figure_at(document, key, 0.95)
+            assert not isinstance(stage_figure, Missing)
+            assert stage_figure.value == pytest.approx(np.sqrt(np.mean(np.sum(rows.errors**2, axis=0))))
     apart = {"group": np.arange(5), "errors_m": {"after": np.ones((5, 3))}, "commanded_m": None}
     holdout = sample_at({**document, "poses_apart": apart}, "after.held_out.position.rms")
     assert holdout is not None

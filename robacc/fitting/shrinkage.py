@@ -28,6 +28,12 @@ _FACTORS = tuple(np.exp(np.linspace(-1.2, 1.8, 7)).tolist())
 """Grid of the widths, over their estimates."""
 _MOST_KINDS = 3
 """Kinds of constants up to which their widths are integrated."""
+LARGEST_OF_PROFILE = 10.0
+"""Standard deviation of a profile's group that it cannot exceed, over its terms' usual size.
+
+Where poses leave gaps, large coefficients that cancel at the poses fit as well as small ones; what the effect can be
+decides then.
+"""
 _LARGEST_LOG = 200.0
 _ROUNDS = 60
 _SETTLED = 1e-3
@@ -142,7 +148,8 @@ class Priors:
                 if name in self._usual:
                     n_determined += PSEUDO_CONSTANTS
                     sum_of_squares += PSEUDO_CONSTANTS * (_BADLY_MADE * self._usual[name]) ** 2
-                self.group_stds[name] = float(np.sqrt(max(sum_of_squares / max(n_determined, 1e-3), 1e-18)))
+                group_std = float(np.sqrt(max(sum_of_squares / max(n_determined, 1e-3), 1e-18)))
+                self.group_stds[name] = group_std if name in self._usual else min(group_std, self._largest(members))
             if not noise_known:
                 n_determined = columns.size - float(prior @ posterior_var)
                 noise_var = float(max(normal.expected_cost(theta) / max(components - n_determined, 1.0), 1e-12))
@@ -150,6 +157,10 @@ class Priors:
                 break
         self._set(noise_var)
         return self._changed(before, settled)
+
+    def _largest(self, members: Sequence[int]) -> float:
+        """Return the largest standard deviation of a profile's group."""
+        return LARGEST_OF_PROFILE * max(self._terms[i].typical for i in members)
 
     def _set(self, noise_var: float) -> None:
         for name, members in self.groups.items():

@@ -290,7 +290,7 @@ def test_confidence_widens_intervals() -> None:
 
 def test_the_interval_of_a_percentile_contains_the_percentile() -> None:
     outside = 0
-    for seed in range(200):
+    for seed in range(60):
         result = error_statistics(gaussian(30, seed), "m")
         interval, model = result.intervals.p95, result.radius95_zero_mean.interval
         if interval.lower is None or interval.upper is None or model.lower is None or model.upper is None:

@@ -22,7 +22,10 @@ def test_a_pose_id_that_the_joints_contradict_is_no_repetition(tmp_path: Path) -
     (tmp_path / "poses.csv").write_text(format_poses(data), encoding="utf-8")
     arguments = (str(tmp_path / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"), "--format", "json")
     warning = "10 of 10 pose ids have rows with different commands, for example P0 on line 2 and line "
-    for command in (("calibrate", "--fit", "base_frame,tool_frame"), ("trace", "--declared", "base_frame,tool_frame")):
+    for command in (
+        ("calibrate", "--fit", "base_frame,tool_frame"),
+        ("trace", "--declared", "base_frame,tool_frame", "--named-only"),
+    ):
         done = CliRunner().invoke(app, [command[0], *arguments, *command[1:]], catch_exceptions=False)
         document = json.loads(done.stdout)
         assert document["noise"]["source"] == "residual"

@@ -12,7 +12,11 @@ from robacc.statistics.scaled_percentile import LengthShape, ScaledPercentileCur
 
 @pytest.mark.parametrize(
     ("std", "mean"),
-    [((1.0, 1.0, 1.0), (0.0, 0.0, 0.0)), ((1.0, 0.5, 0.1), (0.0, 0.0, 0.0)), ((1.0, 0.5, 0.3), (2.0, 0.0, 0.0))],
+    [
+        pytest.param((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), marks=pytest.mark.slow),
+        pytest.param((1.0, 0.5, 0.1), (0.0, 0.0, 0.0), marks=pytest.mark.slow),
+        ((1.0, 0.5, 0.3), (2.0, 0.0, 0.0)),
+    ],
 )
 def test_the_interval_has_its_confidence(std: tuple[float, ...], mean: tuple[float, ...]) -> None:
     """Simulated sets of 20 poses; the truth from a million draws."""

@@ -41,7 +41,7 @@ def assert_fitted_together(result: SearchResult) -> None:
     assert reported == fitted == selected | frames
 
 
-@pytest.mark.parametrize("rounds", [0, 1, 4])
+@pytest.mark.parametrize("rounds", [0, pytest.param(1, marks=pytest.mark.slow), 4])
 @pytest.mark.parametrize("effects", ["joint_compliance[j2,j3]", "backlash[j3],joint_coupling[j5]", "gear_ratio[j2]"])
 def test_effects_fit_and_selection_agree(effects: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loop, "_ROUNDS", rounds)

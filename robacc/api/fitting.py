@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
@@ -51,9 +52,9 @@ class FitResult(Result):
     fit_inputs: FitInputs
 
     @property
+    @abstractmethod
     def converged(self) -> bool:
         """Return whether the reported fit converged."""
-        raise NotImplementedError
 
     def model_yaml(self) -> str:
         """Return the robot file of the fitted robot; its first line names the command and the poses."""

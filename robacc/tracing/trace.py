@@ -226,10 +226,8 @@ def _reproduced(loop: SearchResult, validation: CrossValidation | None, data: Me
     effects = tuple(effect for effect in effects if effect.is_frame or effect.search_key() in keys)
     if effects == loop.effects:
         return loop
-    free = (*loop.declared.model.free, *frames_first(effects))
-    final = refit(loop.final, free, data, loop.options) if effects else loop.declared
     steps = (*loop.steps, *selection.steps)
-    return dataclasses.replace(loop, effects=effects, final=final, selection=selection, steps=steps)
+    return _with_effects(dataclasses.replace(loop, selection=selection, steps=steps), effects, data)
 
 
 def _chosen_instead(findings: Sequence[Effect], validation: CrossValidation) -> tuple[Effect, ...]:

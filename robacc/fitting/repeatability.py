@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.fitting.whitening import BlockFactor, Scatter, Whitening, blocks_of, whitening
+from robacc.fitting.whitening import BlockFactor, Scatter, Whitening, block_columns, blocks_of, whitening
 from robacc.geometry import Array
 
 MOST_ROWS = 1200
@@ -160,8 +160,8 @@ class _Step:
         theta = covariance @ (flat @ residual.ravel())
         remainder = residual - np.tensordot(theta, design, axes=1)
         # W is symmetric on scaled values, so applying its transpose once more gives R^-1.
-        score = _transposed(white, remainder)
-        solved = np.moveaxis(_transposed(white, design), 0, 1)
+        score = white.apply_transposed(remainder)
+        solved = np.moveaxis(white.apply_transposed(design), 0, 1)
         sign, logdet = np.linalg.slogdet(matrix)
         logdet = float(logdet) - 2.0 * float(np.log(scale).sum()) if sign > 0 else 0.0
         determinant = -2.0 * float(np.log(white.weight).sum())
@@ -240,13 +240,6 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.pinv(matrix, hermitian=True), dtype=np.float64)
 
 
-def _transposed(white: Whitening, values: Array) -> Array:
-    """Apply the transpose of the map: blocks are symmetric, the weights come last."""
-    unit = Whitening(np.ones_like(white.weight), white.blocks)
-    result: Array = unit.apply(values) * white.weight
-    return result
-
-
 def _without_negligible(scatter: Scatter, size: Array) -> Scatter:
     """Return the scatter without joints whose effect at the target is negligible next to the largest."""
     at_target = np.maximum(scatter.visit_std, scatter.pose_std) * size
@@ -261,16 +254,15 @@ def _standard_errors(data: _Data, scatter: Scatter, noise: tuple[float, float]) 
     weight = _weight(data, noise)
     joints = data.columns.shape[1]
     information = np.zeros((joints + 1, joints + 1))
+    scaled = data.columns * weight[:, None, :]
     for rows in blocks_of(data.visits):
-        count, n = rows.shape
-        components = data.residual.shape[0]
-        scaled = data.columns * weight[:, None, :]
-        columns = np.moveaxis(scaled[:, :, rows], (2, 0, 3, 1), (0, 1, 2, 3)).reshape(count, components * n, joints)
-        covariance = np.eye(components * n) + (columns * np.square(scatter.visit_std)) @ np.swapaxes(columns, 1, 2)
+        columns = block_columns(scaled, rows)
+        count, size = columns.shape[:2]
+        covariance = np.eye(size) + (columns * np.square(scatter.visit_std)) @ np.swapaxes(columns, 1, 2)
         inverse = np.linalg.inv(covariance)
         cross = np.swapaxes(columns, 1, 2) @ inverse @ columns
         information[:joints, :joints] += 0.5 * np.sum(np.square(cross), axis=0)
-        squared = np.moveaxis(np.square(weight)[:, rows], 1, 0).reshape(count, 1, components * n)
+        squared = np.moveaxis(np.square(weight)[:, rows], 1, 0).reshape(count, 1, size)
         half = inverse * squared  # R^-1 D' with D' the derivative by the noise variance, in scaled units
         information[joints, joints] += 0.5 * float(np.einsum("vij,vji->", half, half))
         mixed = np.einsum("vaj,vab,vbj->j", columns, inverse @ (inverse * squared), columns)

@@ -129,11 +129,17 @@ def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     return [order[first[counts == n][:, None] + np.arange(n)].astype(np.int64) for n in np.unique(counts).tolist()]
 
 
+def block_columns(columns: Array, rows: NDArray[np.int64]) -> Array:
+    """Return the columns ``(M, J, N)`` of the rows of each block, all components under each other: ``(V, M n, J)``."""
+    count, n = rows.shape
+    components, joints = columns.shape[:2]
+    return np.moveaxis(columns[:, :, rows], (2, 0, 3, 1), (0, 1, 2, 3)).reshape(count, components * n, joints)
+
+
 def _covariance(scaled: Array, rows: NDArray[np.int64], scatter: Scatter, visits: NDArray[np.int64]) -> Array:
     """Return ``(V, M n, M n)`` scatter covariance of the scaled rows of each block."""
-    count, n = rows.shape
-    components, joints = scaled.shape[:2]
-    columns = np.moveaxis(scaled[:, :, rows], (2, 0, 3, 1), (0, 1, 2, 3)).reshape(count, components * n, joints)
+    columns = block_columns(scaled, rows)
+    components = scaled.shape[0]
     same = np.tile((visits[rows][:, :, None] == visits[rows][:, None, :]), (1, components, components))
     result = (columns * np.square(scatter.visit_std)) @ np.swapaxes(columns, 1, 2) * same
     if scatter.pose_std.any():

@@ -18,12 +18,11 @@ from robacc.effects.base import Term
 from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.linear_algebra import solved
 from robacc.fitting.normal_equations import NormalEquations
+from robacc.fitting.weak_parameters import BADLY_MADE
 from robacc.geometry import Array
 
 PSEUDO_CONSTANTS = 2.0
 """Weight of the usual size in the estimated standard deviation of a kind of constants, in constants."""
-_BADLY_MADE = 3.0
-"""That usual size, over the one of a good arm: 3 mm or 3 mrad, an arm made badly."""
 _FACTORS = tuple(np.exp(np.linspace(-1.2, 1.8, 7)).tolist())
 """Grid of the widths, over their estimates."""
 _MOST_KINDS = 3
@@ -73,14 +72,14 @@ class Priors:
             kind: Name of the kind.
             members: Numbers of the coefficients.
             usual: Usual size of such a constant, m or rad.
-            start: Standard deviation to start from, m or rad; three times the usual size if None.
+            start: Standard deviation to start from, m or rad; that of a badly made arm if None.
         """
         without_prior = [i for i in members if self.precision[i] == 0.0]
         if kind in self.groups or not without_prior:
             return
         self.groups[kind], self._usual[kind] = without_prior, usual
         self._weights[without_prior] = 1.0
-        self.group_stds[kind] = 3.0 * usual if start is None else start
+        self.group_stds[kind] = BADLY_MADE * usual if start is None else start
         self.precision[without_prior] = self.group_stds[kind] ** -2
 
     @property
@@ -107,7 +106,7 @@ class Priors:
             for (kind, usual), indices, factor in zip(self._usual.items(), members, factors, strict=True):
                 std = factor * self.group_stds[kind]
                 precision[indices] = prior[indices] / factor**2
-                log_prior -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * (_BADLY_MADE * usual / std) ** 2)
+                log_prior -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * (BADLY_MADE * usual / std) ** 2)
             log_weight = log_prior + _log_evidence(normal, precision, precision > 0.0)
             log_first = log_weight if log_first is None else log_first
             weight = float(np.exp(min(log_weight - log_first, _LARGEST_LOG)))
@@ -147,7 +146,7 @@ class Priors:
                 sum_of_squares = float(np.sum(np.square(theta[indices] / self._weights[members])))
                 if name in self._usual:
                     n_determined += PSEUDO_CONSTANTS
-                    sum_of_squares += PSEUDO_CONSTANTS * (_BADLY_MADE * self._usual[name]) ** 2
+                    sum_of_squares += PSEUDO_CONSTANTS * (BADLY_MADE * self._usual[name]) ** 2
                 group_std = float(np.sqrt(max(sum_of_squares / max(n_determined, 1e-3), 1e-18)))
                 self.group_stds[name] = group_std if name in self._usual else min(group_std, self._largest(members))
             if not noise_known:

@@ -92,6 +92,12 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
     )
 
 
+def significant_components(fit: Fit, data: Measurements) -> Components | None:
+    """Estimate as :func:`components_of`; None if the joints' scatter is not significant."""
+    components = components_of(fit, data)
+    return None if components is None or components.gain <= SIGNIFICANT else components
+
+
 def settle_scatter(
     fitted: Fit, data: Measurements, options: Options, refit: Callable[[Options], Fit]
 ) -> tuple[Options, Components | None]:
@@ -101,8 +107,8 @@ def settle_scatter(
     """
     components = None
     for _ in range(_ROUNDS):
-        estimated = components_of(fitted, data)
-        if estimated is None or estimated.gain <= SIGNIFICANT:
+        estimated = significant_components(fitted, data)
+        if estimated is None:
             return options, components
         components = estimated
         if is_same(options, components):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.fitting.fit_repeatability import SIGNIFICANT, components_of, is_same, with_scatter
+from robacc.fitting.fit_repeatability import is_same, significant_components, with_scatter
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
@@ -156,8 +156,8 @@ class _Search:
 
     def update_scatter(self, last: _Round) -> bool:
         """Estimate the joints' scatter beside the findings; return whether it changed, with the baseline refitted."""
-        components = components_of(last.fit, self.data)
-        if components is None or components.gain <= SIGNIFICANT:
+        components = significant_components(last.fit, self.data)
+        if components is None:
             return False
         self.components = components
         if is_same(self.options, components) or last.fit.theta.size > MANY_COEFFICIENTS:

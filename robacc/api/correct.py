@@ -158,7 +158,7 @@ def correct(
     check_range("payload", payload or 0.0, 0.0)
     arm, arm_record = load_robot(model, base_link, tip_link)
     fit = model_fit(arm)
-    controller, nominal_record, doubts = _nominal(nominal, arm)
+    controller, nominal_record, doubts = load_nominal(nominal, arm)
     check_same_joints(arm, controller)
     grades, scale_record = load_grade_scale(scale)
     data, record = load_poses(targets, controller, kind="targets", attained=False)
@@ -205,7 +205,7 @@ def _refuse_all(result: Corrected) -> None:
     raise InputError([replace(problems[0], fix=fix), *problems[1:]])
 
 
-def _nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
+def load_nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
     """Return the robot that the controller computes with, its record, and doubts about it."""
     if nominal is not None:
         robot, record = load_robot(nominal)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from robacc.api.correct import Corrected, _nominal, correct
+from robacc.api.correct import Corrected, correct, load_nominal
 from robacc.api.inputs import StrPath, load_robot
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
@@ -80,7 +80,7 @@ def correct_program(
         fix = "give the file that declares them"
         raise InputError(Problem("has no targets that can be corrected", program.file, fix=fix))
     arm, _ = load_robot(model)
-    controller = _nominal(nominal, arm)[0]
+    controller = load_nominal(nominal, arm)[0]
     flange_arm = dataclasses.replace(controller, tool=Frame(), targets={})
     values: list[Sequence[float] | None] = [None] * len(program.targets)
     unchanged: list[tuple[int, str, str]] = []

@@ -225,6 +225,18 @@ def check_call(parameters: Mapping[str, Any]) -> None:
     _check_outputs(parameters, inputs)
 
 
+def refuse_json_beside_csv(form: PlainFormat, output: str) -> None:
+    """Refuse a JSON document where the command's CSV would go to standard output too.
+
+    Raises:
+        UsageError: ``form`` is JSON and the CSV has no file.
+    """
+    from robacc.errors import UsageError
+
+    if form is PlainFormat.json and output == "-":
+        raise UsageError("--format json needs --output, the CSV that it describes")
+
+
 def _check_outputs(parameters: Mapping[str, Any], inputs: Sequence[str]) -> None:
     from robacc.errors import UsageError
     from robacc.io.files import target_of

@@ -94,7 +94,7 @@ def correct(
     import sys
 
     from robacc.api.correct import correct as run_correct
-    from robacc.cli.output import emit
+    from robacc.cli.output import emit, refuse_json_beside_csv
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.programs.reading import is_program
@@ -118,8 +118,7 @@ def correct(
         return
     if frames:
         raise UsageError("--frames belongs to a robot program")
-    if form is PlainFormat.json and output == "-":
-        raise UsageError("--format json needs --output, the CSV that it describes")
+    refuse_json_beside_csv(form, output)
     result = run_correct(
         targets,
         model=model,

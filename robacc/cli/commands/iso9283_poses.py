@@ -72,7 +72,7 @@ def iso9283_poses(
     """
     import sys
 
-    from robacc.errors import UsageError
+    from robacc.cli.output import refuse_json_beside_csv
     from robacc.io.files import write_text
     from robacc.iso_9283.proposal import planned_poses, propose
     from robacc.modelling.robot_file import read_robot
@@ -80,8 +80,7 @@ def iso9283_poses(
     from robacc.quantities import size
     from robacc.render.text.iso9283_poses import proposal_comments
 
-    if form is PlainFormat.json and output == "-":
-        raise UsageError("--format json needs --output, the CSV that it describes")
+    refuse_json_beside_csv(form, output)
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
     proposal = propose(
         arm,

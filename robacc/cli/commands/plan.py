@@ -163,10 +163,10 @@ def plan(
     Example: robacc plan robot.yaml --for calibrate --poses 30 --output plan.csv
     """
     from robacc.api.plan import plan as run_plan
+    from robacc.cli.output import refuse_json_beside_csv
     from robacc.errors import UsageError
 
-    if form is PlainFormat.json and output == "-":
-        raise UsageError("--format json needs --output, the CSV that it describes")
+    refuse_json_beside_csv(form, output)
     if (validation_output is None) != (validation == 0):
         raise UsageError("--validation N and --validation-output FILE belong together")
     result = run_plan(

@@ -108,10 +108,9 @@ def simulate(
     import sys
 
     from robacc.api.simulate import simulate as run_simulate
-    from robacc.errors import UsageError
+    from robacc.cli.output import emit, refuse_json_beside_csv
 
-    if form is PlainFormat.json and output == "-":
-        raise UsageError("--format json needs --output, the CSV that it describes")
+    refuse_json_beside_csv(form, output)
     result = run_simulate(
         robot,
         poses=poses,
@@ -142,8 +141,6 @@ def simulate(
         return
     result.write(output)
     if form is PlainFormat.json:
-        from robacc.cli.output import emit
-
         emit(form, "-", table=lambda stream: None, document=result.document)
 
 

@@ -19,13 +19,14 @@ from robacc.errors import InputError
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection, with_deflection
-from robacc.fitting.fit_repeatability import Repeatability, repeatability_of, settle_scatter
+from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
 from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import Correlation, FittedParameter, correlations, parameters
 from robacc.fitting.parsimony import without_idle_rotations
+from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal
 from robacc.fitting.warnings import (
@@ -121,13 +122,21 @@ def calibrate(
     progress("fitting", 0, n_folds + 1)
     effects = plan.effects(data)
     unshrunk, deflection = _unshrunk(plan, effects, data, options)
-    options, components = settle_scatter(
+    scattered_options, components = settle_scatter(
         unshrunk, data, options, lambda scattered: _unshrunk(plan, effects, data, scattered)[0]
     )
-    plan = dataclasses.replace(plan, options=options)
+    is_scatter = True
     if components is not None:
-        unshrunk, deflection = _unshrunk(plan, effects, data, options)
+        weighted = _unshrunk(plan, effects, data, scattered_options)
+        is_scatter = not contradicts_scatter(unshrunk, weighted[0], components, data)
+        if is_scatter:
+            options, (unshrunk, deflection) = scattered_options, weighted
+    plan = dataclasses.replace(plan, options=options)
     final_fit, shrunk = _shrunk(plan, unshrunk, data, options)
+    repeatability = None if components is None else repeatability_of(final_fit, components, data)
+    if components is not None and not is_scatter:
+        final_fit = with_scatter_covariance(final_fit, components, data)
+        repeatability = measured_alone(repeatability)
     effects = final_fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
@@ -139,7 +148,7 @@ def calibrate(
         effects=effects,
         fit=final_fit,
         noise=noise,
-        repeatability=None if components is None else repeatability_of(final_fit, components, data),
+        repeatability=repeatability,
         nominal_unregistered=comparison.nominal_unregistered,
         nominal=comparison.nominal,
         before=comparison.before,
@@ -152,7 +161,7 @@ def calibrate(
         identifiability=final_fit.identifiability,
         leverage=_leverage(final_fit, data),
         n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
-        warnings=_warnings(final_fit, data, comparison.after, noise),
+        warnings=(*_warnings(final_fit, data, comparison.after, noise), *([] if is_scatter else [NO_SCATTER])),
         residuals=comparison.residuals,
         holdout=comparison.holdout,
         partial_residuals=tuple(

@@ -68,6 +68,11 @@ def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Re
     )
 
 
+def measured_alone(repeatability: Repeatability | None) -> Repeatability | None:
+    """Return the repeatability that holds beside an error of the model: that of repeated visits, or None."""
+    return repeatability if repeatability is not None and repeatability.source == "repeated visits" else None
+
+
 def components_of(fit: Fit, data: Measurements) -> Components | None:
     """Estimate the joints' scatter and the noise from the residual of a fit; None if there are too few visits."""
     columns, precision = fit.identifiability.columns, fit.precision
@@ -85,7 +90,7 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
         fit.residual[:, rows],
         jacobian[:components],
         joint_columns(fit.model, part)[:components],
-        _known_variance(part, components),
+        known_variance(part, components),
         visits,
         poses,
         precision,
@@ -144,7 +149,8 @@ def _thinned(data: Measurements, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return chosen if chosen.size else rows[rank <= last]
 
 
-def _known_variance(data: Measurements, components: int) -> NDArray[np.float64]:
+def known_variance(data: Measurements, components: int) -> NDArray[np.float64]:
+    """Return ``(components, N)`` variance of the stated measurement uncertainty; zero where none is stated."""
     variance = np.zeros((components, data.n))
     if data.sigma_position is not None:
         variance[:3] = np.square(data.sigma_position)

@@ -13,6 +13,8 @@ from robacc.calibration import calibrate
 from robacc.effects.request import parse_requests
 from robacc.errors import InputError
 from robacc.fitting import gauss_newton
+from robacc.fitting.scatter_check import NO_SCATTER
+from robacc.fitting.solver import Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
@@ -78,3 +80,29 @@ def test_a_fit_that_does_not_converge_says_so_and_writes_no_model(
     assert result.document()["converged"] is False
     with pytest.raises(InputError, match="did not converge"):
         result.write_model(f"{tmp_path}/model.yaml")
+
+
+@pytest.mark.parametrize("has_sag", [False, True])
+def test_an_error_that_the_model_lacks_is_no_scatter(has_sag: bool) -> None:
+    """With scatter alone, its weights are used; beside a sag that is not fitted, the fit is that of equal weights."""
+    robot = three_targets()
+    data = scattered(robot, 60, 3)
+    if has_sag:
+        # The sag of the arm from joint 2 on, on a shelf that carries it at both ends of its way.
+        assert data.q is not None
+        sagging = data.q.copy()
+        sagging[1] += 6e-4 * np.cos(2 * data.q[1])
+        sag = predict(robot, dataclasses.replace(data, q=sagging)).translation - predict(robot, data).translation
+        data = dataclasses.replace(data, position=data.position + sag)
+    result = calibrate(robot, data, parse_requests("base_frame,joint_offset,link_geometry"), shrink=False, n_folds=0)
+    plain = fit(result.fit.model, data, Options())
+    rms = [float(np.sqrt(np.mean(np.sum(np.square(f.residual[:3]), axis=0)))) for f in (result.fit, plain)]
+    assert (NO_SCATTER in result.warnings) is has_sag
+    assert (result.repeatability is None) is has_sag
+    assert (rms[0] == pytest.approx(rms[1], rel=1e-3)) is has_sag
+    errors = [p.std for p in result.parameters]
+    plain_errors = np.sqrt(np.diag(plain.covariance))
+    if has_sag:
+        # Rows of an arrival share the error, so three targets tell less than three arrivals.
+        shares = [error / other for error, other in zip(errors, plain_errors, strict=True) if error is not None]
+        assert np.median(shares) > 1.2

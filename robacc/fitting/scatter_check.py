@@ -28,7 +28,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 
 NO_SCATTER = (
-    "the remaining error is systematic, not scatter of the joints: the model lacks an effect; `trace` searches for it"
+    "the remaining error is systematic, not scatter of the joints: the model lacks an effect; a trace searches for it"
 )
 """Warning where the scatter is contradicted."""
 MOST_DIFFERENT = 2.5

@@ -22,11 +22,12 @@ from robacc.modelling.model import Model, predict
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.confirmation import reproduced
 from robacc.tracing.cross_validation import CrossValidation
 from robacc.tracing.evidence import judge
 from robacc.tracing.loop import SEARCH, refit, search
 from robacc.tracing.rivals import RIVAL
-from robacc.tracing.trace import Trace, _reproduced, trace
+from robacc.tracing.trace import Trace, trace
 
 NOISE = 2e-5
 DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"
@@ -381,7 +382,7 @@ def test_what_fewer_than_half_of_the_folds_find_is_not_reported() -> None:
     residual = loop.final.residual
     for times, stays in ((2, False), (3, True)):
         held = CrossValidation(residual, residual, {effect.key(): residual}, {effect.key(): times}, 5)
-        assert bool(_reproduced(loop, held, data).effects) is stays
+        assert bool(reproduced(loop, held, data).effects) is stays
 
 
 def test_the_best_of_many_is_the_best_whether_or_not_the_others_are_weighed() -> None:
@@ -424,6 +425,6 @@ def test_what_the_other_findings_leave_no_need_of_is_not_reported() -> None:
     final = refit(loop.final, (*model.free, *both), data, SEARCH)
     residual = final.residual
     held = CrossValidation(residual, residual, {}, {effect.key(): 5 for effect in both}, 5)
-    kept = _reproduced(dataclasses.replace(loop, effects=both, final=final), held, data)
+    kept = reproduced(dataclasses.replace(loop, effects=both, final=final), held, data)
     assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
     assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[0]))]

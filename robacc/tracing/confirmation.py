@@ -1,0 +1,103 @@
+"""Findings that held-out poses confirm: those that recur in the folds and lower the error of held-out poses."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from robacc.effects.base import Effect
+from robacc.measurements import Measurements
+from robacc.tracing.cross_validation import LEAST_GAIN, CrossValidation, gain_score, reduced
+from robacc.tracing.loop import SearchResult, frames_first, refit
+
+
+def reproduced(loop: SearchResult, validation: CrossValidation | None, data: Measurements) -> SearchResult:
+    """Return the search without findings that recur in fewer than half of the folds.
+
+    Such findings are accidental, or would increase the error of other poses. In their place come effects that at least
+    half of the folds chose instead. Findings that are superfluous among the others go too.
+    """
+    effects, selection = loop.effects, dataclasses.replace(loop.selection, steps=[])
+    if validation is not None and validation.folds:
+        recurring = tuple(effect for effect in effects if 2 * validation.chosen[effect.key()] >= validation.folds)
+        if recurring != effects:
+            effects = (*recurring, *_chosen_instead(loop.effects, validation))
+            start = [effect for effect in effects if not effect.is_frame]
+            selection = loop.final_candidates.selection(np.ones(data.n, dtype=bool), start)
+    selection.chosen = list(selection.chosen)
+    selection.prune()
+    keys = {choice.candidate.effect.search_key() for choice in selection.chosen}
+    effects = tuple(effect for effect in effects if effect.is_frame or effect.search_key() in keys)
+    if effects == loop.effects:
+        return loop
+    steps = (*loop.steps, *selection.steps)
+    return _with_effects(dataclasses.replace(loop, selection=selection, steps=steps), effects, data)
+
+
+def _chosen_instead(findings: Sequence[Effect], validation: CrossValidation) -> tuple[Effect, ...]:
+    """Return the effects that at least half of the folds chose and that are none of the findings."""
+    count: dict[tuple[object, ...], int] = {}
+    first: dict[tuple[object, ...], Effect] = {}
+    for effects in validation.all_effects:
+        for effect in sorted(effects, key=str):
+            if not any(finding.is_same_finding(effect) for finding in findings):
+                count[effect.search_key()] = count.get(effect.search_key(), 0) + 1
+                first.setdefault(effect.search_key(), effect)
+    return tuple(first[key] for key, folds in count.items() if 2 * folds >= validation.folds)
+
+
+def with_held_out_gain(
+    loop: SearchResult,
+    validation: CrossValidation | None,
+    data: Measurements,
+    holdout: Measurements | None,
+    n_folds: int,
+    seed: int,
+) -> tuple[SearchResult, CrossValidation | None, tuple[str, ...]]:
+    """Withdraw findings that do not lower the error of held-out poses by more than its uncertainty.
+
+    The weakest goes first and the others are tested again; at the end all findings together must have a gain. Return
+    the remaining search, its cross-validation, and the withdrawn findings as text.
+    """
+    withdrawn: list[str] = []
+    judged = data if holdout is None else holdout
+    while validation is not None and loop.effects:
+        weight = loop.final.weight if holdout is None else None
+        scores = {
+            effect: gain_score(validation.without[effect.key()], validation.after, judged, weight)
+            for effect in loop.effects
+            if effect.key() in validation.without
+        }
+        weakest = min(scores, key=lambda effect: scores[effect], default=None)
+        if weakest is not None and scores[weakest] < LEAST_GAIN:
+            effects: tuple[Effect, ...] = tuple(effect for effect in loop.effects if effect != weakest)
+            withdrawn.append(str(weakest))
+        elif gain_score(validation.before, validation.after, judged, weight) < LEAST_GAIN:
+            effects = ()
+            withdrawn.extend(str(effect) for effect in loop.effects)
+        else:
+            break
+        remaining_search = _with_effects(loop, effects, data)
+        validation = reduced(validation, loop, remaining_search, data, holdout, n_folds, seed)
+        loop = remaining_search
+    return loop, validation, tuple(withdrawn)
+
+
+def _with_effects(loop: SearchResult, effects: tuple[Effect, ...], data: Measurements) -> SearchResult:
+    """Return the search with only ``effects`` of its findings, fitted together."""
+    keys = {effect.search_key() for effect in effects}
+    chosen = [choice for choice in loop.selection.chosen if choice.candidate.effect.search_key() in keys]
+    selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
+    free = (*loop.declared.model.free, *frames_first(effects))
+    final = refit(loop.final, free, data, loop.options) if effects else loop.declared
+    return dataclasses.replace(loop, effects=effects, final=final, selection=selection)
+
+
+def withdrawn_warning(withdrawn: Sequence[str]) -> tuple[str, ...]:
+    """Return a warning that lists the withdrawn findings, if there are any."""
+    if not withdrawn:
+        return ()
+    names = ", ".join(withdrawn)
+    return (f"withdrawn, because the error of held-out poses is not lower with the effect than without: {names}",)

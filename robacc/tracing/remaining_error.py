@@ -1,0 +1,124 @@
+"""Error that remains after the findings of a trace, and hints on its cause."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.diagnostics.residual_correlation import residual_correlations
+from robacc.fitting.fit_repeatability import Repeatability
+from robacc.fitting.noise import LackOfFit
+from robacc.fitting.outlier_pattern import outlier_pattern
+from robacc.fitting.solver import Fit
+from robacc.measurements import Measurements
+from robacc.tracing.candidate_scorer import Ranked
+from robacc.tracing.loop import SearchResult
+from robacc.tracing.selection import FALSE_ALARM
+
+_OF_EVERY_ARM = ("joint_offset", "link_geometry")
+"""Effects by which every nominal model deviates."""
+_MOST_REPEATABILITY = 1e-4
+"""Largest plausible repeatability at the target, m (data sheets: 0.02 to 0.1 mm)."""
+_MOST_PRESUMED = 1.2e-4
+"""Remaining error, m rms, up to which noise that nothing confirms may be presumed: a laser tracker at some metres
+(0.03 to 0.05 mm along each axis) and a data sheet's repeatability together."""
+_SMALL_POSE_ERROR = 1e-5
+"""Error common to all visits of a pose that no instrument resolves, m."""
+_MANY_OUTLIERS = 0.05
+"""Share of the rows from which outliers are not accidental."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """Remaining error after the findings."""
+
+    rms: float
+    """Root mean square of the fitted residual's length, m."""
+    noise_rms: float | None
+    """Root mean square of the measurement noise's length, m; None if neither file nor repeats give it."""
+    structured: bool
+    """Whether the error has a structure; each structure has a hint."""
+    p_value: float
+    hints: tuple[str, ...]
+
+
+def _scatter_hints(repeatability: Repeatability | None) -> Iterator[str]:
+    """Yield hints on scatter of the joints that is too large, or too repeatable, for repeatability."""
+    if repeatability is None:
+        return
+    if repeatability.source == "residual" and repeatability.position > _MOST_REPEATABILITY:
+        yield (
+            f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
+            "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
+            "measure some poses repeatedly to distinguish these"
+        )
+    if repeatability.pose_position > max(repeatability.position, _SMALL_POSE_ERROR):
+        yield (
+            f"all visits of a pose share an error of {1e3 * repeatability.pose_position:.3g} mm rms that no candidate "
+            "explains"
+        )
+
+
+def _candidate_hints(loop: SearchResult, best: Ranked) -> Iterator[str]:
+    """Yield hints on a candidate that the remaining error follows significantly."""
+    yield f"the remaining error follows {best.candidate.effect}, which does not explain it"
+    absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in loop.declared.model.free)]
+    if absent:
+        yield (
+            f"every arm deviates in {' and '.join(absent)} too, which were not declared: "
+            f"`declared={','.join(absent)}` beside the declared effects may explain it"
+        )
+
+
+def _outlier_hints(final: Fit, data: Measurements) -> Iterator[str]:
+    """Yield hints on outliers that are not accidental."""
+    pattern = outlier_pattern(data, ~final.inliers, final.model.arm.names)
+    if pattern is not None:
+        yield pattern.text
+    share = final.outliers.size / data.n
+    if share > _MANY_OUTLIERS:
+        yield f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance"
+
+
+def _size_hints(loop: SearchResult, noise: LackOfFit, repeatability: Repeatability | None, rms: float) -> Iterator[str]:
+    """Yield a hint if findings leave more than usual noise and nothing confirms that it is noise."""
+    unconfirmed = noise.p_value is None and (repeatability is None or repeatability.source == "residual")
+    if unconfirmed and loop.effects and rms > _MOST_PRESUMED:
+        yield (
+            f"the remaining error, {1e3 * rms:.3g} mm rms, is more than usual instrument noise and repeatability; "
+            "neither sigma columns nor repeated poses confirm it, so part of it may have a cause outside the model"
+        )
+
+
+def remaining_error(
+    loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements, repeatability: Repeatability | None
+) -> Unexplained:
+    """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
+    best = next(iter(loop.selection.rank(with_blocks=True)), None)
+    best_p_value = 1.0 if best is None else best.p_value
+    p_values = [best_p_value]
+    hints = list(_candidate_hints(loop, best)) if best is not None and best_p_value <= FALSE_ALARM else []
+    for correlation in residual_correlations(final, data):
+        p_values.append(correlation.p_value)
+        hints.append(correlation.text)
+    residual = final.residual[:3, final.inliers]
+    rms = float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
+    hints.extend(_scatter_hints(repeatability))
+    hints.extend(_outlier_hints(final, data))
+    hints.extend(_size_hints(loop, noise, repeatability, rms))
+    if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
+        p_values.append(noise.p_value)
+        source = "repeats" if noise.noise.source == "repeats" else "the file"
+        hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
+        if best is not None and best_p_value > FALSE_ALARM:
+            hints.append("nothing that was tried depends on it: repeatability, or an effect outside the catalogue")
+    return Unexplained(
+        rms=rms,
+        noise_rms=None if noise.p_value is None else math.sqrt(3) * noise.noise.position,
+        structured=bool(hints),
+        p_value=min(p_values),
+        hints=tuple(hints),
+    )

@@ -10,7 +10,6 @@ import numpy as np
 
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
-from robacc.chain import BLOCK
 from robacc.diagnostics.data_mistakes import refuse_mistake
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect, effect_class
@@ -20,8 +19,8 @@ from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
-from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.identifiability import Identifiability
+from robacc.fitting.leverage import high_leverage
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import Correlation, FittedParameter, correlations, parameters
@@ -50,8 +49,6 @@ _CONSTANTS = ("joint_offset", "link_geometry")
 """Effects whose coefficients all have a nominal value in the robot file."""
 _OVERFIT_RATIO = 1.5
 """Ratio of the held-out RMS error to the fitted RMS error above which a warning is given."""
-_HIGH_LEVERAGE = 0.5
-"""Share of a row in its own prediction above which the row is reported."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +106,8 @@ def calibrate(
 
     A per-joint effect that is requested without joints is fitted on the joints where the evidence supports it, as in
     `trace`; with joints in brackets, it is fitted on exactly those. ``priors`` are standard deviations about zero by
-    coefficient name, in SI units (:func:`tolerance_priors`). Without them, ``shrink`` applies shrinkage to nominal to
-    constants of the arm that are requested without joints (:mod:`robacc.fitting.sparse_prior`).
+    coefficient name, in SI units (as :mod:`robacc.fitting.tolerances` gives them). Without them, ``shrink`` applies
+    shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.sparse_prior`).
 
     Raises:
         InputError: The data contain a mistake, or there are too few poses.
@@ -159,7 +156,7 @@ def calibrate(
         deflection=deflection,
         correlations=correlations(final_fit),
         identifiability=final_fit.identifiability,
-        leverage=_leverage(final_fit, data),
+        leverage=high_leverage(final_fit, data),
         n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
         warnings=(*_warnings(final_fit, data, comparison.after, noise), *([] if is_scatter else [NO_SCATTER])),
         residuals=comparison.residuals,
@@ -171,17 +168,6 @@ def calibrate(
             for curve in partial_residuals(effect, final_fit, data)
         ),
     )
-
-
-def tolerance_priors(robot: Robot) -> dict[str, float]:
-    """Return the robot file's tolerances as prior standard deviations, by coefficient name."""
-    priors = {}
-    for joint in robot.joints:
-        for label, deviation in joint.tolerance.items():
-            is_offset = label == joint.offset_parameter
-            name = f"joint_offset.{joint.name}" if is_offset else f"link_geometry.{joint.name}.{label}"
-            priors[name] = deviation
-    return priors
 
 
 @dataclass(frozen=True)
@@ -289,22 +275,6 @@ def _hold_out(
         # The poses outside a fold are too few for the fitted coefficients.
         return None
     return before, after
-
-
-def _leverage(final_fit: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
-    """Return the rows with high leverage: index and mean diagonal of the hat matrix over the components."""
-    identifiable = final_fit.identifiability.columns
-    if identifiable.size == 0:
-        return ()
-    inverse = posterior(final_fit.gram, final_fit.precision)
-    share = np.empty(data.n)
-    for start in range(0, data.n, BLOCK):
-        block = slice(start, start + BLOCK)
-        _, jacobian = final_fit.model.bind(data.subset(block)).linearise(final_fit.theta, identifiable)
-        columns = jacobian[: final_fit.residual.shape[0]] * final_fit.weight[:, None, block]
-        share[block] = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / final_fit.residual.shape[0]
-    high = np.flatnonzero((share > _HIGH_LEVERAGE) & final_fit.inliers)
-    return tuple((int(row), float(share[row])) for row in high[np.argsort(-share[high])])
 
 
 def _warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:

@@ -10,11 +10,12 @@ from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_
 from robacc.api.inputs import StrPath, fitted_pose_warnings, path_of
 from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
-from robacc.calibration import Calibration, tolerance_priors
+from robacc.calibration import Calibration
 from robacc.calibration import calibrate as fit_effects
 from robacc.effects.request import parse_requests
 from robacc.errors import UsageError
 from robacc.fitting.solver import Options
+from robacc.fitting.tolerances import tolerance_priors
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 
@@ -44,7 +45,7 @@ class Calibrated(FitResult, Calibration):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.fit import calibration_payload
+        from robacc.documents.calibrate import calibration_payload
 
         inputs = self.fit_inputs
         return calibration_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)

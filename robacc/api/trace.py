@@ -45,7 +45,7 @@ class Traced(FitResult, Trace):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.fit import baseline_payload, trace_payload
+        from robacc.documents.trace import baseline_payload, trace_payload
 
         inputs = self.fit_inputs
         document = trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.calibration import tolerance_priors
 from robacc.effects.base import Term
 from robacc.effects.specification import every_column
 from robacc.fitting.identifiability import Dropped, identify
 from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.tolerances import tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.weak_parameters import BADLY_MADE, WEAK
 from robacc.fitting.whitening import Scatter, whitening

@@ -16,7 +16,8 @@ from scipy import stats
 import robacc.calibration
 import robacc.fitting.deflection_model
 from robacc.calibration import Calibration, calibrate
-from robacc.documents.fit import calibration_payload, trace_payload
+from robacc.documents.calibrate import calibration_payload
+from robacc.documents.trace import trace_payload
 from robacc.effects.base import REGISTRY
 from robacc.effects.baseline import Baseline
 from robacc.effects.request import build, parse_requests

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.fit import trace_payload
+from robacc.documents.trace import trace_payload
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit

@@ -1,0 +1,163 @@
+"""The document of `robacc trace`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robacc.documents.fit import (
+    deflection_document,
+    finite,
+    gain_document,
+    noise_document,
+    pose_keys,
+    priors_document,
+    repeatability_document,
+    stage_documents,
+)
+from robacc.documents.poses import curve_document
+from robacc.documents.statistics import parameters_document
+from robacc.effects.baseline import Baseline
+from robacc.measurements import Measurements
+from robacc.robots.description import Robot
+from robacc.tracing.candidate_scorer import Ranked
+from robacc.tracing.findings import Finding
+from robacc.tracing.trace import Trace
+
+
+def trace_payload(
+    trace: Trace, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
+) -> dict[str, Any]:
+    """Return the keys of ``robacc.trace/2``.
+
+    Args:
+        trace: The result.
+        data: Calibration poses.
+        robot: The nominal model.
+        apart: Held-out poses, where they come from a file of their own.
+        seed: Seed of the resampling behind intervals.
+    """
+    return {
+        "n_poses": data.n,
+        "verdict": trace.verdict,
+        "assumption": trace.assumption,
+        "noise": noise_document(trace.noise),
+        **stage_documents(trace, trace.final, data, apart, seed),
+        "gain_m": gain_document(trace.gain),
+        "n_folds": trace.n_folds,
+        "findings": [_finding(finding) for finding in trace.findings],
+        "deflection": deflection_document(trace.deflection),
+        "priors": priors_document(trace.final),
+        "converged": trace.final.converged,
+        "repeatability": repeatability_document(trace.repeatability),
+        "explained_share": trace.explained_share,
+        "unexplained": {
+            "rms_m": trace.unexplained.rms,
+            "noise_rms_m": trace.unexplained.noise_rms,
+            "structured": trace.unexplained.structured,
+            "p_value": trace.unexplained.p_value,
+            "hints": list(trace.unexplained.hints),
+        },
+        "parameters": parameters_document(trace.parameters),
+        "candidates": [
+            {
+                "step": i,
+                "action": step.action,
+                "effect": step.chosen,
+                "ranking": [_ranked(candidate) for candidate in step.ranking],
+            }
+            for i, step in enumerate(trace.steps)
+        ],
+        "next_poses": [
+            {"text": advice.text, "q": [list(q) for q in advice.q], "difference_m": list(advice.difference)}
+            for advice in trace.next_poses
+        ],
+        "not_offered": [{"effect": name, "why": why} for name, why in trace.missing.items()],
+        "detection_limits": [
+            {
+                "effect": limit.effect,
+                "joints": list(limit.joints),
+                "settings": limit.settings,
+                "limit": limit.limit,
+                "unit": limit.unit,
+                "rms_m": limit.rms,
+            }
+            for limit in trace.detection
+        ],
+        "outliers": [{"line": data.line(int(i))} for i in trace.final.outliers],
+        "warnings": list(trace.warnings),
+        **pose_keys(trace, trace.final, data, robot, apart),
+    }
+
+
+def baseline_payload(baseline: Baseline) -> dict[str, Any]:
+    """Return the key ``declared``."""
+    return {
+        "effects": list(baseline.names),
+        "by_default": baseline.by_default,
+        "left_out": [{"effect": name, "why": why} for name, why in baseline.left_out],
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "effect": finding.effect,
+        "joints": list(finding.joints),
+        "settings": finding.settings,
+        "alternatives": [
+            {
+                "effect": rival.effect,
+                "joints": list(rival.joints),
+                "similarity": rival.similarity,
+                "evidence_difference": rival.evidence_difference,
+                "settings": rival.settings,
+                "within_uncertainty": rival.within_uncertainty,
+            }
+            for rival in finding.alternatives
+        ],
+        "p_value": finite(finding.p_value),
+        "evidence": finite(finding.evidence),
+        "size_at_tool_m": finding.size_at_tool,
+        "largest_at_tool_m": finding.largest_at_tool,
+        "held_out_before_m": finding.held_out_before,
+        "held_out_after_m": finding.held_out_after,
+        "stability": {"folds": finding.stability[0], "of": finding.stability[1]},
+        "parameters": parameters_document(finding.parameters),
+        "harmonics": [
+            {
+                "order": harmonic.order,
+                "amplitude_rad": harmonic.amplitude,
+                "amplitude_std_rad": harmonic.amplitude_std,
+                "phase_rad": harmonic.phase,
+                "phase_std_rad": harmonic.phase_std,
+                "origin": harmonic.origin,
+                "aliases": list(harmonic.aliases),
+            }
+            for harmonic in finding.harmonics
+        ],
+        "statement": finding.statement,
+        "change": _change(finding),
+        "validity": {name: [low, high] for name, low, high in finding.validity},
+        "partial_residuals": [curve_document(curve) for curve in finding.partial_residuals],
+        "implausible": finding.implausible,
+        "warnings": list(finding.warnings),
+    }
+
+
+def _change(finding: Finding) -> dict[str, Any] | None:
+    if finding.change is None:
+        return None
+    place, low, high = finding.change
+    return {"at": place, "low": low, "high": high, "unit": "s" if "from_time_s" in finding.settings else "line"}
+
+
+def _ranked(candidate: Ranked) -> dict[str, Any]:
+    effect = candidate.candidate.effect
+    return {
+        "effect": effect.name,
+        "joints": list(effect.joints),
+        "settings": effect.settings(),
+        "evidence": candidate.evidence,
+        "log_prior": candidate.log_prior,
+        "p_value": candidate.p_value,
+        "explained": candidate.gain,
+    }

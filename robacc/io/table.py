@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
 from robacc.io.dialect import PLAIN, TableDialect, find_dialect
+from robacc.io.growing_columns import GrowingColumns
+from robacc.io.header_row import MAX_COLUMNS, header_names
 from robacc.io.lines import Block, LineReader
 from robacc.io.problem_log import ProblemLog, clip
 
-MAX_COLUMNS = 2000
 _GAPS = frozenset(
     {"", "-", "--", "---", "----", "nan", "-nan", "inf", "-inf", "+inf", "n/a", "#n/a", "na", "null", "none"}
 )
@@ -111,7 +112,7 @@ class TableReader:
                 if not PLAIN.is_row(line):
                     continue
                 number = block.first + i
-                self._names = _header_names(line, number, self.file)
+                self._names = header_names(line, number, self.file)
                 self._pending = Block(block.lines[i + 1 :], number + 1)
                 return Header(self._names, number)
         raise InputError(
@@ -140,7 +141,7 @@ class TableReader:
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
-        store = _GrowingColumns(len(numbers))
+        store = GrowingColumns(len(numbers))
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
         columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
         for block in self._remaining():
@@ -280,62 +281,3 @@ class TableReader:
         elif len(field) > MAX_TEXT:
             self.log.add(f"the text has {len(field)} characters, expected at most {MAX_TEXT}", line, column)
         return field[:MAX_TEXT]
-
-
-class _GrowingColumns:
-    """``(C, N)`` numbers in one array, where N is known only at the end of the file.
-
-    The array grows to the size that the share of the file read so far suggests. Pages that are never written cost
-    nothing, while joining parts at the end would touch all of the memory twice.
-    """
-
-    def __init__(self, n_columns: int) -> None:
-        self._numbers = np.empty((n_columns, 0))
-        self._size = 0
-
-    def append(self, part: Array, share: float) -> None:
-        """Add rows; ``share`` is the share of the file (0 to 1) read so far."""
-        end = self._size + part.shape[1]
-        if end > self._numbers.shape[1]:
-            larger = np.empty((len(part), max(int(end / share * 1.02), end)))
-            larger[:, : self._size] = self._numbers[:, : self._size]
-            self._numbers = larger
-        self._numbers[:, self._size : end] = part
-        self._size = end
-
-    def columns(self) -> Array:
-        """Return the numbers; each column is contiguous."""
-        return self._numbers[:, : self._size]
-
-
-def _header_names(line: str, number: int, file: str) -> tuple[str, ...]:
-    """Return the names of the header row.
-
-    Raises:
-        InputError: The line is not a header row.
-    """
-
-    def error_of(message: str, fix: str) -> InputError:
-        return InputError(Problem(message, file, number, fix=fix))
-
-    if line.count(",") >= MAX_COLUMNS:
-        raise error_of(f"found {line.count(',') + 1} columns", f"expected at most {MAX_COLUMNS}")
-    try:
-        names = tuple(PLAIN.split(line))
-    except csv.Error as error:
-        raise error_of(f"the header row cannot be read ({error})", "close every quote on its line") from error
-    for separator, separator_name in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
-        if line.strip().count(separator) >= len(names) and (separator != " " or len(names) == 1):
-            message = f"the columns are separated by {separator_name}, expected commas"
-            raise error_of(message, "export the file with commas, and with a point in decimals")
-    if all(_is_number(name) for name in names):
-        raise error_of("found numbers, expected a header row", "begin the file with the columns' names")
-    return names
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

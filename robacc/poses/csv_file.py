@@ -17,7 +17,6 @@ from robacc.io.open_table import Table, open_table
 from robacc.io.problem_log import ProblemLog
 from robacc.io.table import TableBody, TableOptions
 from robacc.measurements import Measurements
-from robacc.poses.checks import COMMANDED_AXES, Limits, RowChecks, UnitChecks, Values
 from robacc.poses.columns import (
     AXES,
     CIRCUMSTANCES,
@@ -37,7 +36,10 @@ from robacc.poses.motion import check_visits, motion_of
 from robacc.poses.orientation import AngleChoice, OrientationAt, rotations
 from robacc.poses.plausibility import lengths_too_large
 from robacc.poses.reading import reading_of
+from robacc.poses.row_checks import RowChecks
 from robacc.poses.timestamps import read_times
+from robacc.poses.unit_checks import UnitChecks
+from robacc.poses.values import COMMANDED_AXES, Limits, Values
 
 _BLOCK = 4096
 """Rows written at a time."""

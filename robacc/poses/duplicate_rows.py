@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from robacc.errors import Counted
-from robacc.poses.checks import Values
+from robacc.poses.values import Values
 
 
 def duplicate_row_warnings(values: Values, file: str, counted: Counted) -> list[str]:

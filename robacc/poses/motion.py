@@ -12,8 +12,8 @@ from robacc.errors import Counted
 from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog, clip
 from robacc.measurements import commanded_groups, motion_between_rows
-from robacc.poses.checks import COMMANDED_AXES, Values
 from robacc.poses.layout import listing
+from robacc.poses.values import COMMANDED_AXES, Values
 
 _SAME_VISIT = 1e-3
 """rad or m; largest difference between the commands of the rows of a visit, from joints that were read back."""

@@ -9,9 +9,9 @@ import numpy as np
 from robacc.geometry import Array, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.problem_log import ProblemLog
 from robacc.poses.angles import CONVENTIONS, AngleTrial, try_conventions
-from robacc.poses.checks import Values
 from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY
 from robacc.poses.reading import Reading
+from robacc.poses.values import Values
 
 OrientationAt = Callable[[Array], Array]
 """Nominal orientations ``(3, 3, N)`` of the robot at joint variables ``(J, N)``."""

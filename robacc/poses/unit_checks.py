@@ -1,0 +1,153 @@
+"""Checks of the units of columns without a unit in their names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robacc.geometry import Array
+from robacc.io.problem_log import ProblemLog
+from robacc.poses.columns import AXES, SIGMAS
+from robacc.poses.foreign_columns import compact
+from robacc.poses.layout import listing
+from robacc.poses.plausibility import (
+    angle_beyond_turn,
+    degrees_likely,
+    doubtful_sigma,
+    lengths_too_large,
+    outside_limits,
+    thousandfold,
+)
+from robacc.poses.values import COMMANDED_AXES, Limits, Values
+
+
+class UnitChecks:
+    """Checks of columns without a unit in their names; problems go to the log, doubts to :attr:`warnings`."""
+
+    def __init__(self, values: Values, log: ProblemLog, line: int | None) -> None:
+        """Check ``values``, in which every number could be read; ``line`` is the header's line."""
+        self.values = values
+        self.log = log
+        self.line = line
+        self.warnings: list[str] = []
+
+    def run(self, limits: Limits | None) -> frozenset[str]:
+        """Run every check and return the joints whose unit is wrong."""
+        if self.values.lines.size == 0:
+            return frozenset()
+        layout = self.values.layout
+        if layout.without_unit:
+            return self._ask_units()
+        wrong_joints = self._joints(limits)
+        too_large = [keys for keys in (AXES, COMMANDED_AXES) if self._lengths(keys)]
+        if not too_large:
+            self._scales()
+        for keys in (layout.orientation, layout.commanded_orientation):
+            if keys is not None and len(keys) == 3:
+                self._angles(keys)
+        for keys in (SIGMAS, ("sigma_r",)):
+            self._sigma(keys)
+        return wrong_joints
+
+    def _ask_units(self) -> frozenset[str]:
+        """Report the columns of an export that need a unit, with what their values suggest; return their joints."""
+        columns = self.values.layout.without_unit
+        sizes = {}
+        for kind, quantity in (("length", "lengths"), ("angle", "angles"), ("joint", "joint variables")):
+            values = [self.values.column(column.key) for column in columns if column.kind == kind]
+            largest = max((float(np.max(np.abs(value))) for value in values if value is not None), default=None)
+            if largest is not None:
+                sizes[quantity] = f"{quantity} up to {largest:.4g}"
+        self.log.add(
+            f"these columns state no unit ({', '.join(sizes.values())})",
+            self.line,
+            compact([column.name for column in columns]),
+            "give `units`, for example mm,deg or m,rad",
+        )
+        return frozenset(self.values.layout.joints())
+
+    def _refuse(self, keys: Sequence[str], message: str, unit: str, likely_unit: str) -> None:
+        columns = [self.values.layout.columns[key] for key in keys]
+        names = [column.name for column in columns]
+        new_names = listing([f"{name}_{likely_unit}" for name in names])
+        fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
+        self.log.add(message, self.line, listing(names), fix)
+
+    def _bare(self, keys: Sequence[str]) -> Array | None:
+        """Return a set of columns without units in their names; None for any other set."""
+        group = self.values.layout.group(keys)
+        if group is None or any(column.unit is not None for column in group):
+            return None
+        return self.values.column_set(keys)
+
+    def _joints(self, limits: Limits | None) -> frozenset[str]:
+        degrees: list[str] = []
+        millimetres: list[str] = []
+        largest = 0.0
+        for i, key in enumerate(self.values.layout.joints()):
+            q = self._bare((key,))
+            if q is None:
+                continue
+            limit = limits[i] if limits is not None and i < len(limits) else None
+            if self.values.layout.columns[key].kind == "length":
+                if np.max(np.abs(q)) > 50.0 and (limit is None or outside_limits(q[0], limit).any()):
+                    millimetres.append(key)
+            elif degrees_likely(q[0], limit):
+                degrees.append(key)
+                largest = max(largest, float(np.max(np.abs(q))))
+        if degrees:
+            self._refuse(degrees, f"found joint angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
+        if millimetres:
+            self._refuse(millimetres, "found joint travels of more than 50, which cannot be m", "m", "mm")
+        if not degrees:
+            return frozenset(millimetres)
+        # One joint in degrees means all of them: limit checks of those that turned little would repeat the problem.
+        columns = self.values.layout.columns
+        return frozenset(
+            key
+            for key in self.values.layout.joints()
+            if key in millimetres or (key in columns and columns[key].kind != "length" and columns[key].unit is None)
+        )
+
+    def _lengths(self, keys: Sequence[str]) -> bool:
+        position = self._bare(keys)
+        if position is None or not lengths_too_large(position):
+            return False
+        largest = float(np.max(np.abs(position)))
+        self._refuse(keys, f"found positions up to {largest:.4g}, which cannot be m", "m", "mm")
+        return True
+
+    def _scales(self) -> None:
+        """Report attained and commanded positions of which one is in mm."""
+        attained, commanded = self.values.column_set(AXES), self.values.column_set(COMMANDED_AXES)
+        if attained is None or commanded is None or attained.shape[1] < 2:
+            return
+        ratio = thousandfold(attained, commanded)
+        if ratio is None:
+            return
+        names = [self.values.layout.columns[key].name for key in (*AXES, *COMMANDED_AXES)]
+        message = f"attained positions spread {ratio:.3g} times as far as commanded ones, so one of the two is in mm"
+        self.log.add(
+            message, self.line, ", ".join(names), "put the unit in the columns' names, for example x_mm and cmd_x_m"
+        )
+
+    def _angles(self, keys: Sequence[str]) -> None:
+        angles = self._bare(keys)
+        if angles is not None and angle_beyond_turn(angles):
+            largest = float(np.max(np.abs(angles)))
+            self._refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
+
+    def _sigma(self, keys: Sequence[str]) -> None:
+        sigma = self._bare(keys)
+        if sigma is None:
+            return
+        kind = self.values.layout.columns[keys[0]].kind
+        unit, likely_unit = ("m", "mm") if kind == "length" else ("rad", "deg")
+        impossible, doubtful = doubtful_sigma(sigma, kind)
+        message = f"found a typical measuring uncertainty of {float(np.median(sigma)):.3g} {unit}"
+        if impossible:
+            self._refuse(keys, f"{message}, which no instrument has", unit, likely_unit)
+        elif doubtful:
+            names = listing([f"{key}_{likely_unit}" for key in keys])
+            self.warnings.append(f"{self.log.at(self.line)}: {message}; if it is in {likely_unit}, name it {names}")

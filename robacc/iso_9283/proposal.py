@@ -19,10 +19,11 @@ import numpy as np
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.iso_9283.cube import FROM_CORNER, PLANES, PREFERRED_EDGES, Plane, corners, five_points
+from robacc.iso_9283.cube_centres import reachable_centres
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, spread_configurations
+from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
 
 Orientation = Literal["down", "forward", "own", "free"]
 ORIENTATIONS: tuple[Orientation, ...] = ("down", "forward", "own", "free")
@@ -32,21 +33,8 @@ _ORIENTATION_TEXT: dict[Orientation, str] = {
     "own": "the tool's orientation constant, as the arm reaches the cube's centre",
     "free": "the tool's orientation different at each pose",
 }
-_SAMPLES = 2048
-_RADII, _HEIGHTS = 12, 16
-"""Grid of places in front of the arm that are tried as the cube's centre."""
-_CENTRE_BATCH = 24
-"""Number of centres whose corners are solved together, the most used place first."""
-_MAX_CENTRES = 4
-"""Number of centres with all corners in reach whose orientations are tried."""
-_GRID = 0.01
-"""Step of the centres' coordinates (a tenth of the edge for small cubes), m."""
-_AXIS_ANGLE = math.radians(30.0)
-"""A front direction closer to an axis of the base than this is set to that axis."""
 _DECIMALS = 11
 """Decimals of joint variables, which limit how exactly the poses are met."""
-_COLUMN_CLEARANCE = 0.1
-"""Clearance between cube and first joint's axis, as a fraction of the reach."""
 _LIMIT_CLEARANCE = 0.01
 """Clearance between a joint and its limits, as a fraction of its range."""
 _STARTS = 8
@@ -112,7 +100,7 @@ def propose(
     for orientations in (("down", "forward", "own"), ("free",)) if orientation is None else ((orientation,),):
         for candidate_edge in edges:
             if candidate_edge not in reachable:
-                reachable[candidate_edge] = _reachable_centres(arm, candidate_edge)
+                reachable[candidate_edge] = reachable_centres(arm, candidate_edge)
             for candidate in orientations:
                 proposal = _best_proposal(arm, reachable[candidate_edge], candidate_edge, plane, candidate)
                 if proposal is not None:
@@ -175,50 +163,6 @@ def _nothing_fits(robot: Robot, edge: float | None, plane: Plane | None, orienta
         f"{robot.name}: found no cube {size}{requirement_text} whose corners and five poses the arm reaches",
         fix=fix,
     )
-
-
-def _reachable_centres(arm: Arm, edge: float) -> Array:
-    """Return centres ``(3, C)`` of the first few cubes all of whose corners the target reaches, the most used first."""
-    centres = _centres(arm, edge)
-    reachable: list[Array] = []
-    for start in range(0, centres.shape[1], _CENTRE_BATCH):
-        batch = centres[:, start : start + _CENTRE_BATCH]
-        points = np.concatenate([corners(centre, edge) for centre in batch.T], axis=1)
-        targets = Poses(np.broadcast_to(np.eye(3)[..., None], (3, 3, points.shape[1])), points)
-        reached = inverse_kinematics(arm, targets, starts=3, oriented=False).converged.any(axis=1)
-        reachable += list(batch[:, reached.reshape(-1, 8).all(axis=1)].T)
-        if len(reachable) >= _MAX_CENTRES:
-            break
-    return np.array(reachable[:_MAX_CENTRES]).reshape(-1, 3).T
-
-
-def _centres(arm: Arm, edge: float) -> Array:
-    """Return places ``(3, C)`` on an upright plane in front of the arm, the most used first."""
-    q = spread_configurations(arm, _SAMPLES)
-    low, high = joint_ranges(arm)
-    q[0] = 0.5 * (low[0] + high[0]) if np.isfinite(low[0]) else 0.0
-    positions = arm.chain.forward(q).translation
-    furthest = positions[:, int(np.argmax(np.hypot(positions[0], positions[1])))]
-    azimuth = math.atan2(furthest[1], furthest[0])
-    along = 0.5 * math.pi * round(azimuth / (0.5 * math.pi))
-    azimuth = along if abs(azimuth - along) < _AXIS_ANGLE else azimuth
-    front = np.array([math.cos(azimuth), math.sin(azimuth)])
-    forward = front @ positions[:2]
-    ahead = forward > 0.0
-    middle = np.median(forward[ahead]), np.median(positions[2, ahead])
-    radius, height = np.meshgrid(
-        np.linspace(0.0, forward.max(), _RADII + 1)[1:],
-        np.linspace(positions[2].min(), positions[2].max(), _HEIGHTS),
-    )
-    order = np.argsort(np.hypot(radius - middle[0], height - middle[1]).ravel(), kind="stable")
-    if arm.robot.variables[0].type == "revolute":
-        # The column of a turning arm takes space: the cube's near side stays clear of its axis.
-        nearest = 0.5 * edge * float(np.abs(front).sum()) + _COLUMN_CLEARANCE * forward.max()
-        order = order[radius.ravel()[order] >= nearest]
-    grid = min(_GRID, 0.1 * edge)
-    places = np.vstack((front[:, None] * radius.ravel()[order], height.ravel()[order]))
-    result: Array = np.round(places / grid) * grid
-    return result
 
 
 def _best_proposal(arm: Arm, centres: Array, edge: float, plane: Plane | None, kind: Orientation) -> Proposal | None:

@@ -19,6 +19,7 @@ from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.leverage import high_leverage
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
@@ -26,7 +27,7 @@ from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import Correlation, FittedParameter, correlations, parameters
 from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.solver import fit
 from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal
 from robacc.fitting.warnings import (
     condition_warning,

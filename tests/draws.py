@@ -18,7 +18,8 @@ from robacc.effects.base import Effect
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import entry_of
 from robacc.effects.transmission_error import TransmissionError
-from robacc.fitting.solver import Fit, fit
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.measurements import Measurements
 from robacc.modelling.observation import observed_jacobian, residuals, weights
 

@@ -12,8 +12,9 @@ from robacc.accuracy.stages import BeforeAfter, Residuals, Stage, paired_gain
 from robacc.effects.base import effect_class
 from robacc.errors import InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.registration import ALIGNABLE
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

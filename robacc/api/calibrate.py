@@ -14,7 +14,7 @@ from robacc.calibration import Calibration
 from robacc.calibration import calibrate as fit_effects
 from robacc.effects.request import parse_requests
 from robacc.errors import UsageError
-from robacc.fitting.solver import Options
+from robacc.fitting.fit_result import Options
 from robacc.fitting.tolerances import tolerance_priors
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot

@@ -25,7 +25,7 @@ from robacc.version import __version__
 
 if TYPE_CHECKING:
     from robacc.calibration import Calibration
-    from robacc.fitting.solver import Fit
+    from robacc.fitting.fit_result import Fit
     from robacc.tracing.trace import Trace
 
 

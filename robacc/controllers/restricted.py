@@ -16,7 +16,8 @@ from robacc.effects.joint_offset import JointOffset
 from robacc.effects.link_geometry import LinkGeometry
 from robacc.errors import RobaccError
 from robacc.fitting.apply_fit import absorb_constants, apply_fit
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
 from robacc.geometry import log_between
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import Frame, Robot

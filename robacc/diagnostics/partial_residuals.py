@@ -28,7 +28,7 @@ from robacc.effects.joint_offset import JointOffset
 from robacc.effects.orders import supported_orders
 from robacc.effects.periodic import orders_of
 from robacc.errors import RobaccError
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

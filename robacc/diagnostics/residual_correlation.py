@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.statistics.distributions import normal_cdf

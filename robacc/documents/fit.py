@@ -14,8 +14,8 @@ from robacc.documents.poses import pose_document, robot_document
 from robacc.documents.stages import ErrorRows, stage_document
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
 from robacc.fitting.fit_repeatability import Repeatability
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
-from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot

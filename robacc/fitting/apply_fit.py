@@ -8,7 +8,7 @@ from typing import Any
 
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.effects.validity import Validity, united
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

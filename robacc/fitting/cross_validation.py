@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.effects.elastic import Deflection, Elastic
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.parsimony import without_idle_rotations
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, MOST_ROWS, Components, estimate
-from robacc.fitting.solver import Fit, Options
 from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
 

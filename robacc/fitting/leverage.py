@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from robacc.chain import BLOCK
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.gauss_newton import posterior
-from robacc.fitting.solver import Fit
 from robacc.measurements import Measurements
 
 _HIGH_LEVERAGE = 0.5

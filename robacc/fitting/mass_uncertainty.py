@@ -17,8 +17,8 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.errors import EquilibriumError
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.linear_algebra import solved
-from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

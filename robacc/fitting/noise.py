@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.measurements import Measurements
 from robacc.modelling.observation import Noise
 from robacc.statistics.distributions import chi2_sf, f_sf

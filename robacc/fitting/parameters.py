@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.robots.description import Frame, Robot
 

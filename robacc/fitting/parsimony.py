@@ -14,8 +14,9 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.effects.link_geometry import LinkGeometry
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.linear_algebra import solved
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm

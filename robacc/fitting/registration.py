@@ -15,8 +15,9 @@ import numpy as np
 from robacc.effects import effect_class
 from robacc.errors import UsageError
 from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.fit_result import Options
 from robacc.fitting.parameters import FittedParameter, parameters
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.solver import fit
 from robacc.geometry import Poses, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.fit_repeatability import known_variance
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.gauss_newton import posterior
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.repeatability import Components
-from robacc.fitting.solver import Fit
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements

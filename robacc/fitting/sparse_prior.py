@@ -29,8 +29,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.linear_algebra import solved
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.registration import ALIGNABLE
-from robacc.fitting.solver import Fit
 from robacc.measurements import Measurements
 
 _MAX_NAMES = 10

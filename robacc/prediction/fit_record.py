@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robacc.fitting.apply_fit import absorb_constants
 from robacc.fitting.fit_repeatability import Repeatability
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

@@ -14,7 +14,8 @@ import numpy as np
 
 from robacc.effects.base import Effect, effect_class
 from robacc.errors import RobaccError
-from robacc.fitting.solver import Fit, fit
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.tracing.loop import SEARCH

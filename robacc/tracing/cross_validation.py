@@ -18,7 +18,7 @@ from robacc.effects.base import Effect
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.deflection_model import choose_deflection, choose_form, with_deflection
-from robacc.fitting.solver import Fit, Options
+from robacc.fitting.fit_result import Fit, Options
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals

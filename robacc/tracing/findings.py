@@ -14,8 +14,8 @@ from robacc.effects.change_points import is_step, place_of, place_text
 from robacc.effects.periodic import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.deflection_model import with_deflection
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import FittedParameter
-from robacc.fitting.solver import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.tracing.candidate_scorer import Chosen

@@ -16,7 +16,7 @@ from robacc.effects.base import Effect, Part, Term
 from robacc.effects.change_points import CHANGE_POINT, is_step, mixed_places, places, step_forms
 from robacc.effects.orders import HIGHEST_ORDER
 from robacc.effects.periodic import searched_order
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array

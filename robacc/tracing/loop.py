@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.fitting.fit_repeatability import is_same, significant_components, with_scatter
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.linearised_candidates import SELECTION_POSES, LinearisedCandidates, linearise

@@ -10,9 +10,9 @@ import numpy as np
 
 from robacc.diagnostics.residual_correlation import residual_correlations
 from robacc.fitting.fit_repeatability import Repeatability
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
-from robacc.fitting.solver import Fit
 from robacc.measurements import Measurements
 from robacc.tracing.candidate_scorer import Ranked
 from robacc.tracing.loop import SearchResult

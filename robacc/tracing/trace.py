@@ -14,10 +14,10 @@ from robacc.diagnostics.data_mistakes import refuse_mistake
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import FittedParameter, parameters
-from robacc.fitting.solver import Fit, Options
 from robacc.fitting.warnings import (
     condition_warning,
     convergence_warning,

@@ -16,7 +16,8 @@ from arms import arm
 from peer import by_scipy
 
 from robacc.effects import REGISTRY
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate

@@ -13,7 +13,8 @@ from arms import arm, circumstances
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.solver import fit
 from robacc.geometry import compose as product
 from robacc.geometry import log_so3, transpose
 from robacc.gravity.torques import gravity_torques

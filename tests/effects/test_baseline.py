@@ -9,7 +9,8 @@ from arms import arm
 from robacc.effects import effect_class
 from robacc.effects.baseline import CONSTANTS, FRAMES, default_baseline
 from robacc.effects.request import build, parse_requests
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate

@@ -13,7 +13,8 @@ from scipy import stats
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.specification import entry_of
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm

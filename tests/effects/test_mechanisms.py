@@ -10,7 +10,8 @@ from independent_arm import DECLARED, DH, GRAVITY, LIMITS, Run, link_frames, mea
 
 from robacc.effects.base import Effect
 from robacc.effects.request import build, parse_requests
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
 from robacc.geometry import rotation_about
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements

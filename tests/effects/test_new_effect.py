@@ -18,7 +18,8 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.effects.catalogue import catalogue
 from robacc.effects.driver import circumstance_driver
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm

@@ -22,7 +22,8 @@ from robacc.effects.base import REGISTRY
 from robacc.effects.baseline import Baseline
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice, choose_deflection, with_deflection
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.render.text.calibrate import draw_calibration

@@ -17,7 +17,8 @@ from robacc.effects.base import Effect
 from robacc.effects.specification import entry_of
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.observation import observed_jacobian

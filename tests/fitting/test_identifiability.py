@@ -9,8 +9,9 @@ import pytest
 from arms import arm
 
 from robacc.effects import REGISTRY
+from robacc.fitting.fit_result import Options
 from robacc.fitting.identifiability import DEPENDENT, Dropped, identify
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate

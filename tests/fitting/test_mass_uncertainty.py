@@ -10,10 +10,11 @@ from arms import arm
 
 from robacc.effects.joint_compliance import JointCompliance
 from robacc.errors import InputError
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.linear_algebra import inverted, solved
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.parameters import parameters
-from robacc.fitting.solver import Fit, fit
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm

@@ -10,8 +10,9 @@ from arms import arm
 
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
+from robacc.fitting.fit_result import Options
 from robacc.fitting.normal_equations import PoseEquations
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.solver import fit
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements

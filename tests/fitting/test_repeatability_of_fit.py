@@ -13,8 +13,9 @@ from robacc.calibration import calibrate
 from robacc.effects.request import parse_requests
 from robacc.errors import InputError
 from robacc.fitting import gauss_newton
+from robacc.fitting.fit_result import Options
 from robacc.fitting.scatter_check import NO_SCATTER
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot

@@ -11,7 +11,8 @@ import pytest
 from arms import arm
 
 from robacc.effects import REGISTRY
-from robacc.fitting.solver import Fit, Options, fit
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.solver import fit
 from robacc.fitting.sparse_prior import shrink_to_nominal
 from robacc.geometry import Array
 from robacc.measurements import Measurements

@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 
 from robacc.effects import REGISTRY
 from robacc.errors import UsageError
-from robacc.fitting.solver import Options, fit
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot

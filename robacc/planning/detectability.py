@@ -25,7 +25,7 @@ from robacc.tracing.detection import noncentrality_at_limit, visible
 from robacc.tracing.rivals import RIVAL
 from robacc.tracing.selection import FALSE_ALARM
 
-_FOLDS = 5
+FOLDS = 5
 """Folds of a trace's cross-validation, in half of which a finding must recur."""
 _LARGEST = 300.0
 """Largest limit, in multiples of the typical size."""
@@ -100,7 +100,7 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
     gram = orthogonal.T @ orthogonal
     lengths = np.sum(np.square(columns), axis=0)
     dof = float(columns.shape[0] - base.shape[1])
-    if dof <= _FOLDS:
+    if dof <= FOLDS:
         return Detectability((), (), 0, missing)
     weight = 1.0 / math.hypot(noise.position, noise.unexplained)
     rows = columns.reshape(-1, data.n, columns.shape[1])
@@ -161,7 +161,7 @@ def _limit(
     size = rms = None
     power = 0.0
     if values[0] > 0:
-        share = 1.0 - 1.0 / _FOLDS
+        share = 1.0 - 1.0 / FOLDS
         needed = noncentrality_at_limit(values.size, dof, candidate.log_prior, share)
         size = math.sqrt(needed / float(values[0]))
         level = FALSE_ALARM * math.exp(candidate.log_prior)

@@ -1,30 +1,227 @@
-"""Problem of choice for a trace: poses at which every effect of the catalogue shows at its usual size.
+"""Choice of poses for a trace: every effect of the catalogue is found at its usual size, and told from its rivals.
 
-All effects are coefficients of one model, each with a prior of its usual size. The sum of their variances after the
-measurement, in units of the priors (Bayesian A-optimality, K. Chaloner and I. Verdinelli, "Bayesian experimental
-design: a review", Statistical Science 10, 1995), is small only if each effect shows beside the frames and the declared
-effects, and beside every other effect: power and separation in one number.
+Beside the free effects, a coefficient k of the usual size has the noncentrality v_k, the squared length of its whitened
+column orthogonal to theirs. A trace finds it with a probability near Phi(sqrt(v_k) - sqrt(c_k)), where c_k is the
+noncentrality of an even chance. Beside its nearest rival r as well, v_k - c_kr^2 / v_r remains; from twice the evidence
+that makes a rival an alternative, the two can be told apart. The design maximises the mean of the two probabilities.
+
+With x = C A^T b the regression of the columns b on the free ones A, pose n adds r^T (I + A_n C A_n^T)^-1 r to the
+products of the columns, r = b_n - A_n x; recursive least squares updates x (Å. Björck, "Numerical Methods for Least
+Squares Problems", 1996, section 3.2).
 """
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.design import DesignProblem, information_of
-from robacc.planning.detectability import usual_size
+from robacc.planning.detectability import FOLDS, usual_size
 from robacc.planning.linear_model import ExpectedNoise, coefficients, planned_data, pose_rows, whitened
 from robacc.tracing.candidates import named_candidates
+from robacc.tracing.detection import noncentrality_at_limit
+from robacc.tracing.rivals import RIVAL
+
+_CANDIDATES = 1500
+"""Candidates that the search looks at, drawn at random; more gain little."""
+_EXCHANGED = 150
+_PASSES = 2
+_LEAST_GAIN = 1e-3
+_RANDOM_DRAWS = 10
+_EXACT = 1e-6
+"""Share of a column that must remain beside a rival: exact equals cannot be told apart by any poses."""
+
+
+@dataclass(frozen=True, slots=True)
+class PowerProblem:
+    """Candidates, and the coefficients that their poses are to show."""
+
+    rows: Array
+    """``(M, N, P)`` whitened columns of the free effects at N candidates, in units of their priors."""
+    effects: Array
+    """``(M, N, K)`` whitened columns of the catalogue's coefficients, in units of their usual size."""
+    information: Array
+    """``(P, P)`` information on the free effects before the first pose."""
+    cross: Array
+    """``(P, K)`` products of the columns of free effects and catalogue over the poses measured already."""
+    products: Array
+    """``(K, K)`` products of the catalogue's columns over the poses measured already."""
+    even_chance: Array
+    """``(K,)`` noncentrality of an even chance."""
+    rival: NDArray[np.int64]
+    """``(K,)`` nearest rival of each coefficient; itself where it has none."""
+
+    def part(self, at: NDArray[np.int64]) -> PowerProblem:
+        """Return the problem with the candidates ``at`` alone."""
+        return dataclasses.replace(self, rows=self.rows[:, at], effects=self.effects[:, at])
+
+    def probabilities(self, own: Array, cross: Array) -> tuple[Array, Array]:
+        """Return the probabilities ``(..., K)`` that each coefficient is found, and told from its rival.
+
+        ``own`` and ``cross`` ``(..., K)`` are products with itself and with its rival, orthogonal to the free effects.
+        """
+        from scipy.special import ndtr
+
+        found = ndtr(np.sqrt(np.maximum(own, 0.0)) - np.sqrt(self.even_chance))
+        beside = np.maximum(own - np.square(cross) / np.maximum(own[..., self.rival], 1e-12), 0.0)
+        apart = ndtr(np.sqrt(beside) - np.sqrt(2.0 * RIVAL))
+        return found, np.where(self.rival == np.arange(self.rival.size), 1.0, apart)
+
+    def value(self, own: Array, cross: Array) -> Array:
+        """Return the mean of the probabilities to find a coefficient, and to find it and tell it from its rival."""
+        found, apart = self.probabilities(own, cross)
+        result: Array = np.mean(0.5 * found * (1.0 + apart), axis=-1)
+        return result
+
+    def of(self, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the products of each coefficient with itself and with its rival, for the poses ``chosen``."""
+        search = _PowerSearch(self.part(chosen), np.zeros(chosen.size, dtype=bool), everything=True)
+        return search.own, search.to_rival
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedPower:
+    """Mean probabilities over the catalogue at the usual sizes."""
+
+    found: float
+    apart: float
+    """That it is found and told from its nearest rival."""
+
+
+def expected_power(problem: PowerProblem, chosen: NDArray[np.int64]) -> ExpectedPower:
+    """Return the mean probabilities for the poses ``chosen``."""
+    found, apart = problem.probabilities(*problem.of(chosen))
+    return ExpectedPower(float(found.mean()), float((found * apart).mean()))
+
+
+def random_power(problem: PowerProblem, count: int, seed: int) -> ExpectedPower:
+    """Return the mean of :func:`expected_power` over random sets of ``count`` candidates."""
+    generator = np.random.default_rng([seed, count])
+    draws = [
+        expected_power(problem, generator.choice(problem.rows.shape[1], count, replace=False))
+        for _ in range(_RANDOM_DRAWS)
+    ]
+    return ExpectedPower(float(np.mean([d.found for d in draws])), float(np.mean([d.apart for d in draws])))
+
+
+def choose_for_power(problem: PowerProblem, count: int, seed: int) -> NDArray[np.int64]:
+    """Return ``count`` different candidates: the best of a greedy and a random design, improved by exchange."""
+    n = problem.rows.shape[1]
+    generator = np.random.default_rng([seed, 5])
+    pool = np.sort(generator.permutation(n)[: max(_CANDIDATES, count)])
+    part = problem.part(pool)
+    search = _PowerSearch(part, np.ones(pool.size, dtype=bool))
+    greedy = np.array([search.add_best() for _ in range(min(count, pool.size))], dtype=np.int64)
+    random = generator.choice(pool.size, greedy.size, replace=False)
+    start = max((greedy, random), key=lambda at: float(problem.value(*part.of(at))))
+    others = np.setdiff1d(np.arange(pool.size), start)
+    others = others[generator.permutation(others.size)[:_EXCHANGED]]
+    limited = np.concatenate((start, others))
+    return pool[limited[_exchanged(part.part(limited), start.size)]]
+
+
+def _exchanged(problem: PowerProblem, count: int) -> NDArray[np.int64]:
+    """Improve the design of the first ``count`` candidates: each gives way to the best other, if that is better."""
+    chosen = np.arange(count)
+    search = _PowerSearch(problem, np.arange(problem.rows.shape[1]) >= count, chosen=chosen)
+    value = search.value
+    for _ in range(_PASSES):
+        start = value
+        for place in range(count):
+            before, removed = search.state(), int(chosen[place])
+            search.change(removed, -1.0)
+            search.free[removed] = True
+            added = search.add_best()
+            if added != removed and search.value > value:
+                chosen[place], value = added, search.value
+            else:
+                search.free[added], search.free[removed] = True, False
+                search.restore(before)
+        if value - start <= _LEAST_GAIN * value:
+            break
+    return chosen
+
+
+class _PowerSearch:
+    """State of a search: the free effects' information, the catalogue's regression on them, and its products."""
+
+    def __init__(
+        self,
+        problem: PowerProblem,
+        free: NDArray[np.bool_],
+        chosen: NDArray[np.int64] | None = None,
+        everything: bool = False,
+    ) -> None:
+        self.problem, self.free = problem, free
+        at = np.arange(problem.rows.shape[1]) if everything else chosen
+        information, cross = problem.information, problem.cross
+        own = np.diag(problem.products)
+        to_rival = problem.products[np.arange(own.size), problem.rival]
+        if at is not None:
+            rows = problem.rows[:, at].reshape(-1, problem.rows.shape[2])
+            columns = problem.effects[:, at].reshape(-1, problem.effects.shape[2])
+            information, cross = information + rows.T @ rows, cross + rows.T @ columns
+            own = own + np.sum(np.square(columns), axis=0)
+            to_rival = to_rival + np.sum(columns * columns[:, problem.rival], axis=0)
+        self.information = information
+        self.covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        self.solution = self.covariance @ cross
+        self.own = own - np.sum(cross * self.solution, axis=0)
+        self.to_rival = to_rival - np.sum(cross * self.solution[:, problem.rival], axis=0)
+        if not everything:
+            self.residual = problem.effects - problem.rows @ self.solution
+
+    @property
+    def value(self) -> float:
+        """Return the criterion of the present design."""
+        return float(self.problem.value(self.own, self.to_rival))
+
+    def state(self) -> tuple[Array, ...]:
+        """Return the state without the free candidates."""
+        return self.information, self.covariance, self.solution, self.own, self.to_rival, self.residual
+
+    def restore(self, state: tuple[Array, ...]) -> None:
+        """Return to a state."""
+        self.information, self.covariance, self.solution, self.own, self.to_rival, self.residual = state
+
+    def change(self, index: int, sign: float) -> None:
+        """Add (``sign`` 1) or remove (-1) a pose."""
+        rows, residual = self.problem.rows[:, index], self.residual[:, index]
+        span = self.covariance @ rows.T
+        inverse = sign * np.linalg.inv(np.eye(rows.shape[0]) + sign * rows @ span)
+        gained = inverse @ residual
+        self.own = self.own + np.sum(residual * gained, axis=0)
+        self.to_rival = self.to_rival + np.sum(residual * gained[:, self.problem.rival], axis=0)
+        self.solution = self.solution + span @ gained
+        # Anew, as rounding in updates of a covariance adds up.
+        self.information = self.information + sign * rows.T @ rows
+        self.covariance = np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+        self.residual = self.residual - (self.problem.rows @ span) @ gained
+
+    def add_best(self) -> int:
+        """Add the best free candidate and return its number."""
+        at = np.flatnonzero(self.free)
+        rows, residual = self.problem.rows[:, at], self.residual[:, at]
+        gain = np.einsum("inp,jnp->nij", rows @ self.covariance, rows)
+        factor = np.linalg.inv(np.linalg.cholesky(np.eye(rows.shape[0]) + gain))
+        white = np.einsum("nij,jnk->ink", factor, residual)
+        own = self.own + np.sum(np.square(white), axis=0)
+        to_rival = self.to_rival + np.sum(white * white[:, :, self.problem.rival], axis=0)
+        best = int(at[np.argmax(self.problem.value(own, to_rival))])
+        self.free[best] = False
+        self.change(best, 1.0)
+        return best
 
 
 def power_problem(
     model: Model, q: Array, noise: ExpectedNoise, already: Measurements | None, seed: int
-) -> DesignProblem:
+) -> PowerProblem:
     """Return the problem for candidates ``q`` ``(J, N)``.
 
     Directions and speeds of approach are random: the order of the visits, which is found later, gives each joint both.
@@ -33,30 +230,52 @@ def power_problem(
     speed = generator.uniform(-1.0, 1.0, q.shape)
     motion = Measurements(position=np.zeros((3, q.shape[1])), direction=np.sign(speed), speed=speed)
     data = planned_data(model.arm.robot, q, motion)
-    terms, sizes = _terms(model, data)
+    terms, sizes, log_priors = _terms(model, data)
     rows = pose_rows(_columns(model, data, noise, terms), max(len(model.arm.robot.targets), 1))
     count = rows.shape[2] - len(terms)
     planned = coefficients(model, rows[:, :, :count])
-    kept = np.concatenate((planned.columns, count + np.arange(len(terms))))
-    scale = np.concatenate((planned.prior_std, sizes))
-    interest = np.concatenate((np.zeros(planned.columns.size), np.ones(len(terms))))
-    information = np.eye(scale.size)
+    free, effects = rows[:, :, planned.columns] * planned.prior_std, rows[:, :, count:] * sizes
+    products = np.zeros((sizes.size, sizes.size))
+    information, cross = np.eye(planned.columns.size), np.zeros((planned.columns.size, sizes.size))
+    n_already = 0
     if already is not None and already.q is not None:
+        n_already = already.n
         earlier = dataclasses.replace(already, position=np.zeros_like(already.position), rotation=None)
         if earlier.direction is None or earlier.speed is None:
             zero = np.zeros_like(already.q)
             earlier = dataclasses.replace(earlier, direction=zero, speed=zero)
-        columns = _columns(model, earlier, noise, _terms_like(model, earlier, terms))[:, kept]
-        information = information + information_of(np.moveaxis(columns, 1, 2) * scale)
-    empty = np.zeros((3, 1, scale.size))
-    return DesignProblem(rows[:, :, kept] * scale, information, empty, "A", interest)
+        columns = np.moveaxis(_columns(model, earlier, noise, _terms_like(model, earlier, terms)), 1, 2)
+        measured = (columns[:, :, planned.columns] * planned.prior_std).reshape(-1, planned.columns.size)
+        shown = (columns[:, :, count:] * sizes).reshape(-1, sizes.size)
+        information, cross = information + measured.T @ measured, measured.T @ shown
+        products = shown.T @ shown
+    dof = float(rows.shape[0] * max(n_already + 30, 60) - planned.columns.size)
+    chance = {value: noncentrality_at_limit(1, dof, value, 1.0 - 1.0 / FOLDS) for value in set(log_priors)}
+    even_chance = np.array([chance[value] for value in log_priors])
+    return PowerProblem(free, effects, information, cross, products, even_chance, _rivals(free, effects))
 
 
-def _terms(model: Model, data: Measurements) -> tuple[dict[str, Term], Array]:
-    """Return the terms of all named effects that these poses can show, each once, and their usual sizes."""
+def _rivals(free: Array, effects: Array) -> NDArray[np.int64]:
+    """Return ``(K,)`` the coefficient whose column is most similar over all candidates, exact equals excepted."""
+    rows, columns = free.reshape(-1, free.shape[2]), effects.reshape(-1, effects.shape[2])
+    basis = np.linalg.qr(rows)[0]
+    new = columns - basis @ (basis.T @ columns)
+    size = np.linalg.norm(new, axis=0)
+    is_new = size > np.sqrt(_EXACT) * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    new = new / np.where(is_new, size, np.inf)
+    similarity = np.square(new.T @ new)
+    similarity[similarity > 1.0 - _EXACT] = 0.0
+    rival = np.argmax(similarity, axis=1)
+    result: NDArray[np.int64] = np.where(similarity.max(axis=1) > 0.0, rival, np.arange(rival.size))
+    return result
+
+
+def _terms(model: Model, data: Measurements) -> tuple[dict[str, Term], Array, list[float]]:
+    """Return the terms of all named effects that these poses can show, each once, their usual sizes and log priors."""
     pool, _ = named_candidates(model.arm, data, model.free)
     terms: dict[str, Term] = {}
     sizes: list[float] = []
+    log_priors: list[float] = []
     for candidate in pool:
         if candidate.is_block:
             continue
@@ -65,12 +284,13 @@ def _terms(model: Model, data: Measurements) -> tuple[dict[str, Term], Array]:
             if key not in terms:
                 terms[key] = term
                 sizes.append(usual_size(candidate.effect.name))
-    return terms, np.array(sizes)
+                log_priors.append(candidate.log_prior)
+    return terms, np.array(sizes), log_priors
 
 
 def _terms_like(model: Model, data: Measurements, wanted: dict[str, Term]) -> dict[str, Term]:
     """Return the same terms for other poses; one that these poses do not have is zero there."""
-    available, _ = _terms(model, data)
+    available, _, _ = _terms(model, data)
     return {key: available.get(key, dataclasses.replace(term, parts=())) for key, term in wanted.items()}
 
 

@@ -1,0 +1,61 @@
+"""Number of poses that decides a limit, against draws; spread of acceptance poses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from robacc.planning.acceptance import Demand, needed, poses_for, spread_poses
+
+
+def demand(statistic: str = "rms", confidence: float = 0.95) -> Demand:
+    return Demand("limit", statistic, 1e-3, "m", confidence)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.7, 0.8, 1.2])
+def test_the_number_decides_in_nine_campaigns_of_ten(ratio: float) -> None:
+    n = poses_for(demand(), ratio)
+    assert n is not None
+    rng = np.random.default_rng(0)
+    # Errors along one direction, the assumption of the plan.
+    square = ratio**2 * rng.chisquare(n, 20_000) / n
+    upper = square * n / stats.chi2.ppf(0.05, n)
+    lower = square * n / stats.chi2.ppf(0.95, n)
+    decided = np.mean(upper <= 1.0 if ratio < 1 else lower >= 1.0)
+    assert decided >= 0.9 - 0.007  # three standard errors of 20,000 draws
+    fewer = ratio**2 * rng.chisquare(n - 1, 20_000) / stats.chi2.ppf(0.05 if ratio < 1 else 0.95, n - 1)
+    assert np.mean(fewer <= 1.0 if ratio < 1 else fewer >= 1.0) < 0.9 + 0.007
+
+
+def test_percentiles_need_order_statistics() -> None:
+    # 59 poses within the limit bound a 95th percentile at 95 % confidence, 58 do not (Wilks).
+    assert poses_for(demand("p95"), 0.1) == 59
+    assert 1 - 0.95**59 >= 0.95 > 1 - 0.95**58
+    assert poses_for(demand("p95"), 0.8) > poses_for(demand("rms"), 0.8)  # type: ignore[operator]
+    assert poses_for(demand("max"), 0.5) == math.ceil(math.log(0.05) / math.log(0.95))
+
+
+def test_a_value_at_the_limit_is_never_decided() -> None:
+    assert poses_for(demand(), 1.0) is None
+    assert poses_for(demand(), 0.99) is None
+    entry = needed(demand(), 0.5e-3)
+    assert entry.ratio == 0.5
+    assert entry.poses == dict(entry.by_ratio)[0.5]
+
+
+def test_spread_poses_represent_the_region() -> None:
+    rng = np.random.default_rng(1)
+    position, q = rng.normal(size=(3, 2000)), rng.uniform(-1, 1, (6, 2000))
+    chosen = spread_poses(position, q, 60, 0)
+    assert np.unique(chosen).size == 60
+    gaps = np.linalg.norm(position[:, chosen, None] - position[:, None, chosen], axis=0) + 9 * np.eye(60)
+    random = rng.choice(2000, 60, replace=False)
+    random_gaps = np.linalg.norm(position[:, random, None] - position[:, None, random], axis=0) + 9 * np.eye(60)
+    assert np.mean(gaps.min(axis=0)) > np.mean(random_gaps.min(axis=0))
+    # Mean and scale stay those of the region: the statistic of the errors is not biased towards its border.
+    np.testing.assert_allclose(position[:, chosen].mean(axis=1), 0.0, atol=0.3)
+    np.testing.assert_allclose(position[:, chosen].std(axis=1), 1.0, atol=0.3)
+    assert spread_poses(position[:, :5], q[:, :5], 9, 0).tolist() == [0, 1, 2, 3, 4]

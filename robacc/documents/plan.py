@@ -62,6 +62,7 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
             "verdict": plan.worth.verdict,
         },
         **_detectability(plan.detectability),
+        "power": _power(plan),
         "needed_poses": [_needed(entry) for entry in plan.needed],
         "sufficiency": None
         if plan.sufficiency is None
@@ -126,6 +127,17 @@ def _detectability(detectability: Detectability | None) -> dict[str, Any]:
         ],
         "inseparable": [dataclasses.asdict(pair) for pair in detectability.pairs],
         "not_testable": detectability.missing,
+    }
+
+
+def _power(plan: CampaignPlan) -> dict[str, float] | None:
+    if plan.power is None or plan.random_power is None:
+        return None
+    return {
+        "found": plan.power.found,
+        "separated": plan.power.apart,
+        "random_found": plan.random_power.found,
+        "random_separated": plan.random_power.apart,
     }
 
 

@@ -95,10 +95,10 @@ def _decides(n: int, ratio: float, confidence: float) -> bool:
 def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np.int64]:
     """Return ``count`` poses that represent all, in position ``(3, N)`` and in joints ``(J, N)``.
 
-    Each pose in turn is the one that lowers most the energy distance between the chosen poses and all: the mean distance
-    to all poses less the mean distance to those chosen (S. Mak and V. R. Joseph, "Support points", Annals of Statistics
-    46, 2018). Distances of positions and of joints, each over its mean, are added. ``seed`` draws the poses that stand
-    for all where there are many.
+    Each pose in turn is the one that lowers most the energy distance between the chosen poses and all: the mean
+    distance to all poses less the mean distance to those chosen (S. Mak and V. R. Joseph, "Support points", Annals of
+    Statistics 46, 2018). Distances of positions and of joints, each over its mean, are added. ``seed`` draws the poses
+    that stand for all where there are many.
     """
     n = q.shape[1]
     if count >= n:

@@ -25,6 +25,7 @@ from robacc.planning.expected import (
 from robacc.planning.linear_model import (
     ExpectedNoise,
 )
+from robacc.planning.power_design import ExpectedPower
 from robacc.planning.route import Route
 from robacc.robots.description import Robot
 
@@ -115,6 +116,10 @@ class CampaignPlan:
     detectability: Detectability | None = None
     needed: tuple[NeededPoses, ...] = ()
     sufficiency: Sufficiency | None = None
+    power: ExpectedPower | None = None
+    """Mean over the catalogue at the usual sizes, before repeats and checks; None unless the purpose is a trace."""
+    random_power: ExpectedPower | None = None
+    """The same of random candidates in the same number."""
     warnings: tuple[str, ...] = ()
 
     @property

@@ -29,6 +29,8 @@ FOLDS = 5
 """Folds of a trace's cross-validation, in half of which a finding must recur."""
 _LARGEST = 300.0
 """Largest limit, in multiples of the typical size."""
+_CERTAIN = 10.0
+"""Multiple of the noncentrality of an even chance from which an effect is found for certain, to nine digits."""
 _DETECTABLE = 0.5
 """Power from which an effect counts as detectable at its usual size."""
 
@@ -168,7 +170,11 @@ def _limit(
         residual_dof = float(round(dof * share) - values.size)
         critical = f_critical(level, float(values.size), residual_dof)
         noncentrality = usual**2 * float(values[0]) * share
-        power = 1.0 if noncentrality > 1e4 else noncentral_f_sf(critical, values.size, residual_dof, noncentrality)
+        power = (
+            1.0
+            if noncentrality > _CERTAIN * needed
+            else noncentral_f_sf(critical, values.size, residual_dof, noncentrality)
+        )
         if size > _LARGEST * candidate.terms[0].typical:
             size = None
     if size is not None:

@@ -48,7 +48,7 @@ from robacc.planning.linear_model import (
     repeatability_at_target,
     whitened_columns,
 )
-from robacc.planning.power_design import power_problem
+from robacc.planning.power_design import PowerProblem, choose_for_power, expected_power, power_problem, random_power
 from robacc.planning.route import Route, route
 from robacc.robots.description import Robot
 
@@ -144,6 +144,9 @@ class _Planner:
         information = self._information(planned)
         problem = self._problem(rows, region, planned, information)
         chosen = self._choose(problem, count)
+        powers = None
+        if isinstance(problem, PowerProblem):
+            powers = expected_power(problem, chosen), random_power(problem, count, settings.seed)
         path = self._route(chosen)
         plan = CampaignPlan(
             self.robot,
@@ -156,6 +159,8 @@ class _Planner:
             self.noise,
             self.repeatability,
             needed=demands,
+            power=None if powers is None else powers[0],
+            random_power=None if powers is None else powers[1],
         )
         return self._with_expectation(plan, rows, region, planned, information)
 
@@ -188,12 +193,14 @@ class _Planner:
         columns = whitened_columns(self.model, _as_planned(self.already), self.noise)[:, planned.columns]
         return information_of(np.moveaxis(columns, 1, 2))
 
-    def _problem(self, rows: Array, region: Array, planned: PlannedCoefficients, information: Array) -> DesignProblem:
+    def _problem(
+        self, rows: Array, region: Array, planned: PlannedCoefficients, information: Array
+    ) -> DesignProblem | PowerProblem:
         """Return the problem of choice, in units of the priors."""
-        scale = planned.prior_std
-        scaled = information * scale[:, None] * scale + np.eye(scale.size)
         if self.settings.purpose == "trace":
             return power_problem(self.model, self.candidates.q, self.noise, self.already, self.settings.seed)
+        scale = planned.prior_std
+        scaled = information * scale[:, None] * scale + np.eye(scale.size)
         interest = None
         criterion = self.settings.criterion
         if self.settings.purpose == "health":
@@ -202,7 +209,7 @@ class _Planner:
             interest = np.where(is_offset, np.square(scale), 0.0)
         return DesignProblem(rows * scale, scaled, region * scale, criterion, interest)
 
-    def _choose(self, problem: DesignProblem, count: int) -> NDArray[np.int64]:
+    def _choose(self, problem: DesignProblem | PowerProblem, count: int) -> NDArray[np.int64]:
         settings = self.settings
         if settings.purpose == "acceptance":
             allowed = np.arange(self.candidates.n)
@@ -215,6 +222,8 @@ class _Planner:
                 )
             position, q = self.candidates.position[:, allowed], self.candidates.q[:, allowed]
             return allowed[spread_poses(position, q, count, settings.seed)]
+        if isinstance(problem, PowerProblem):
+            return choose_for_power(problem, count, settings.seed)
         return choose(problem, count)
 
     def _route(self, chosen: NDArray[np.int64]) -> Route:

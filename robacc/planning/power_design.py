@@ -1,9 +1,9 @@
-"""Choice of poses for a trace: every effect of the catalogue is found at its usual size, and told from its rivals.
+"""Choice of poses for a trace: every effect of the catalogue is found at its usual size, and separated from its rivals.
 
 Beside the free effects, a coefficient k of the usual size has the noncentrality v_k, the squared length of its whitened
 column orthogonal to theirs. A trace finds it with a probability near Phi(sqrt(v_k) - sqrt(c_k)), where c_k is the
 noncentrality of an even chance. Beside its nearest rival r as well, v_k - c_kr^2 / v_r remains; from twice the evidence
-that makes a rival an alternative, the two can be told apart. The design maximises the mean of the two probabilities.
+that makes a rival an alternative, the two are separable. The design maximises the mean of the two probabilities.
 
 With x = C A^T b the regression of the columns b on the free ones A, pose n adds r^T (I + A_n C A_n^T)^-1 r to the
 products of the columns, r = b_n - A_n x; recursive least squares updates x (Å. Björck, "Numerical Methods for Least
@@ -28,14 +28,14 @@ from robacc.tracing.candidates import named_candidates
 from robacc.tracing.detection import noncentrality_at_limit
 from robacc.tracing.rivals import RIVAL
 
-_CANDIDATES = 1500
+_CANDIDATES = 800
 """Candidates that the search looks at, drawn at random; more gain little."""
-_EXCHANGED = 150
+_EXCHANGED = 100
 _PASSES = 2
 _LEAST_GAIN = 1e-3
 _RANDOM_DRAWS = 10
 _EXACT = 1e-6
-"""Share of a column that must remain beside a rival: exact equals cannot be told apart by any poses."""
+"""Share of a column that must remain beside a rival: exact equals are separable by no poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class PowerProblem:
         return dataclasses.replace(self, rows=self.rows[:, at], effects=self.effects[:, at])
 
     def probabilities(self, own: Array, cross: Array) -> tuple[Array, Array]:
-        """Return the probabilities ``(..., K)`` that each coefficient is found, and told from its rival.
+        """Return the probabilities ``(..., K)`` that each coefficient is found, and separated from its rival.
 
         ``own`` and ``cross`` ``(..., K)`` are products with itself and with its rival, orthogonal to the free effects.
         """
@@ -74,7 +74,7 @@ class PowerProblem:
         return found, np.where(self.rival == np.arange(self.rival.size), 1.0, apart)
 
     def value(self, own: Array, cross: Array) -> Array:
-        """Return the mean of the probabilities to find a coefficient, and to find it and tell it from its rival."""
+        """Return the mean of the probabilities to find a coefficient, and to find it and separate it from its rival."""
         found, apart = self.probabilities(own, cross)
         result: Array = np.mean(0.5 * found * (1.0 + apart), axis=-1)
         return result
@@ -91,7 +91,7 @@ class ExpectedPower:
 
     found: float
     apart: float
-    """That it is found and told from its nearest rival."""
+    """That it is found and separated from its nearest rival."""
 
 
 def expected_power(problem: PowerProblem, chosen: NDArray[np.int64]) -> ExpectedPower:
@@ -123,7 +123,8 @@ def choose_for_power(problem: PowerProblem, count: int, seed: int) -> NDArray[np
     others = np.setdiff1d(np.arange(pool.size), start)
     others = others[generator.permutation(others.size)[:_EXCHANGED]]
     limited = np.concatenate((start, others))
-    return pool[limited[_exchanged(part.part(limited), start.size)]]
+    result: NDArray[np.int64] = pool[limited[_exchanged(part.part(limited), start.size)]]
+    return result
 
 
 def _exchanged(problem: PowerProblem, count: int) -> NDArray[np.int64]:

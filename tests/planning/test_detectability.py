@@ -1,4 +1,4 @@
-"""Planned detection limits against F tests on simulated campaigns with kinematics of their own."""
+"""Planned detection limits against F tests on simulated campaigns with kinematics of their own; choice for a trace."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from test_expected import NOISE, SCATTER, jacobian, whitener
 from robacc.planning.campaign import CampaignPlan, CampaignSettings
 from robacc.planning.planner import plan_campaign
 
-CAMPAIGNS = 300
+CAMPAIGNS = 200
 
 
 @pytest.fixture(scope="module")
 def plan() -> CampaignPlan:
-    settings = CampaignSettings("trace", 50, noise=NOISE, repeatability=SCATTER, n_candidates=800)
+    settings = CampaignSettings("trace", 40, noise=NOISE, repeatability=SCATTER, n_candidates=300)
     return plan_campaign(arm("irb1600").robot, settings)
 
 
@@ -52,30 +52,16 @@ def test_backlash_at_three_limits_is_found(plan: CampaignPlan, joint: str) -> No
     moved = jacobian(plan.robot, plan.q, [f"joint_offset.{joint}"])[:, 0] * direction[names.index(joint)]
     level = 0.01 / len({(entry.effect, entry.joints) for entry in limits})
     assert found(plan, moved, 3 * limit.limit, level) >= 0.95
-    # A finding must recur in folds of 80 % of the poses, so all poses find the limit in more than half of the campaigns.
+    # A finding must recur in folds of 80 % of the poses: all poses find the limit in more than half of the campaigns.
     assert 0.4 < found(plan, moved, limit.limit, level) < 0.9
     assert found(plan, moved, 0.3 * limit.limit, level) < 0.1
 
 
 def test_trace_poses_show_more_than_random_ones(plan: CampaignPlan) -> None:
-    import dataclasses
-
-    from robacc.modelling.model import Model
-    from robacc.planning.detectability import detectability
-    from robacc.planning.linear_model import planned_data
-    from robacc.planning.planner import free_effects
-
-    robot = plan.robot
-    rng = np.random.default_rng(0)
-    visits = plan.visits()
-    model = Model.of(robot, free_effects(robot, "base_frame,tool_frame,joint_offset"))
-    powers = []
-    for at in [None, *(rng.choice(plan.candidates.n, visits.n, replace=False) for _ in range(3))]:
-        q = plan.q if at is None else plan.candidates.q[:, at]
-        data = dataclasses.replace(planned_data(robot, q, visits), pose=None, cycle=None)
-        result = detectability(model, data, plan.noise)
-        powers.append(np.mean([limit.power for limit in result.limits]))
-    assert powers[0] > max(powers[1:])
+    assert plan.power is not None
+    assert plan.random_power is not None
+    assert plan.power.found > 1.05 * plan.random_power.found
+    assert plan.power.apart > 1.05 * plan.random_power.apart
 
 
 def test_exact_equals_are_named(plan: CampaignPlan) -> None:

@@ -10,6 +10,7 @@ from typing import TextIO
 from robacc.planning.campaign import CampaignPlan
 from robacc.planning.detectability import Detectability, ExpectedLimit
 from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient
+from robacc.planning.power_design import ExpectedPower
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import fixed, three_digits
@@ -70,7 +71,7 @@ def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
         pairs = [f"{pair.first} and {pair.second} ({pair.value:+.2f})" for pair in plan.correlations[:_LISTED_PAIRS]]
         yield from (BLANK, heading("Estimates that stay strongly correlated"), *items(pairs, width))
     if plan.detectability is not None:
-        yield from (BLANK, *_detectability(plan.detectability, width))
+        yield from (BLANK, *_detectability(plan.detectability, plan.power, plan.random_power, width))
 
 
 def _title(plan: CampaignPlan) -> str:
@@ -153,7 +154,9 @@ def _coefficients(entries: Sequence[ExpectedCoefficient], width: int) -> Iterato
         yield from (TextLine(line.text, "dim") for line in wrapped(f"not identifiable: {', '.join(missing)}", width))
 
 
-def _detectability(detectability: Detectability, width: int) -> Iterator[TextLine]:
+def _detectability(
+    detectability: Detectability, power: ExpectedPower | None, random_power: ExpectedPower | None, width: int
+) -> Iterator[TextLine]:
     yield heading("Effects that a trace of these poses can find")
     families: dict[str, list[ExpectedLimit]] = {}
     for limit in detectability.limits:
@@ -163,11 +166,18 @@ def _detectability(detectability: Detectability, width: int) -> Iterator[TextLin
         known = sorted((limit for limit in family if limit.limit is not None), key=lambda limit: limit.limit or 0.0)
         hidden += [limit.label for limit in family if limit.limit is None]
         if known:
-            power = statistics.mean(limit.power for limit in family)
+            mean_power = statistics.mean(limit.power for limit in family)
             limits = (f"{known[0].limit:.1e}", f"{known[-1].limit:.1e}" if len(known) > 1 else "")
-            rows.append((name, *limits, known[0].unit, f"{known[0].usual:.1e}", fixed(power, 2)))
+            rows.append((name, *limits, known[0].unit, f"{known[0].usual:.1e}", fixed(mean_power, 2)))
     yield from columns(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     notes = ["limit: size found with probability 1/2; power: probability that the usual size is found"]
+    if power is not None and random_power is not None:
+        notes.insert(
+            0,
+            f"mean over the catalogue at the usual sizes: found with probability {fixed(power.found, 2)} "
+            f"({fixed(random_power.found, 2)} on random poses), found and separated from the nearest rival with "
+            f"{fixed(power.apart, 2)} ({fixed(random_power.apart, 2)})",
+        )
     if hidden:
         notes.append(f"never found on these poses: {', '.join(hidden[:_LISTED_PAIRS])}{_more(len(hidden))}")
     if detectability.missing:

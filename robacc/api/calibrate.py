@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs, with_fit
-from robacc.api.inputs import StrPath, fitted_pose_warnings, path_of
+from robacc.api.inputs import PosesSource, StrPath, fitted_pose_warnings, path_of
 from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.calibration import Calibration
@@ -16,7 +16,6 @@ from robacc.effects.request import parse_requests
 from robacc.errors import UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.tolerances import tolerance_priors
-from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 
 
@@ -52,7 +51,7 @@ class Calibrated(FitResult, Calibration):
 
 
 def calibrate(
-    poses: StrPath | Measurements,
+    poses: PosesSource,
     *,
     robot: StrPath | Robot,
     fit: str | Sequence[str],
@@ -60,7 +59,7 @@ def calibrate(
     shrink: bool = True,
     robust: bool = True,
     folds: int = 5,
-    holdout: StrPath | Measurements | None = None,
+    holdout: PosesSource | None = None,
     ordered: bool = False,
     ignore_limits: bool = False,
     campaign: CampaignUse = "auto",

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.api.inputs import StrPath, load_poses, load_robot
+from robacc.api.inputs import PosesSource, StrPath, load_poses, load_robot
 from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.comparison.paired_targets import PairedTargets, Promise, paired_targets
 from robacc.errors import InputError, Problem, UsageError
@@ -50,8 +50,8 @@ class ComparedTargets(Result, PairedTargets):
 
 
 def compare_paired(
-    before: StrPath | Measurements,
-    after: StrPath | Measurements,
+    before: PosesSource,
+    after: PosesSource,
     *,
     model: StrPath | Robot | None = None,
     nominal: StrPath | Robot | None = None,

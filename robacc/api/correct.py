@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from robacc.accuracy.grade_scale import default_scale
-from robacc.api.inputs import StrPath, load_grade_scale, load_poses, load_robot
+from robacc.api.inputs import PosesSource, StrPath, load_grade_scale, load_poses, load_robot
 from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of, options_of
 from robacc.correction.circumstances import circumstances
 from robacc.correction.correction import Correction, correction
@@ -99,7 +99,7 @@ class Corrected(Result, Correction):
 
 
 def correct(
-    targets: StrPath | Measurements,
+    targets: PosesSource,
     *,
     model: StrPath | Robot,
     nominal: StrPath | Robot | None = None,

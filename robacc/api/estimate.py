@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from robacc.accuracy.estimation import EstimateResult
 from robacc.accuracy.estimation import estimate as estimate_errors
 from robacc.accuracy.pose_errors import ErrorFrame
-from robacc.api.inputs import StrPath, fitted_pose_warnings, load_grade_scale, load_optional_robot, load_poses
+from robacc.api.inputs import (
+    PosesSource,
+    StrPath,
+    fitted_pose_warnings,
+    load_grade_scale,
+    load_optional_robot,
+    load_poses,
+)
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, effect_names, fields_of, options_of
 from robacc.measurements import Measurements
@@ -52,7 +59,7 @@ class Estimate(Result, EstimateResult):
 
 
 def estimate(
-    poses: StrPath | Measurements,
+    poses: PosesSource,
     *,
     robot: StrPath | Robot | None = None,
     align: str | Sequence[str] = (),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.api.inputs import STDIN, StrPath, load_poses, load_robot, path_of, with_fitted_poses
+from robacc.api.inputs import STDIN, PosesSource, StrPath, load_poses, load_robot, path_of, with_fitted_poses
 from robacc.api.model_use import CampaignUse, ModelUse, use_model
 from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
@@ -95,9 +95,9 @@ def with_fit(robot: Robot, result: Calibration | Trace, fit: Fit, inputs: FitInp
 
 
 def load_fit_inputs(
-    poses: StrPath | Measurements,
+    poses: PosesSource,
     robot: StrPath | Robot,
-    holdout: StrPath | Measurements | None,
+    holdout: PosesSource | None,
     ordered: bool,
     ignore_limits: bool,
     base_link: str | None,
@@ -113,7 +113,7 @@ def load_fit_inputs(
     """
     arm, arm_record = load_robot(robot, base_link, tip_link, poses)
 
-    def read(source: StrPath | Measurements, kind: str) -> tuple[Measurements, InputFile]:
+    def read(source: PosesSource, kind: str) -> tuple[Measurements, InputFile]:
         data, record = load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind)
         if data.q is None:
             name = path_of(source) or data.source or "the poses"
@@ -169,7 +169,7 @@ def _rows(data: Measurements) -> Iterator[bytes]:
     return (row.tobytes() for row in np.vstack([column for column in columns if column is not None]).T)
 
 
-def _name(source: StrPath | Measurements | Robot | None) -> str | None:
+def _name(source: PosesSource | Robot | None) -> str | None:
     if isinstance(source, Measurements):
         return STDIN if source.source == "<stdin>" else source.source
     return path_of(source)

@@ -15,13 +15,15 @@ from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
-from robacc.poses.reading import PoseFile
+from robacc.poses.reading import PoseFile, SupportsColumns
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
     from robacc.accuracy.grade_scale import Scale
 
 StrPath = str | os.PathLike[str]
+PosesSource = StrPath | Measurements | SupportsColumns | Mapping[str, Any]
+"""Poses: a file, poses read before, or a data frame (pandas, Polars, Arrow, or arrays by the names of columns)."""
 STDIN = "-"
 
 
@@ -30,8 +32,13 @@ def path_of(source: object) -> str | None:
     return os.fspath(source) if isinstance(source, str | os.PathLike) else None
 
 
+def pose_path(source: StrPath | SupportsColumns | Mapping[str, Any]) -> str:
+    """Return the path of a pose file, or of a data frame a path that carries it."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else PoseFile(source)
+
+
 def load_robot(
-    source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None, poses: object = None
+    source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None, poses: PosesSource | None = None
 ) -> tuple[Robot, InputFile]:
     """Return the robot and its record; a robot without a file is recorded as the robot file it would make.
 
@@ -55,17 +62,20 @@ def load_robot(
     return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), "robot")
 
 
-def _joint_columns(poses: object) -> Sequence[str]:
+def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
     """Return the names of a pose file's columns, or q1 … qN of poses read before; nothing for a pipe or a bad file."""
     if isinstance(poses, Measurements):
         return [] if poses.q is None else [f"q{i + 1}" for i in range(poses.q.shape[0])]
-    path = path_of(poses)
-    if path is None or not os.path.isfile(path):
+    if poses is None:
+        return []
+    path = pose_path(poses)
+    if not (os.path.isfile(path) or os.path.isdir(path) or (isinstance(path, PoseFile) and path.frame is not None)):
         return []
     from robacc.io.open_table import open_table
+    from robacc.poses.reading import table_options
 
     try:
-        with open_table(path) as table:
+        with open_table(path, table_options(path)) as table:
             return table.header().names
     except (InputError, UsageError):
         # The reader of the poses reports what is wrong with the file.
@@ -73,7 +83,10 @@ def _joint_columns(poses: object) -> Sequence[str]:
 
 
 def load_optional_robot(
-    source: StrPath | Robot | None, base_link: str | None = None, tip_link: str | None = None, poses: object = None
+    source: StrPath | Robot | None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    poses: PosesSource | None = None,
 ) -> tuple[Robot | None, tuple[InputFile, ...]]:
     """Return :func:`load_robot` of ``source``, or no robot and no record if ``source`` is None.
 
@@ -110,7 +123,7 @@ def with_si_effects(robot: Robot) -> Robot:
 
 
 def load_poses(
-    source: StrPath | Measurements,
+    source: PosesSource,
     robot: Robot | None,
     *,
     ordered: bool = False,
@@ -121,7 +134,7 @@ def load_poses(
     """Return poses, checked against ``robot`` if there is one, and their record.
 
     Args:
-        source: Path, ``-`` for standard input, or poses that were read or made before.
+        source: Path, ``-`` for standard input, a data frame, or poses that were read or made before.
         robot: Robot whose joints, limits and targets apply to the poses.
         ordered: The rows of the file are in the order measured; poses read before carry this themselves.
         ignore_limits: Joints of the file outside their limits are a warning, not an error.
@@ -141,7 +154,7 @@ def load_poses(
         return require_poses(data), record_of(data, kind)
     from robacc.diagnostics.robot_poses import read_robot_poses
 
-    path = os.fspath(source)
+    path = pose_path(source)
     if isinstance(path, PoseFile) and path.reading.commanded is not None and attained:
         from robacc.api.commanded import read_with_commands
 

@@ -7,13 +7,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.inputs import STDIN, StrPath, fitted_pose_warnings, load_optional_robot, load_poses, path_of
+from robacc.api.inputs import (
+    STDIN,
+    PosesSource,
+    StrPath,
+    fitted_pose_warnings,
+    load_optional_robot,
+    load_poses,
+    path_of,
+)
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
 from robacc.errors import UsageError
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.iso_9283.records import Iso9283Result
-from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 
 
@@ -37,7 +44,7 @@ class Iso9283(Result, Iso9283Result):
 
 
 def iso9283(
-    *poses: StrPath | Measurements,
+    *poses: PosesSource,
     robot: StrPath | Robot | None = None,
     align: str | Sequence[str] = (),
     rated_load: float | None = None,

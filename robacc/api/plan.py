@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, ClassVar
 
-from robacc.api.inputs import StrPath
+from robacc.api.inputs import PosesSource, StrPath
 from robacc.api.plan_inputs import (
     load_already,
     load_candidates,
@@ -105,8 +105,8 @@ def plan(
     poses: int | None = None,
     criterion: Criterion = "I",
     fit: str | Sequence[str] = "",
-    candidates: StrPath | Measurements | int | None = None,
-    task: StrPath | Measurements | None = None,
+    candidates: PosesSource | int | None = None,
+    task: PosesSource | None = None,
     region: str | None = None,
     inside: str | None = None,
     outside: Sequence[str] = (),
@@ -123,7 +123,7 @@ def plan(
     repeatability: float | str | None = None,
     unexplained: float | str = "0",
     model: StrPath | Robot | None = None,
-    already: StrPath | Measurements | None = None,
+    already: PosesSource | None = None,
     target_error: float | str | None = None,
     check_every: int = 10,
     repeats: int | None = None,

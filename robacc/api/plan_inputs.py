@@ -8,7 +8,16 @@ import os
 from collections.abc import Sequence
 from typing import cast
 
-from robacc.api.inputs import StrPath, load_grade_scale, load_poses, load_robot, record_of, require_poses
+from robacc.api.inputs import (
+    PosesSource,
+    StrPath,
+    load_grade_scale,
+    load_poses,
+    load_robot,
+    pose_path,
+    record_of,
+    require_poses,
+)
 from robacc.api.result import check_range
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
@@ -39,7 +48,7 @@ def robot_to_plan_for(
 
 
 def load_candidates(
-    source: StrPath | Measurements | int | None, arm: Robot
+    source: PosesSource | int | None, arm: Robot
 ) -> tuple[Measurements | None, int, tuple[InputFile, ...]]:
     """Return given candidates, or the number of samples."""
     default = CampaignSettings.__dataclass_fields__["n_candidates"].default
@@ -53,7 +62,7 @@ def load_candidates(
 
 
 def load_planned_poses(
-    source: StrPath | Measurements | None, arm: Robot, kind: str
+    source: PosesSource | None, arm: Robot, kind: str
 ) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     """Return poses that need not be measured; limits are a matter of the filters."""
     if source is None:
@@ -63,12 +72,12 @@ def load_planned_poses(
     from robacc.poses.csv_file import read_poses
 
     types = [joint.type for joint in arm.variables]
-    data = read_poses(os.fspath(source), joint_names=arm.variable_names, joint_types=types, attained=False)
+    data = read_poses(pose_path(source), joint_names=arm.variable_names, joint_types=types, attained=False)
     return require_poses(data), (record_of(data, kind),)
 
 
 def load_already(
-    source: StrPath | Measurements | None, arm: Robot, ordered: bool
+    source: PosesSource | None, arm: Robot, ordered: bool
 ) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     """Return poses measured already, and their record."""
     if source is None:

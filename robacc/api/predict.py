@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from robacc.accuracy.grade_scale import default_scale
-from robacc.api.inputs import STDIN, StrPath, fitted_pose_warnings, load_grade_scale, load_poses, load_robot, path_of
+from robacc.api.inputs import (
+    STDIN,
+    PosesSource,
+    StrPath,
+    fitted_pose_warnings,
+    load_grade_scale,
+    load_poses,
+    load_robot,
+    path_of,
+)
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
 from robacc.documents.envelope import InputFile
@@ -93,13 +102,13 @@ class Predicted(Result, Prediction):
 def predict(
     robot: StrPath | Robot,
     *,
-    poses: StrPath | Measurements | Array | None = None,
+    poses: PosesSource | Array | None = None,
     samples: int | None = None,
     target: str | None = None,
     tolerances: StrPath | None = None,
     scale: StrPath | None = None,
     allocate: str | None = None,
-    against: StrPath | Measurements | None = None,
+    against: PosesSource | None = None,
     align: str | Sequence[str] = (),
     noise: str | Noise | None = None,
     confidence: float = 0.95,
@@ -157,7 +166,8 @@ def predict(
     check_range("seed", seed, 0)
     _check(poses, samples, against, align, noise, target)
     noise_std = _noise(noise)
-    arm, arm_record = load_robot(robot, base_link, tip_link, poses if against is None else against)
+    measured = poses if against is None else against
+    arm, arm_record = load_robot(robot, base_link, tip_link, None if isinstance(measured, np.ndarray) else measured)
     read_tolerances, tolerance_record = _tolerances(tolerances, arm)
     grades, scale_record = load_grade_scale(scale)
     grades = grades or default_scale()
@@ -213,9 +223,9 @@ def predict(
 
 
 def _check(
-    poses: StrPath | Measurements | Array | None,
+    poses: PosesSource | Array | None,
     samples: int | None,
-    against: StrPath | Measurements | None,
+    against: PosesSource | None,
     align: str | Sequence[str],
     noise: str | Noise | None,
     target: str | None,
@@ -263,7 +273,7 @@ def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tu
 
 
 def _poses(
-    source: StrPath | Measurements | Array | None, arm: Robot, ordered: bool, ignore_limits: bool, kind: str
+    source: PosesSource | Array | None, arm: Robot, ordered: bool, ignore_limits: bool, kind: str
 ) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     if source is None:
         return None, ()

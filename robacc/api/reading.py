@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from typing import Any
 
 from robacc.api.arrays import checked_poses
 from robacc.api.inputs import StrPath, load_poses, with_si_effects
 from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
-from robacc.poses.reading import PoseFile
+from robacc.poses.reading import PoseFile, SupportsColumns
 from robacc.robots.description import Robot
 
 __all__ = ["PoseFile", "read_poses", "read_result", "read_robot", "write_poses", "write_robot"]
 
 
 def read_poses(
-    path: StrPath,
+    path: StrPath | SupportsColumns | Mapping[str, Any],
     *,
     robot: Robot | None = None,
     ordered: bool = False,
@@ -29,11 +30,13 @@ def read_poses(
     coverage: float | None = None,
     sheet: str | None = None,
     commanded: StrPath | None = None,
+    bag: str | None = None,
 ) -> Measurements:
-    """Read and check the measured poses of a file.
+    """Read and check the measured poses of a file or a data frame.
 
     Args:
-        path: File to read; ``-`` is standard input.
+        path: File to read, ``-`` for standard input, or a data frame: pandas, Polars, Arrow, or arrays by the names of
+            columns.
         robot: Robot whose joints, limits and targets apply to the columns; None for no robot.
         ordered: The rows are in the order measured, and the robot moved directly from each pose to the next;
             directions and speeds are derived from it.
@@ -46,6 +49,7 @@ def read_poses(
         coverage: Coverage factor of uncertainties that the file calls U.
         sheet: Sheet of a workbook.
         commanded: Robot program, or table of joints or commanded poses, whose rows were measured.
+        bag: Topics and samples of a recording, such as ``joints=/joint_states,measured=/tracker/pose,at=rest``.
 
     Returns:
         Arrays in SI units, components first and poses last: ``position`` is ``(3, N)``, ``q`` is ``(J, N)``.
@@ -60,10 +64,10 @@ def read_poses(
         (60, (3, 60))
     """
     stated = {"angles": angles, "units": units, "columns": columns, "coverage": coverage, "sheet": sheet}
-    stated["commanded"] = commanded
+    stated |= {"commanded": commanded, "bag": bag}
     if skip_gaps or any(value is not None for value in stated.values()):
         path = PoseFile(path, skip_gaps=skip_gaps, **stated)  # type: ignore[arg-type]
-    return load_poses(os.fspath(path), robot, ordered=ordered, ignore_limits=ignore_limits)[0]
+    return load_poses(path, robot, ordered=ordered, ignore_limits=ignore_limits)[0]
 
 
 def write_poses(path: StrPath, data: Measurements) -> None:

@@ -10,7 +10,7 @@ from hashlib import sha256
 from typing import Any, ClassVar, Literal
 
 from robacc.api.arrays import checked_poses
-from robacc.api.inputs import StrPath, load_robot, record_of, require_poses
+from robacc.api.inputs import PosesSource, StrPath, load_robot, pose_path, record_of, require_poses
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of
 from robacc.documents.envelope import InputFile
@@ -88,7 +88,7 @@ def simulate(
     robot: StrPath | Robot,
     *,
     poses: int | None = None,
-    at: StrPath | Measurements | None = None,
+    at: PosesSource | None = None,
     ignore_limits: bool = False,
     seed: int = 0,
     cycles: int = 1,
@@ -217,7 +217,7 @@ def _temperature_range(temperature: float | tuple[float, float] | None) -> tuple
 
 
 def _planned(
-    at: StrPath | Measurements | None, arm: Robot, ignore_limits: bool
+    at: PosesSource | None, arm: Robot, ignore_limits: bool
 ) -> tuple[Measurements | None, tuple[InputFile, ...]]:
     if at is None:
         return None, ()
@@ -226,7 +226,7 @@ def _planned(
     else:
         # Not read_robot_poses: poses to visit name no target; the robot visits every target at each pose.
         data = read_poses(
-            at,
+            pose_path(at),
             joint_names=arm.variable_names,
             joint_types=[joint.type for joint in arm.variables],
             limits=[joint.limits for joint in arm.variables],

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs, with_fit
-from robacc.api.inputs import StrPath, fitted_pose_warnings
+from robacc.api.inputs import PosesSource, StrPath, fitted_pose_warnings
 from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.effects.baseline import Baseline, default_baseline
@@ -53,12 +53,12 @@ class Traced(FitResult, Trace):
 
 
 def trace(
-    poses: StrPath | Measurements,
+    poses: PosesSource,
     *,
     robot: StrPath | Robot,
     declared: str | Sequence[str] | None = None,
     folds: int = 5,
-    holdout: StrPath | Measurements | None = None,
+    holdout: PosesSource | None = None,
     empirical: bool = True,
     ordered: bool = False,
     ignore_limits: bool = False,

@@ -50,6 +50,14 @@ _COMMANDED = Annotated[
         "--commanded", metavar="FILE", help="Robot program, or CSV of joints or commanded poses, that was measured."
     ),
 ]
+_BAG = Annotated[
+    str | None,
+    typer.Option(
+        "--bag",
+        metavar="KEY=VALUE,…",
+        help="Topics and samples of a ROS bag: joints=, measured=, commanded=, at=rest|any, clock=stamp|recorder.",
+    ),
+]
 _OPTIONS: dict[str, tuple[Any, object]] = {
     "angles": (_ANGLES, None),
     "units": (_UNITS, None),
@@ -58,6 +66,7 @@ _OPTIONS: dict[str, tuple[Any, object]] = {
     "coverage": (_COVERAGE, None),
     "sheet": (_SHEET, None),
     "commanded": (_COMMANDED, None),
+    "bag": (_BAG, None),
 }
 
 

@@ -1,7 +1,8 @@
-"""Open a table: a Parquet file or a workbook, recognised by its first bytes, or else text."""
+"""Open a table: a Parquet file, a workbook or a recording, known by its first bytes, a data frame, or else text."""
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,9 @@ _PARQUET = b"PAR1"
 """First and last bytes of every Parquet file."""
 SIGNATURES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 """First bytes of zipped and of old workbooks."""
+_RECORDINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"#ROSBAG V")
+"""First bytes of an MCAP file, of a ROS 2 bag in SQLite, and of a ROS 1 bag."""
+_LONGEST = max(map(len, _RECORDINGS))
 _SUFFIXES = frozenset({".parquet", ".pq"})
 
 
@@ -50,6 +54,14 @@ def open_table(path: str, options: TableOptions | None = None) -> Iterator[Table
         InputError: The file cannot be opened.
         UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
     """
+    if options is not None and options.frame is not None:
+        from robacc.io.column_table import ColumnTable, frame_columns
+
+        yield ColumnTable(frame_columns(options.frame, path), path, options)
+        return
+    if os.path.isdir(path):
+        yield _folder(path, options)
+        return
     if path == STANDARD_STREAM:
         yield _reader(sys.stdin.buffer, "<stdin>", options)
         return
@@ -62,11 +74,20 @@ def open_table(path: str, options: TableOptions | None = None) -> Iterator[Table
 
 
 def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:
-    if _first_bytes(stream) == _PARQUET:
+    first = _first_bytes(stream)
+    if first.startswith(_RECORDINGS):
+        if stream is sys.stdin.buffer:
+            raise InputError(
+                Problem("is a recording, which is not read from a pipe", file, fix="name the file instead")
+            )
+        from robacc.io.bag_table import bag_table
+
+        return bag_table(file, options or TableOptions())
+    if first.startswith(_PARQUET):
         from robacc.io.parquet import ParquetReader
 
         return ParquetReader(stream, file, options)
-    if _first_bytes(stream) in SIGNATURES:
+    if first.startswith(SIGNATURES):
         from robacc.io.workbook import WorkbookReader
 
         return WorkbookReader(stream, file, options or TableOptions())
@@ -76,10 +97,26 @@ def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:
     return TableReader(stream, file, options)
 
 
+def _folder(path: str, options: TableOptions | None) -> Table:
+    """Return the table of a folder, which is the recording of a ROS 2 bag.
+
+    Raises:
+        InputError: It is another folder.
+    """
+    from robacc.io.bag_messages import is_recording_folder
+
+    if not is_recording_folder(path):
+        fix = "name a file, or the folder of a ROS 2 bag with its metadata.yaml"
+        raise InputError(Problem("is a folder, expected a file", path, fix=fix))
+    from robacc.io.bag_table import bag_table
+
+    return bag_table(path, options or TableOptions())
+
+
 def _first_bytes(stream: BinaryIO) -> bytes:
     """Return the stream's first bytes without consuming them."""
     if hasattr(stream, "peek"):
-        return bytes(stream.peek(len(_PARQUET))[: len(_PARQUET)])
-    start = stream.read(len(_PARQUET))
+        return bytes(stream.peek(_LONGEST)[:_LONGEST])
+    start = stream.read(_LONGEST)
     stream.seek(0)
     return start

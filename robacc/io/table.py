@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
+from robacc.io.bag_options import NO_BAG_OPTIONS, BagOptions
 from robacc.io.dialect import PLAIN, TableDialect, find_dialect
 from robacc.io.growing_columns import GrowingColumns
 from robacc.io.header_row import MAX_COLUMNS, header_names
 from robacc.io.lines import Block, LineReader
 from robacc.io.problem_log import ProblemLog, clip
 
-_GAPS = frozenset(
+GAPS = frozenset(
     {"", "-", "--", "---", "----", "nan", "-nan", "inf", "-inf", "+inf", "n/a", "#n/a", "na", "null", "none"}
 )
 """Entries for a value that was not measured, in small letters."""
@@ -43,6 +44,10 @@ class TableOptions:
     """Leave out rows with a missing value, in place of a problem for each."""
     sheet: str | None = None
     """Sheet of a workbook; None for its only sheet."""
+    bag: BagOptions = NO_BAG_OPTIONS
+    """Topics and samples of a recording."""
+    frame: Any = None
+    """Data frame that is read in place of a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +257,7 @@ class TableReader:
         return None
 
     def _number(self, field: str, line: int, column: str) -> float:
-        if self.options.skip_gaps and field.lower() in _GAPS:
+        if self.options.skip_gaps and field.lower() in GAPS:
             self._gaps.add(line)
             return math.nan
         if not field:

@@ -25,7 +25,7 @@ from robacc.poses.headings import TIME_KEYS
 _VERSION = "1"
 OPEN = "unknown"
 """Entry of a statement that the user has to fill in; a command refuses it."""
-_KEYS = ("robacc_columns", "angles", "units", "coverage", "sheet", "columns")
+_KEYS = ("robacc_columns", "angles", "units", "coverage", "sheet", "bag", "columns")
 
 
 def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             source.report(version, "robacc_columns", f"expected {_VERSION}, found {describe(version)}")
         if (node := top.get("angles")) is not None:
             result["angles"] = source.choice(node, "angles", tuple(CONVENTIONS))
-        for key in ("units", "sheet"):
+        for key in ("units", "sheet", "bag"):
             if (node := top.get(key)) is not None:
                 result[key] = source.text(node, key)
         if result.get("units") == OPEN:

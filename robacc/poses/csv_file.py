@@ -15,7 +15,7 @@ from robacc.errors import Counted
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.open_table import Table, open_table
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import TableBody, TableOptions
+from robacc.io.table import TableBody
 from robacc.measurements import Measurements
 from robacc.poses.columns import (
     AXES,
@@ -27,7 +27,6 @@ from robacc.poses.columns import (
     RPY,
     SIGMAS,
     TEXTS,
-    is_documented,
 )
 from robacc.poses.duplicate_rows import duplicate_row_warnings
 from robacc.poses.headings import TIME_KEYS
@@ -35,7 +34,7 @@ from robacc.poses.layout import Layout, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of
 from robacc.poses.orientation import AngleChoice, OrientationAt, rotations
 from robacc.poses.plausibility import lengths_too_large
-from robacc.poses.reading import reading_of
+from robacc.poses.reading import reading_of, table_options
 from robacc.poses.row_checks import RowChecks
 from robacc.poses.timestamps import read_times
 from robacc.poses.unit_checks import UnitChecks
@@ -83,7 +82,7 @@ def read_poses(
         InputError: Every problem of the file, with line and column.
     """
     reading = reading_of(path)
-    options = TableOptions(is_documented, reading.skip_gaps, reading.sheet)
+    options = table_options(path)
     with open_table(os.fspath(path), options) as reader:
         header = reader.header()
         log = reader.log

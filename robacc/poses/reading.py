@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from robacc.errors import UsageError
+from robacc.io.bag_options import BagOptions
 from robacc.poses.angles import CONVENTIONS
-from robacc.poses.columns import FOREIGN_UNITS, UNITS
+from robacc.poses.columns import FOREIGN_UNITS, UNITS, is_documented
+
+if TYPE_CHECKING:
+    from robacc.io.table import TableOptions
 
 _UNIT_WORDS = {"inch": "in", "°": "deg", "µm": "um"}
 
@@ -32,6 +36,8 @@ class Reading:
     """Name of a workbook's sheet; None for its only sheet."""
     commanded: str | None = None
     """File with the commands: a robot program, or a table of joints or commanded poses."""
+    bag: str | None = None
+    """Topics and samples of a recording: ``joints=/joint_states,measured=/tracker/pose,at=rest``."""
 
     def __post_init__(self) -> None:
         """Check the statements.
@@ -43,6 +49,7 @@ class Reading:
             raise UsageError(f"`angles`: expected one of {', '.join(CONVENTIONS)}, found {self.angles!r}")
         if self.coverage is not None and not 0 < self.coverage < 10:
             raise UsageError(f"`coverage`: expected a coverage factor such as 1 or 2, found {self.coverage!r}")
+        BagOptions.of(self.bag)
         self.unit_of  # noqa: B018 (the property checks)
 
     @property
@@ -66,27 +73,39 @@ class Reading:
 
     def document(self) -> dict[str, Any]:
         """Return the statements that were made, for a result's options."""
-        names = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded")
+        names = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag")
         values = {name: getattr(self, name) for name in names}
         return {name: dict(value) if name == "columns" else value for name, value in values.items() if value}
 
 
+FRAME = "DataFrame"
+"""Name of a data frame in messages and records."""
 AS_NAMED = Reading()
 """No statement: the names of the file decide."""
 
 
+class SupportsColumns(Protocol):
+    """Data frame: a table that gives its columns by their names (pandas, Polars, Arrow)."""
+
+    @property
+    def columns(self) -> Any:
+        """Names of the columns."""
+
+
 class PoseFile(str):
-    """Path of a pose file, with statements on what its names leave open.
+    """Path of a pose file, or a data frame, with statements on what its names leave open.
 
     It stands wherever a path of poses does: ``robacc.estimate(PoseFile("export.csv", units="mm,deg"), robot=…)``.
     """
 
-    __slots__ = ("reading",)
+    __slots__ = ("frame", "reading")
     reading: Reading
+    frame: Any
+    """Data frame; None for a file."""
 
     def __new__(
         cls,
-        path: str | os.PathLike[str],
+        path: str | os.PathLike[str] | SupportsColumns | Mapping[str, Any],
         *,
         angles: str | None = None,
         units: str | None = None,
@@ -95,11 +114,12 @@ class PoseFile(str):
         coverage: float | None = None,
         sheet: str | None = None,
         commanded: str | os.PathLike[str] | None = None,
+        bag: str | None = None,
     ) -> PoseFile:
         """Return the path with the statements, which are those of :class:`Reading`.
 
         Args:
-            path: The pose file.
+            path: The pose file, or a data frame: pandas, Polars, Arrow, or arrays by the names of columns.
             angles: See :class:`Reading`; likewise the other statements.
             units: See above.
             columns: A column map (YAML), or its entries. A map may also state the rest; arguments take precedence.
@@ -107,13 +127,18 @@ class PoseFile(str):
             coverage: See above.
             sheet: See above.
             commanded: See above.
+            bag: See above.
 
         Raises:
             UsageError: A statement is wrong.
             InputError: The column map cannot be read.
         """
-        result = super().__new__(cls, os.fspath(path))
+        result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
+        result.frame = (
+            path.frame if isinstance(path, PoseFile) else None if isinstance(path, str | os.PathLike) else path
+        )
         stated: dict[str, Any] = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet}
+        stated["bag"] = bag
         stated = {name: value for name, value in stated.items() if value is not None}
         if isinstance(columns, str | os.PathLike):
             from robacc.poses.column_map import read_column_map
@@ -128,15 +153,24 @@ class PoseFile(str):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return how to copy the path into another process."""
-        return _restored, (str(self), self.reading)
+        return _restored, (str(self), self.reading, self.frame)
 
 
-def _restored(path: str, reading: Reading) -> PoseFile:
+def _restored(path: str, reading: Reading, frame: Any) -> PoseFile:
     result = PoseFile(path)
-    result.reading = reading
+    result.reading, result.frame = reading, frame
     return result
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:
     """Return the statements that a path carries."""
     return path.reading if isinstance(path, PoseFile) else AS_NAMED
+
+
+def table_options(path: str | os.PathLike[str]) -> TableOptions:
+    """Return how the table at a path is to be read, with the statements that the path carries."""
+    from robacc.io.table import TableOptions
+
+    reading = reading_of(path)
+    frame = path.frame if isinstance(path, PoseFile) else None
+    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, BagOptions.of(reading.bag), frame)

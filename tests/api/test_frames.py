@@ -1,0 +1,123 @@
+"""Data frames in place of pose files: pandas, Polars, Arrow, and mappings of arrays."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import robacc
+from robacc.errors import InputError
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+ROBOT = SAMPLES / "robot.yaml"
+
+
+def columns() -> dict[str, list[Any]]:
+    with (SAMPLES / "poses.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    texts = ("pose", "cycle", "target", "visit")
+    return {name: [row[name] if name in texts else float(row[name]) for row in rows] for name in rows[0]}
+
+
+def as_mapping(table: dict[str, list[Any]]) -> Any:
+    return {name: np.array(values) for name, values in table.items()}
+
+
+def as_arrow(table: dict[str, list[Any]]) -> Any:
+    return pytest.importorskip("pyarrow").table(table)
+
+
+def as_pandas(table: dict[str, list[Any]]) -> Any:
+    return pytest.importorskip("pandas").DataFrame(table)
+
+
+def as_polars(table: dict[str, list[Any]]) -> Any:
+    return pytest.importorskip("polars").DataFrame(table)
+
+
+class StreamOnly:
+    """Table that speaks Arrow's stream interface only, as a database's relation does."""
+
+    def __init__(self, table: Any) -> None:
+        self._table = table
+
+    def __arrow_c_stream__(self, schema: Any = None) -> Any:
+        return self._table.__arrow_c_stream__(schema)
+
+
+def as_stream(table: dict[str, list[Any]]) -> Any:
+    return StreamOnly(as_arrow(table))
+
+
+@pytest.mark.parametrize("make", [as_mapping, as_arrow, as_pandas, as_polars, as_stream])
+def test_a_frame_gives_the_figures_of_its_file(make: Callable[[dict[str, list[Any]]], Any]) -> None:
+    results = (robacc.estimate(source, robot=ROBOT) for source in (SAMPLES / "poses.csv", make(columns())))
+    from_file, from_frame = (json.loads(result.to_json()) for result in results)
+    record = from_frame["inputs"][0]
+    assert record["name"] == "DataFrame"
+    assert len(record["sha256"]) == 64
+    for key in ("position", "orientation", "grade", "noise"):
+        assert from_frame[key] == from_file[key]
+
+
+def test_names_of_exports_are_read_in_frames_too() -> None:
+    table = columns()
+    frame = {f"J{i} [deg]": np.degrees(table[f"q{i}"]) for i in range(1, 7)}
+    frame |= {f"{axis.upper()} [mm]": 1e3 * np.array(table[axis]) for axis in "xyz"}
+    frame["Timestamp"] = np.datetime64("2026-11-22T10:00:00") + np.arange(len(table["x"])) * np.timedelta64(60, "s")
+    data = robacc.read_poses(frame, robot=robacc.read_robot(ROBOT))
+    expected = robacc.read_poses(SAMPLES / "poses.csv", robot=robacc.read_robot(ROBOT))
+    np.testing.assert_allclose(data.q, expected.q, atol=1e-14)
+    assert data.time is not None
+    assert data.time[:2].tolist() == [36000.0, 36060.0]
+
+
+def test_statements_apply_to_frames() -> None:
+    table = columns()
+    frame = {f"J{i}": np.degrees(table[f"q{i}"]) for i in range(1, 7)} | {axis: table[axis] for axis in "xyz"}
+    with pytest.raises(InputError, match="state no unit"):
+        robacc.read_poses(frame)
+    with_units = robacc.PoseFile(frame, units="m,deg")
+    assert robacc.estimate(with_units, robot=ROBOT).document()["inputs"][0]["reading"] == {"units": "m,deg"}
+
+
+@pytest.mark.parametrize("missing", [None, float("nan"), "---"])
+def test_gaps_of_frames_have_a_row_and_a_column(missing: object) -> None:
+    table = columns()
+    table["y"][3] = missing
+    frame = {name: np.array(values, dtype=object if name == "y" else None) for name, values in table.items()}
+    with pytest.raises(InputError, match="row 4, y: the value is missing"):
+        robacc.read_poses(frame)
+    data = robacc.read_poses(frame, skip_gaps=True)
+    assert data.n == len(table["y"]) - 1
+    assert any("1 row with a missing value left out (row 4)" in text for text in data.warnings)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": np.zeros((60, 2))}, r"x: expected one value a row, found an array of shape \(60, 2\)"),
+        ({"x": np.zeros(7)}, "the columns have 7 to 60 rows"),
+        ({"x": np.array(["1,5"] * 60)}, "x: the column holds <U3, expected numbers"),
+        ({"x": np.array(["1,5"] * 60, dtype=object)}, "row 1, x: found '1,5', expected a number"),
+        ({5: np.zeros(60)}, "expected a text as the name of each column, found 5"),
+    ],
+)
+def test_frames_that_are_refused(change: dict[Any, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        robacc.read_poses({**as_mapping(columns()), **change})
+
+
+def test_the_named_index_of_pandas_is_a_column() -> None:
+    pandas = pytest.importorskip("pandas")
+    table = columns()
+    table["pose"] = [f"P{i}" for i in range(len(table["x"]))]
+    data = robacc.read_poses(pandas.DataFrame(table).set_index("pose"))
+    assert data.pose is not None
+    assert data.pose[:2].tolist() == ["P0", "P1"]

@@ -11,6 +11,7 @@ variances of their scatter, U the covariance of the unexplained error in the tar
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,9 +78,10 @@ def _blocks(robot: Robot, fit: ModelFit, data: Measurements) -> tuple[tuple[Arra
     """Return the covariances ``(6, 6, n)`` of the three sources, and the predicted rotations."""
     model = Model.of(robot, fit.effects)
     bound = model.bind(data)
-    names = {name: i for i, name in enumerate(bound.names)}
-    known = [i for i, name in enumerate(fit.coefficients) if name in names]
-    columns = np.array([names[fit.coefficients[i]] for i in known], dtype=np.int64)
+    numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
+    coefficients_of_fit = _occurrences(fit.coefficients)
+    known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]
+    columns = np.array([numbers[coefficients_of_fit[i]] for i in known], dtype=np.int64)
     poses, jacobian = bound.linearise(np.zeros(len(bound.names)), columns)
     coefficients = _propagated(jacobian, fit.covariance[np.ix_(known, known)])
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
@@ -88,6 +90,16 @@ def _blocks(robot: Robot, fit: ModelFit, data: Measurements) -> tuple[tuple[Arra
         joints = Model(model.arm, model.known, (JointOffset(model.arm.names),)).bind(data)
         scatter = _propagated(joints.linearise(np.zeros(stds.size))[1], np.diag(np.square(stds)))
     return (coefficients, scatter, _turned(fit.unexplained, poses.rotation)), poses.rotation
+
+
+def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Return each name with the number of its earlier occurrences: two steps of the base share the names of theirs."""
+    count: dict[str, int] = {}
+    entries = []
+    for name in names:
+        entries.append((name, count.get(name, 0)))
+        count[name] = count.get(name, 0) + 1
+    return entries
 
 
 def _propagated(jacobian: Array, covariance: Array) -> Array:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
+from robacc.effects.change_points import is_step
+from robacc.effects.frame_drift import FrameDrift
 from robacc.fitting.fit_repeatability import is_same, significant_components, with_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
@@ -18,6 +20,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.linearised_candidates import SELECTION_POSES, LinearisedCandidates, linearise
 from robacc.tracing.selection import FALSE_ALARM, Selection, SelectionStep
+from robacc.tracing.wander import explained_by_wander
 
 _ROUNDS = 4
 """Largest number of rounds of a joint fit and a selection."""
@@ -25,6 +28,8 @@ _BETTER = 10.0
 """Evidence (log Bayes factor) by which a selection with a correction must beat the named one (odds of 20,000 to 1)."""
 _SCATTER_ROUNDS = 3
 """Largest number of estimates of the scatter of the joints."""
+_LEAST_WORTH = 5.0
+"""Evidence (log Bayes factor) that a step needs beside a wander of the errors (odds of 150 to 1)."""
 _MANY = 3
 """Named findings from which a correction is tried in place of them even if they leave no structure."""
 SEARCH = Options(tolerance=1e-4, settled=1e-2)
@@ -124,10 +129,9 @@ class _Search:
 
     def follow(self, last: _Round) -> _Round:
         """Fit what the last round chose, all together, and choose again from there."""
-        frames = tuple(effect for effect in last.effects if effect.is_frame)
-        chosen = frames + tuple(last.next.refined(choice) for choice in last.next.chosen)
+        chosen = frames_of(last.effects) + tuple(last.next.refined(choice) for choice in last.next.chosen)
         # Every fit registers an identified frame anew, so it is no candidate again.
-        frames = tuple(effect for effect in chosen if effect.is_frame)
+        frames = frames_of(chosen)
         others = tuple(effect for effect in chosen if not effect.is_frame)
         fitted = refit(last.fit, (*self.baseline.model.free, *frames, *others), self.data, self.options)
         return self._chosen_from(chosen, fitted, linearise(fitted, self.data, (*self.model.free, *frames), self.only))
@@ -154,6 +158,39 @@ class _Search:
                 return _best(rounds), False
             last = self.follow(last)
             rounds.append(last)
+
+    def without_wander(self, last: _Round) -> _Round:
+        """Return the round without steps that a slow wander of the errors explains as well (:mod:`.wander`).
+
+        The weakest step goes first. A drift may come in its place.
+        """
+        while True:
+            worth = {effect: self._worth_beside_wander(last, effect) for effect in last.effects if is_step(effect)}
+            weakest = min(worth, key=lambda effect: worth[effect], default=None)
+            if weakest is None or worth[weakest] >= _LEAST_WORTH:
+                return last
+            self.steps.append(SelectionStep("drop", f"{weakest}: errors wander", []))
+            last = self._refitted(last, tuple(effect for effect in last.effects if effect != weakest))
+            drifts = [r for r in last.selection.rank() if isinstance(r.candidate.effect, FrameDrift)]
+            if drifts and drifts[0].p_value <= FALSE_ALARM:
+                last = self._refitted(last, (*last.effects, drifts[0].candidate.effect))
+
+    def _refitted(self, last: _Round, effects: tuple[Effect, ...]) -> _Round:
+        """Return a round of exactly these effects."""
+        frames, others = frames_of(effects), [effect for effect in effects if not effect.is_frame]
+        fitted = refit(last.fit, (*self.baseline.model.free, *frames_first(effects)), self.data, self.options)
+        candidates = linearise(fitted, self.data, (*self.model.free, *frames), self.only)
+        selection = candidates.selection(self.all_rows, others)
+        return _Round(effects, fitted, candidates, selection, selection)
+
+    def _worth_beside_wander(self, last: _Round, step: Effect) -> float:
+        """Return the evidence for a step if the errors may also wander."""
+        selection = last.selection
+        choice = next(c for c in selection.chosen if c.candidate.effect.search_key() == step.search_key())
+        evidence = selection.contest(choice)[0].total
+        others = tuple(effect for effect in last.effects if effect != step)
+        without = refit(last.fit, (*self.baseline.model.free, *frames_first(others)), self.data, self.options)
+        return evidence - explained_by_wander(without, last.fit, self.data)
 
     def update_scatter(self, last: _Round) -> bool:
         """Estimate the joints' scatter beside the findings; return whether it changed, with the baseline refitted."""
@@ -207,6 +244,7 @@ def search(
         if not state.update_scatter(last):
             break
         last, settled = state.settle(state.follow(dataclasses.replace(last, next=last.selection)))
+    last = state.without_wander(last)
     return SearchResult(
         declared=state.baseline,
         final=last.fit,
@@ -248,6 +286,11 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
         prior_stds=like.prior_stds,
     )
     return fit(model, data, warm_start)
+
+
+def frames_of(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Return the effects that are base or tool frames."""
+    return tuple(effect for effect in effects if effect.is_frame)
 
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:

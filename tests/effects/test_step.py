@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, TOOL, Run, measured, robot, run, target
 
+import robacc
 from robacc.effects.base import Effect
 from robacc.effects.change_points import mixed_places, places
 from robacc.effects.request import build, parse_requests
@@ -88,6 +89,31 @@ def test_clean_arms_have_no_step() -> None:
         poses = run(N, seed)
         position = np.array([target(q) for q in poses.q.T]).T
         assert traced(measured(poses, position, NOISE, seed)).findings == ()
+
+
+def test_errors_that_wander_are_no_steps() -> None:
+    """A tracker's mounting that creeps: correlated over some 30 poses, one and a half times the noise."""
+    for seed in (41,):
+        poses = run(N, seed)
+        rng = np.random.default_rng(seed)
+        memory = 0.97
+        wander = rng.normal(size=(3, N))
+        for i in range(1, N):
+            wander[:, i] = memory * wander[:, i - 1] + np.sqrt(1 - memory**2) * wander[:, i]
+        position = np.array([target(q) for q in poses.q.T]).T + 1.5 * NOISE * wander
+        assert not [f for f in traced(measured(poses, position, NOISE, seed)).findings if f.effect == "step"]
+
+
+def test_two_steps_of_one_part_have_coefficients_of_their_own() -> None:
+    poses = run(N, seed=7)
+    position = np.array([target(q) for q in poses.q.T]).T
+    for first, shift in ((30, 4e-4), (62, -7e-4)):
+        position = np.where(np.arange(N) >= first, position + np.array([[0.0], [shift], [0.6 * shift]]), position)
+    result = robacc.trace(measured(poses, position, NOISE, 7), robot=robot(), declared=DECLARED, empirical=False)
+    assert [finding.effect for finding in result.findings] == ["step", "step"]
+    record = result.robot.fit
+    assert record is not None
+    assert record["coefficients"].count("step.x") == 2
 
 
 def test_poses_sorted_by_a_joint_have_no_usable_place() -> None:

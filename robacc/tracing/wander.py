@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robacc.fitting.solver import Fit
+from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 

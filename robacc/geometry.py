@@ -223,12 +223,6 @@ class Poses:
         """Return ``T(xyz) Rz(yaw) Ry(pitch) Rx(roll)`` from ``(3, ...)`` in m and rad."""
         return cls(rotation_from_rpy(rpy), np.asarray(xyz, dtype=float))
 
-    @classmethod
-    def from_matrices(cls, matrices: Array) -> Poses:
-        """Return the transforms of homogeneous matrices ``(..., 4, 4)``, the usual layout of other libraries."""
-        moved = np.moveaxis(np.asarray(matrices, dtype=float), (-2, -1), (0, 1))
-        return cls(moved[:3, :3], moved[:3, 3])
-
     def matrices(self) -> Array:
         """Return homogeneous matrices ``(..., 4, 4)``."""
         result = np.zeros((4, 4, *self.translation.shape[1:]))

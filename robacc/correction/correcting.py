@@ -29,10 +29,6 @@ from robacc.correction.wanted import (
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 
-POSITION_TOLERANCE = 1e-6
-"""m: error of the model at the corrected command up to which a target is corrected."""
-ORIENTATION_TOLERANCE = 1e-6
-"""rad"""
 _SAME_APPROACH = 1e-6
 """Change of a relative speed that changes no pose by as much as the tolerance."""
 _ROUNDS = 5

@@ -20,8 +20,6 @@ from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import model_uncertainty
 from robacc.robots.description import Robot
 
-NominalSource = Literal["file", "model"]
-
 _DEGREES = 180.0 / np.pi
 
 

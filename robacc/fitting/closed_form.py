@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +38,6 @@ _RELUCTANCE = 1e-3
 """Scale of a target's columns: the solution of least norm moves the base rather than a target."""
 _ONE_AXIS = 1e-4
 """Second smallest eigenvalue over the largest, below which axes are parallel within about a degree."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Start:
-    base: Poses
-    tools: dict[str, Poses]
 
 
 def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:

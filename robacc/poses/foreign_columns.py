@@ -21,7 +21,6 @@ _CANDIDATES: Mapping[str, tuple[str, ...]] = {
 }
 """Conventions that a family of angle names may belong to; one alone is certain."""
 _PREAMBLE_UNITS = re.compile(r"\bunits?\b\W*(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE)
-_POSE_KEYS = ("x", "y", "z")
 
 
 @dataclass(slots=True)
@@ -65,7 +64,7 @@ def find_columns(
         for candidate in _candidates(header, names)
         if candidate.index not in used and candidate.key not in known
     ]
-    chosen = _without_conflicts(_renumbered(candidates, names, log, header.line), log, header.line)
+    chosen = _without_conflicts(_renumbered(candidates), log, header.line)
     units = _PreambleUnits.of(header)
     nameless: list[Column] = []
     for key, candidate in chosen.items():
@@ -112,7 +111,7 @@ def _named_joint(heading: Heading, names: Names) -> str | None:
     return None
 
 
-def _renumbered(candidates: Sequence[_Candidate], names: Names, log: ProblemLog, line: int | None) -> list[_Candidate]:
+def _renumbered(candidates: Sequence[_Candidate]) -> list[_Candidate]:
     """Return the candidates with joints numbered from 1 where the file numbers them from 0."""
     numbers = {int(item.key[1:]) for item in candidates if re.fullmatch(r"q\d+", item.key)}
     if 0 not in numbers:

@@ -55,11 +55,6 @@ def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
     return probability, density
 
 
-def length_probabilities(radius: float, variances: Array) -> Array:
-    """Return P(|Z| <= radius) ``(N,)`` for variances ``(3, N)``, each with at least one above zero; radius > 0."""
-    return _cdf_and_density(np.full(variances.shape[1], radius * radius), variances)[0]
-
-
 def length_quantiles(probability: float, variances: Array) -> Array:
     """Return radii ``(N,)`` of ``probability`` for variances ``(3, N)``; zero if all variances are zero.
 

@@ -7,13 +7,6 @@ import re
 from robacc.programs.program import ProgramNumber
 from robacc.programs.source import ProgramSource
 
-_POINT = re.compile(r"(?<![\d.])[-+]?\.\d")
-
-
-def omits_leading_zero(text: str) -> bool:
-    """Return whether the text writes .5 for 0.5."""
-    return _POINT.search(text) is not None
-
 
 def edit(
     source: ProgramSource, number: ProgramNumber, value: float, decimals: int, bare_point: bool

@@ -35,7 +35,7 @@ class KrlFrames:
     fixed_tool: set[str]
     """FDAT whose tool stands in the cell."""
 
-    def resolve(self, text: str, kind: str) -> ProgramFrame | None:
+    def resolve(self, text: str) -> ProgramFrame | None:
         """Return the frame of the right-hand side of an assignment; None where it is computed."""
         key = key_of(text)
         if key in ("$NULLFRAME", "$WORLD"):
@@ -88,7 +88,7 @@ def spline_frames(text: str, frames: KrlFrames) -> tuple[ProgramFrame | None, Pr
             number = frames.data_frames[name][place]
             result.append(ProgramFrame(number, None) if unknown else frames.numbered(number, kind))
         else:
-            result.append(frames.resolve(match[1], kind) or ProgramFrame(match[1].strip(), None))
+            result.append(frames.resolve(match[1]) or ProgramFrame(match[1].strip(), None))
     return result[0], result[1]
 
 
@@ -106,7 +106,7 @@ def frame_events(reading: KrlReading, frames: KrlFrames, kind: str) -> list[Fram
         elif name.startswith("END") or name == "UNTIL":
             events.append(FrameEvent(place, "close"))
         elif name == f"${kind}":
-            events.append(FrameEvent(place, "set", _assigned(reading, place, text, frames, kind)))
+            events.append(FrameEvent(place, "set", _assigned(reading, place, text, frames)))
         elif name == "FDAT":
             numbers = frames.data_frames.get(text)
             if numbers is None or text in frames.fixed_tool:
@@ -121,10 +121,10 @@ def frame_events(reading: KrlReading, frames: KrlFrames, kind: str) -> list[Fram
     return events
 
 
-def _assigned(reading: KrlReading, place: int, text: str, frames: KrlFrames, kind: str) -> ProgramFrame | None:
+def _assigned(reading: KrlReading, place: int, text: str, frames: KrlFrames) -> ProgramFrame | None:
     aggregate = aggregate_at(reading.source.text, reading.masked, place, place + len(text))
     if aggregate is None or reading.masked[aggregate.end : place + len(text)].strip():
-        return frames.resolve(text, kind)
+        return frames.resolve(text)
     numbers = aggregate.frame()
     if numbers is None:
         return None

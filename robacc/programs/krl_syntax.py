@@ -21,7 +21,6 @@ HIDDEN = re.compile(r'"[^"\r\n]*"|;[^\r\n]*')
 FRAME_KEYS = ("X", "Y", "Z", "A", "B", "C")
 AXIS_KEYS = ("A1", "A2", "A3", "A4", "A5", "A6")
 NAME = r"[A-Za-z_$][\w$]*(?:\[\s*\d+\s*\])?"
-TYPES = ("E6POS", "POS", "E6AXIS", "AXIS", "FRAME")
 
 _ENTRY = re.compile(rf"\s*([A-Za-z]\w*(?:\[\s*\])?)\s+({NUMBER})\s*\Z")
 _AGGREGATE = re.compile(r"\{\s*(?:(\w+)\s*:)?([^{}\r\n]*)\}")

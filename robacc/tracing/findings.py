@@ -132,7 +132,7 @@ def describe_finding(
         harmonics,
         _validity(fitted, final, data),
         implausible,
-        (*_finding_warnings(fitted, final, moved, folds_chosen), *(() if implausible is None else (implausible,))),
+        (*_finding_warnings(fitted, moved, folds_chosen), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
         None if moved is None else float(np.sqrt(np.mean(np.square(moved)))),
         None if moved is None else float(np.max(moved)),
@@ -183,7 +183,7 @@ def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str
     return tuple((driver, low, high) for driver, (low, high) in limits.items())
 
 
-def _finding_warnings(effect: Effect, final: Fit, moved: Array | None, chosen: tuple[int, int]) -> tuple[str, ...]:
+def _finding_warnings(effect: Effect, moved: Array | None, chosen: tuple[int, int]) -> tuple[str, ...]:
     warnings = []
     if chosen[1] and chosen[0] < _LEAST_STABILITY * chosen[1]:
         warnings.append(f"{effect} was found in only {chosen[0]} of {chosen[1]} folds")

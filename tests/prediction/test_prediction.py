@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_matrices import error_matrices
 from scipy.spatial.transform import Rotation
 
 from robacc.accuracy.grade_scale import default_scale
@@ -19,7 +20,6 @@ from robacc.modelling.robot_file import read_robot
 from robacc.prediction.allocation import allocate
 from robacc.prediction.configurations import configurations_of, sampled_configurations
 from robacc.prediction.covariances import pose_covariances
-from robacc.prediction.matrices import error_matrices
 from robacc.prediction.parameters import Tolerances, uncertain_parameters
 from robacc.prediction.predicting import Prediction, predict_accuracy
 from robacc.robots.arm import Arm
@@ -223,14 +223,6 @@ def test_equations_7_and_8_from_the_matrices() -> None:
     orientation = part(matrices.m2, "theta") + part(matrices.m3, "alpha")
     np.testing.assert_allclose(covariances.position, position, atol=1e-12 * position.max())
     np.testing.assert_allclose(covariances.orientation, orientation, atol=1e-12 * orientation.max())
-
-
-def test_matrices_belong_to_dh_rows() -> None:
-    urdf = dataclasses.replace(planar(), convention="urdf")
-    with pytest.raises(UsageError, match="2R is a URDF: M1 … M4 are defined for rows of theta, d, a, alpha"):
-        error_matrices(urdf, np.zeros((2, 1)))
-    with pytest.raises(UsageError, match="the robot has 2 joints, but the configurations have the shape"):
-        error_matrices(planar(), np.zeros((3, 1)))
 
 
 def predicted(robot: Robot, n: int = 64, tolerances: Tolerances | None = None) -> Prediction:

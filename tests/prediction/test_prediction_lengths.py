@@ -8,7 +8,7 @@ from scipy import integrate, special, stats
 
 from robacc.prediction.carlson import carlson_rg
 from robacc.prediction.lengths import (
-    length_probabilities,
+    _cdf_and_density,
     length_quantiles,
     mean_lengths,
     mixture_quantile,
@@ -17,6 +17,11 @@ from robacc.prediction.lengths import (
 from robacc.statistics.quadratic_form import length_probability, length_quantile
 
 SHAPES = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0.1, 1e-3], [4e-8, 1e-8, 1e-12], [1, 1e-9, 1e-9]]).T
+
+
+def length_probabilities(radius: float, variances: np.ndarray) -> np.ndarray:
+    """Return P(|Z| <= radius) ``(N,)`` for variances ``(3, N)``."""
+    return _cdf_and_density(np.full(variances.shape[1], radius * radius), variances)[0]
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.95, 0.999])

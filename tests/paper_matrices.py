@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -41,17 +40,9 @@ class ErrorMatrices:
 
 
 def error_matrices(robot: Robot, q: Array) -> ErrorMatrices:
-    """Return M1 … M4 of equation (6) at joint variables ``q`` ``(J, N)`` in rad or m.
-
-    Raises:
-        UsageError: The robot is a URDF, which has no theta, d, a and alpha, or ``q`` does not fit the robot.
-    """
-    if robot.convention == "urdf":
-        raise UsageError(f"{robot.name} is a URDF: M1 … M4 are defined for rows of theta, d, a, alpha")
+    """Return M1 … M4 of equation (6) at joint variables ``q`` ``(J, N)`` in rad or m."""
     arm = Arm.of(robot)
     chain, n_joints = arm.chain, len(robot.joints)
-    if q.ndim != 2 or q.shape[0] != chain.n_joints:
-        raise UsageError(f"the robot has {chain.n_joints} joints, but the configurations have the shape {q.shape}")
     motions = [chain.index(owner, label) for label in ("theta", "alpha") for owner in range(n_joints)]
     sweep = chain.sweep(chain.scalars(q), q.shape[1], motions)
     rotation = sweep.poses.rotation

@@ -24,7 +24,14 @@ from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.leverage import high_leverage
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.parameters import Correlation, FittedParameter, correlations, parameters
+from robacc.fitting.parameters import (
+    Correlation,
+    FittedParameter,
+    ParameterCovariance,
+    correlations,
+    parameter_covariance,
+    parameters,
+)
 from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.solver import fit
@@ -72,6 +79,7 @@ class Calibration:
     gain: Gain | None
     parameters: tuple[FittedParameter, ...]
     """Coefficients; their standard errors come from the data alone, with or without shrinkage."""
+    covariance: ParameterCovariance
     shrunk: tuple[ShrunkKind, ...]
     """Constants with shrinkage to the nominal values, by kind."""
     deflection: DeflectionChoice | None
@@ -141,6 +149,7 @@ def calibrate(
     held_out_residuals = _hold_out(plan, data, holdout, effects, frames, n_folds, seed, progress)
     comparison = before_and_after(robot, data, registered, final_fit, held_out_residuals, holdout, n_folds, seed)
     noise = lack_of_fit(final_fit, data)
+    with_masses = with_mass_uncertainty(final_fit, data)
     return Calibration(
         robot=apply_fit(final_fit),
         effects=effects,
@@ -152,7 +161,8 @@ def calibrate(
         before=comparison.before,
         after=comparison.after,
         gain=comparison.gain,
-        parameters=parameters(with_mass_uncertainty(final_fit, data)),
+        parameters=parameters(with_masses),
+        covariance=parameter_covariance(with_masses),
         shrunk=shrunk,
         deflection=deflection,
         correlations=correlations(final_fit),

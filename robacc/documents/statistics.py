@@ -15,7 +15,7 @@ from robacc.statistics.multivariate import AssumptionTest
 from robacc.statistics.records import ErrorStatistics, MatrixInterval, Radius
 
 if TYPE_CHECKING:
-    from robacc.fitting.parameters import FittedParameter
+    from robacc.fitting.parameters import FittedParameter, ParameterCovariance
 
 Document = dict[str, Any]
 
@@ -119,6 +119,11 @@ def parameters_document(parameters: Iterable[FittedParameter]) -> list[Document]
         }
         for parameter in parameters
     ]
+
+
+def covariance_document(covariance: ParameterCovariance) -> Document:
+    """Return the covariance of the coefficients."""
+    return {"names": list(covariance.names), "matrix": covariance.matrix}
 
 
 def figures_document(figures: ErrorMetrics, unit: str) -> Document:

@@ -32,6 +32,15 @@ class FittedParameter:
 
 
 @dataclass(frozen=True, slots=True)
+class ParameterCovariance:
+    """Covariance of the coefficients that have a standard error, in the units of the coefficients."""
+
+    names: tuple[str, ...]
+    matrix: Array
+    """``(K, K)``; the roots of its diagonal are the standard errors."""
+
+
+@dataclass(frozen=True, slots=True)
 class Correlation:
     """Two coefficients whose estimates are strongly correlated."""
 
@@ -65,6 +74,13 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     return tuple(result)
 
 
+def parameter_covariance(fit: Fit) -> ParameterCovariance:
+    """Return the covariance of the coefficients as :func:`parameters` reports them, without those of no error."""
+    covariance = _coordinate_covariance(fit, _frames(fit))
+    known = np.flatnonzero(np.isfinite(_stds(covariance)))
+    return ParameterCovariance(tuple(fit.names[i] for i in known), covariance[np.ix_(known, known)])
+
+
 def correlations(fit: Fit) -> tuple[Correlation, ...]:
     """Return pairs of coefficients correlated by more than :data:`CORRELATED`, strongest first."""
     columns = fit.identifiability.columns
@@ -96,29 +112,28 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
     these are zero. A turn that is not identifiable stands still. At a pitch of 90 degrees roll and yaw have no
     variance of their own.
     """
-    covariance = fit.covariance.copy()
+    known = np.isfinite(np.diag(fit.covariance))
+    rates = np.eye(known.size)
     for prefix, frame in frames.items():
         angles = [fit.names.index(f"{prefix}.{label}") for label in _COORDINATES[3:]]
         if _is_at_pole(frame):
-            roll, pitch, yaw = angles
-            covariance[pitch, pitch] = _pitch_variance(covariance[np.ix_(angles, angles)], frame)
-            covariance[[roll, yaw], [roll, yaw]] = np.nan
-            continue
-        block = np.nan_to_num(covariance[np.ix_(angles, angles)])
-        (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
-        rates = np.linalg.inv([[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]])
-        covariance[angles, angles] = np.diag(rates @ block @ rates.T) + 0.0 * covariance[angles, angles]  # NaN stays
-    return covariance
+            known[angles] = [False, known[angles].all(), False]
+        rates[np.ix_(angles, angles)] = _rates(frame)
+    result: Array = rates @ np.nan_to_num(fit.covariance) @ rates.T
+    result[~known] = result[:, ~known] = np.nan
+    return result
 
 
 def _is_at_pole(frame: Frame) -> bool:
     return abs(float(np.cos(frame.rpy[1]))) < _POLE
 
 
-def _pitch_variance(turns: Array, frame: Frame) -> float:
-    """Return the variance of the pitch: the turn about the second axis before the roll, NaN if not identifiable."""
-    sine, cosine = np.sin(frame.rpy[0]), np.cos(frame.rpy[0])
-    return float(np.array([0.0, cosine, -sine]) @ turns @ np.array([0.0, cosine, -sine]))
+def _rates(frame: Frame) -> Array:
+    """Return the matrix ``(3, 3)`` from turns about a frame's axes to rates of its angles; at a pole the pitch's."""
+    (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
+    if _is_at_pole(frame):
+        return np.array([[0.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, 0.0, 0.0]])
+    return np.asarray(np.linalg.inv([[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]]), dtype=np.float64)
 
 
 def _frames(fit: Fit) -> dict[str, Frame]:

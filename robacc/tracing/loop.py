@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,10 +112,17 @@ class _Search:
     """State of one search: the baseline, and the rounds since the scatter of the joints last changed."""
 
     def __init__(
-        self, model: Model, data: Measurements, options: Options, only: Sequence[str] | None, empirical: bool
+        self,
+        model: Model,
+        data: Measurements,
+        options: Options,
+        only: Sequence[str] | None,
+        empirical: bool,
+        progress: Callable[[int, int], None],
     ) -> None:
         self.model, self.data, self.options = model, data, options
-        self.only, self.empirical = only, empirical
+        self.only, self.empirical, self.progress = only, empirical, progress
+        self.progress(1, 0)
         self.all_rows = np.ones(data.n, dtype=bool)
         self.baseline = fit(model, data, options)
         self.first = linearise(self.baseline, data, model.free, only)
@@ -133,6 +140,7 @@ class _Search:
         # Every fit registers an identified frame anew, so it is no candidate again.
         frames = frames_of(chosen)
         others = tuple(effect for effect in chosen if not effect.is_frame)
+        self.progress(self.count + 1, len(chosen))
         fitted = refit(last.fit, (*self.baseline.model.free, *frames, *others), self.data, self.options)
         return self._chosen_from(chosen, fitted, linearise(fitted, self.data, (*self.model.free, *frames), self.only))
 
@@ -232,13 +240,16 @@ def search(
     options: Options = SEARCH,
     only: Sequence[str] | None = None,
     empirical: bool = True,
+    progress: Callable[[int, int], None] = lambda count, n_findings: None,
 ) -> SearchResult:
     """Fit, select and refit until the selection is stable; then repeat with the remaining scatter of the joints.
+
+    ``progress`` is called with the number of each round and the number of effects that it fits.
 
     Scatter that rows of a visit share is no effect, but by chance effects fit it. It is estimated beside the chosen
     effects, so that a real effect does not pass for scatter, and each finding is tested again beside it.
     """
-    state = _Search(model, data, options, only, empirical)
+    state = _Search(model, data, options, only, empirical, progress)
     last, settled = state.settle(state.start())
     for _ in range(_SCATTER_ROUNDS):
         if not state.update_scatter(last):

@@ -17,7 +17,7 @@ from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.parameters import FittedParameter, parameters
+from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
 from robacc.fitting.warnings import (
     condition_warning,
     convergence_warning,
@@ -65,6 +65,7 @@ class Trace:
     gain: Gain | None
     parameters: tuple[FittedParameter, ...]
     """Coefficients of the final fit; standard errors include the uncertainty of the masses."""
+    covariance: ParameterCovariance
     findings: tuple[Finding, ...]
     deflection: DeflectionChoice | None
     """Pose at which the torques of elastic effects are taken; None if no such effect is fitted or no choice was
@@ -75,6 +76,10 @@ class Trace:
     explained_share: float | None
     """Share of the baseline's held-out variance above noise and repeatability that the findings explain."""
     steps: tuple[SelectionStep, ...]
+    rounds: int
+    """Rounds of the search: a fit of all findings together, and a selection."""
+    settled: bool
+    """Whether the search ended because its choice repeated itself."""
     missing: dict[str, str]
     detection: tuple[DetectionLimit, ...]
     """Detection limits of these poses, beside the findings."""
@@ -108,8 +113,13 @@ def trace(
         UsageError: the data lack a quantity that a declared effect needs.
     """
     refuse_mistake(model.arm.robot, data)
-    progress("searching", 0, n_folds + 1)
-    search_result = search(model, data, SEARCH, empirical=empirical)
+    search_result = search(
+        model,
+        data,
+        SEARCH,
+        empirical=empirical,
+        progress=lambda count, n_findings: progress(_search_label(count, n_findings), 0, n_folds + 1),
+    )
     validation = cross_validate(search_result, data, holdout, n_folds, seed, empirical, progress)
     loop = reproduced(search_result, validation, data)
     validation = reduced(validation, search_result, loop, data, holdout, n_folds, seed)
@@ -118,7 +128,8 @@ def trace(
     declared, form = choose_form(loop.declared, loop.declared.model, data, converged)
     final, form = _polished(loop, data, converged) if loop.effects else (declared, form)
     noise = lack_of_fit(final, data)
-    coefficients = parameters(with_mass_uncertainty(final, data))
+    with_masses = with_mass_uncertainty(final, data)
+    coefficients = parameters(with_masses)
     findings = tuple(describe_finding(loop, effect, final, coefficients, validation, data) for effect in loop.effects)
     repeatability = None if loop.components is None else repeatability_of(final, loop.components, data)
     unexplained = remaining_error(loop, final, noise, data, repeatability)
@@ -137,12 +148,15 @@ def trace(
         after=stages.after,
         gain=stages.gain if findings else None,
         parameters=coefficients,
+        covariance=parameter_covariance(with_masses),
         findings=findings,
         deflection=form,
         unexplained=unexplained,
         repeatability=repeatability,
         explained_share=explained_share(stages.before, stages.after, noise, repeatability),
         steps=loop.steps,
+        rounds=loop.rounds,
+        settled=loop.settled,
         missing=loop.candidates.missing,
         detection=_detection(loop, validation),
         n_folds=0 if validation is None else validation.folds,
@@ -163,6 +177,12 @@ def trace(
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
+
+
+def _search_label(count: int, n_findings: int) -> str:
+    """Return the label of the search's progress in round ``count``."""
+    findings = f", {n_findings} finding{'s' * (n_findings != 1)}" if count > 1 else ""
+    return f"searching, round {count}{findings}"
 
 
 def _polished(loop: SearchResult, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice | None]:

@@ -4,10 +4,16 @@ Rows are whitened by ``weight`` ``(M, N)``, reciprocal standard deviations, zero
 residuals are r = log(R_measured R_predicted^T), whose exact derivative is -J_l^-1(-r) dphi. As r is an eigenvector of
 J_l(r) to eigenvalue 1 and a pose's three orientations have one weight, the gradient is the same without that factor;
 the normal matrix changes by the order of r^2, which Gauss-Newton neglects anyway. So rows dphi are used unchanged.
+
+A joint's profile has many coefficients, whose columns are all the column of one motion times regressors over the poses.
+They are not built: with c and d whitened columns of two motions, f and g regressors, the product of two such columns is
+the sum over the poses of (c . d) f g.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
+from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.joint_offset import JointOffset
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array, Poses
@@ -22,6 +29,9 @@ from robacc.measurements import Measurements
 from robacc.modelling.bound import BoundModel
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
+
+_FEWEST_FACTORS = 8
+"""Coefficients that share a motion, from which their columns are not built."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +84,59 @@ class NormalEquations:
         return float(self.cost - 2.0 * step @ self.gradient + step @ self.gram @ step)
 
 
+@dataclass(frozen=True, slots=True)
+class _Profile:
+    """Coefficients whose columns are the whitened ``column`` ``(M, n)`` of a motion times ``factors`` ``(Q, n)``."""
+
+    places: NDArray[np.int64]
+    """``(Q,)`` indices among the sought coefficients."""
+    column: Array
+    factors: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Whitened linearisation of a block of poses."""
+
+    poses: Poses
+    residual: Array
+    """``(M, n)``, not whitened."""
+    places: NDArray[np.int64]
+    """``(D,)`` indices of the built columns among the sought coefficients."""
+    rows: Array
+    """``(D + 1, M, n)`` built columns, and the residual."""
+    profiles: tuple[_Profile, ...]
+
+    @property
+    def flat(self) -> Array:
+        """Return ``(D + 1, M n)`` built columns and the residual."""
+        return self.rows.reshape(self.rows.shape[0], -1)
+
+    def gram(self) -> Array:
+        """Return ``(K + 1, K + 1)`` the Gram matrix of all columns and the residual."""
+        flat = self.flat
+        built: Array = flat @ flat.T
+        if not self.profiles:
+            return built
+        size = self.places.size + sum(profile.places.size for profile in self.profiles)
+        result = np.empty((size + 1, size + 1))
+        at = np.append(self.places, size)
+        result[np.ix_(at, at)] = built
+        for i, profile in enumerate(self.profiles):
+            cross = np.einsum("kmn,mn->kn", self.rows, profile.column) @ profile.factors.T
+            result[np.ix_(at, profile.places)], result[np.ix_(profile.places, at)] = cross, cross.T
+            scaled = profile.factors * np.sqrt(np.einsum("mn,mn->n", profile.column, profile.column))
+            result[np.ix_(profile.places, profile.places)] = scaled @ scaled.T
+            for other in self.profiles[:i]:
+                scaled = profile.factors * np.einsum("mn,mn->n", profile.column, other.column)
+                cross = scaled @ other.factors.T
+                result[np.ix_(profile.places, other.places)], result[np.ix_(other.places, profile.places)] = (
+                    cross,
+                    cross.T,
+                )
+        return result
+
+
 class PoseEquations:
     """A model and measured poses, in blocks; the Jacobian of a single block is cached while coefficients stay."""
 
@@ -85,9 +148,13 @@ class PoseEquations:
         self._slices = [slice(start, min(start + BLOCK, data.n)) for start in starts]
         is_single = len(self._slices) == 1
         self._parts = [data if is_single else data.subset(s) for s in self._slices]
-        self._bound: list[BoundModel] = [model.bind(block) for block in self._parts]
-        self.terms = self._bound[0].terms
-        self.owners = self._bound[0].owners
+        bound = [model.bind(block) for block in self._parts]
+        self.terms = bound[0].terms
+        self.owners = bound[0].owners
+        self._factored = _factored(self.terms)
+        # The column of a motion that several coefficients share is that of one more coefficient, which is zero.
+        motions = tuple(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion, _ in self._factored)
+        self._bound: list[BoundModel] = [dataclasses.replace(b, terms=(*b.terms, *motions)) for b in bound]
         self.columns: NDArray[np.int64] = np.arange(len(self.terms))
         """Numbers of the sought coefficients: all at first, then the identifiable ones."""
         self._cache: tuple[Array, NDArray[np.int64], Poses, Array] | None = None
@@ -100,7 +167,7 @@ class PoseEquations:
         """
         if ahead and len(self._slices) == 1:
             return self._prediction(theta, [self._linearised(theta, 0)[0]])
-        return self._prediction(theta, [bound.poses(theta) for bound in self._bound])
+        return self._prediction(theta, [bound.poses(self._with_motions(theta)) for bound in self._bound])
 
     def linearise(self, theta: Array, white: Whitening) -> tuple[PredictedPoses, NormalEquations]:
         """Predict, and sum the normal equations of the sought coefficients.
@@ -111,23 +178,30 @@ class PoseEquations:
         size = self.columns.size
         gram = np.zeros((size + 1, size + 1))
         predicted, residual_blocks = [], []
-        for index, block in enumerate(self._block_maps(white)):
-            poses, residual, rows = self._whitened(theta, block, index)
-            predicted.append(poses)
-            residual_blocks.append(residual)
-            gram += rows @ rows.T
+        for index, white_block in enumerate(self._block_maps(white)):
+            block = self._whitened(theta, white_block, index)
+            predicted.append(block.poses)
+            residual_blocks.append(block.residual)
+            gram += block.gram()
         return PredictedPoses(theta, tuple(predicted), _concatenated(residual_blocks)), self._normal(theta, gram)
 
-    def factorise(self, theta: Array, white: Whitening) -> tuple[Array, NormalEquations]:
-        """Return the R factor ``(R, P)`` of the whitened Jacobian of the sought coefficients, and its normal equations.
+    def factorise(self, theta: Array, white: Whitening, free: NDArray[np.int64]) -> tuple[Array, NormalEquations]:
+        """Return the R factor ``(R, F)`` of whitened columns, and the normal equations of all sought coefficients.
 
-        Orthogonal factorisation keeps twice the digits that the normal matrix has.
+        Orthogonal factorisation keeps twice the digits that the normal matrix has. ``free`` ``(F,)`` are the indices of
+        the columns among the sought coefficients; none is of a group.
         """
-        triangle = np.zeros((0, self.columns.size + 1))
-        for index, block in enumerate(self._block_maps(white)):
-            rows = self._whitened(theta, block, index)[2].T
+        size = self.columns.size
+        triangle, gram = np.zeros((0, 0)), np.zeros((size + 1, size + 1))
+        for index, white_block in enumerate(self._block_maps(white)):
+            block = self._whitened(theta, white_block, index)
+            rows = block.flat.T
             triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows)) if index else rows, mode="r"))
-        return triangle[:, :-1], self._normal(theta, triangle.T @ triangle)
+            if self._factored:
+                gram += block.gram()
+        if not self._factored:
+            gram = triangle.T @ triangle
+        return triangle[:, np.searchsorted(block.places, free)], self._normal(theta, gram)
 
     def _normal(self, theta: Array, gram: Array) -> NormalEquations:
         """Build them from the Gram matrix of the Jacobian with the residual as its last column."""
@@ -137,16 +211,27 @@ class PoseEquations:
         residual_blocks = [residuals(block, poses) for block, poses in zip(self._parts, predicted, strict=True)]
         return PredictedPoses(theta, tuple(predicted), _concatenated(residual_blocks))
 
+    def _with_motions(self, theta: Array) -> Array:
+        return np.concatenate((theta, np.zeros(len(self._factored))))
+
     def _linearised(self, theta: Array, index: int) -> tuple[Poses, Array]:
+        """Return poses and the Jacobian ``(M, D + F, n)`` of the built columns, and of the motions of the others."""
+        columns = np.concatenate((self._built, len(self.terms) + np.arange(len(self._factored))))
         if self._cache is not None and np.array_equal(self._cache[0], theta):
-            columns, poses, jacobian = self._cache[1:]
-            is_subset = columns.size > self.columns.size
-            return poses, jacobian[:, np.searchsorted(columns, self.columns)] if is_subset else jacobian
-        poses, jacobian = self._bound[index].linearise(theta, self.columns)
+            cached, poses, jacobian = self._cache[1:]
+            return poses, jacobian[:, np.searchsorted(cached, columns)] if cached.size > columns.size else jacobian
+        poses, jacobian = self._bound[index].linearise(self._with_motions(theta), columns)
         jacobian = jacobian[: self.rows]
         if len(self._slices) == 1:
-            self._cache = theta, self.columns, poses, jacobian
+            self._cache = theta, columns, poses, jacobian
         return poses, jacobian
+
+    @property
+    def _built(self) -> NDArray[np.int64]:
+        """``(D,)`` numbers of the sought coefficients whose columns are built."""
+        if not self._factored:
+            return self.columns
+        return np.setdiff1d(self.columns, np.concatenate([numbers for _, numbers in self._factored]))
 
     def _block_maps(self, white: Whitening) -> list[Whitening]:
         """Return the map of each block of poses; visits that a block's end divides count as two."""
@@ -154,15 +239,34 @@ class PoseEquations:
             return [white]
         return [white.subset(np.arange(block.start, block.stop)) for block in self._slices]
 
-    def _whitened(self, theta: Array, white: Whitening, index: int) -> tuple[Poses, Array, Array]:
-        """Return poses, residual ``(M, n)``, and whitened ``(K + 1, M n)`` the Jacobian with the residual last."""
+    def _whitened(self, theta: Array, white: Whitening, index: int) -> _Block:
+        """Return the whitened linearisation of a block."""
         poses, jacobian = self._linearised(theta, index)
         residual = residuals(self._parts[index], poses)
-        _, count, n = jacobian.shape
-        rows = np.empty((count + 1, self.rows, n))
-        rows[:count] = jacobian.transpose(1, 0, 2)
-        rows[count] = residual
-        return poses, residual, white.apply_inplace(rows).reshape(count + 1, -1)
+        built, count = self._built, len(self._factored)
+        motions = jacobian[:, built.size :]
+        factors = [self._factors(numbers, index) for _, numbers in self._factored]
+        places = [np.searchsorted(self.columns, numbers) for _, numbers in self._factored]
+        if count and any(block.rows.shape[1] > 1 for block in white.blocks):
+            # Rows that are whitened together mix their regressors, so every column is built.
+            full = np.empty((self.rows, self.columns.size, residual.shape[1]))
+            full[:, np.searchsorted(self.columns, built)] = jacobian[:, : built.size]
+            for i in range(count):
+                full[:, places[i]] = motions[:, i, None] * factors[i]
+            jacobian, built, count = full, self.columns, 0
+        rows = np.empty((built.size + 1 + count, self.rows, residual.shape[1]))
+        rows[: built.size] = jacobian[:, : built.size].transpose(1, 0, 2)
+        rows[built.size] = residual
+        rows[built.size + 1 :] = motions[:, :count].transpose(1, 0, 2)
+        white.apply_inplace(rows)
+        profiles = tuple(_Profile(places[i], rows[built.size + 1 + i], factors[i]) for i in range(count))
+        at = np.searchsorted(self.columns, built)
+        return _Block(poses, residual, at, rows[: built.size + 1], profiles)
+
+    def _factors(self, numbers: NDArray[np.int64], index: int) -> Array:
+        """Return ``(Q, n)`` the regressors of coefficients of one motion."""
+        terms = self._bound[index].terms
+        return np.stack([terms[number].parts[0].factor for number in numbers])
 
     def joint_columns(self, model: Model) -> Array:
         """Return ``(M, J, N)`` columns of the joint variables at the model's own robot."""
@@ -174,6 +278,17 @@ def joint_columns(model: Model, data: Measurements) -> Array:
     """Return ``(6, J, N)`` Jacobian of the joint variables at the model's robot, without its free effects."""
     joints = Model(model.arm, model.known, (JointOffset(model.arm.names),))
     return joints.bind(data).linearise(np.zeros(len(model.arm.names)))[1]
+
+
+def _factored(terms: Sequence[Term]) -> tuple[tuple[int, NDArray[np.int64]], ...]:
+    """Return the motions that many shrunk coefficients move by a regressor each, and the numbers of these."""
+    numbers: dict[int, list[int]] = {}
+    for i, term in enumerate(terms):
+        part = term.parts[0]
+        is_regressor = len(term.parts) == 1 and part.loads is None and isinstance(part.factor, np.ndarray)
+        if term.group is not None and is_regressor and part.motion != SCALE_OF_INSTRUMENT:
+            numbers.setdefault(part.motion, []).append(i)
+    return tuple((motion, np.array(members)) for motion, members in numbers.items() if len(members) >= _FEWEST_FACTORS)
 
 
 def _concatenated(parts: list[Array]) -> Array:

@@ -109,10 +109,10 @@ class _Solver:
         """
         terms = self.equations.terms
         nominal = np.zeros(len(terms))
-        triangle, normal = self.equations.factorise(nominal, self._whitening())
         free = [i for i, term in enumerate(terms) if term.group is None]
+        triangle, normal = self.equations.factorise(nominal, self._whitening(), np.array(free, dtype=np.int64))
         names, units = [terms[i].name for i in free], [terms[i].unit for i in free]
-        identified = identify(triangle[:, free], names, self.data.n, units)
+        identified = identify(triangle, names, self.data.n, units)
         measured = self.equations.rows * self.data.n
         if identified.columns.size >= measured and terms:
             raise InputError(

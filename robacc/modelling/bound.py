@@ -22,11 +22,9 @@ class _Layout:
     """Motions that a sweep must follow for the Jacobian of requested coefficients."""
 
     motions: tuple[int, ...]
-    """A motion for each requested coefficient, then those of :attr:`followed`."""
-    followed: tuple[int, ...]
-    """Motions from which the columns of coefficients with several parts, regressors or loads are composed."""
-    compound: tuple[int, ...]
-    """Columns that are composed of several motions or scaled."""
+    """The motion of each requested coefficient; each motion once if columns are composed of them."""
+    composed: bool
+    """Whether columns are composed of motions: some have several parts, regressors or loads, or deflections follow."""
     column: Mapping[int, int]
     """Term number to column."""
 
@@ -61,12 +59,9 @@ class BoundModel:
         ``(K,)`` are the indices of the requested coefficients, in order; by default all.
         """
         layout = self._layout(np.arange(len(self.terms)) if columns is None else columns)
-        count = len(layout.column)
         coefficients = self._coefficients(theta)
         sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, layout.motions, self._elastic.counts)
-        jacobian = sweep.jacobian[:, :count]
-        followed = Sweep(sweep.poses, sweep.jacobian[:, count:], sweep.frames)
-        self._compose(jacobian, followed, layout, coefficients)
+        jacobian = self._composed(sweep, layout, coefficients) if layout.composed else sweep.jacobian
         scale = self._instrument_scale(coefficients)
         if np.any(scale):
             jacobian[:3] *= 1.0 + scale
@@ -102,26 +97,13 @@ class BoundModel:
 
     def _new_layout(self, columns: Sequence[int]) -> _Layout:
         first = len(self.fixed)
-        column_motions, compound = [], []
-        for column, number in enumerate(columns):
-            parts = self.terms[number].parts
-            # Motion 0 is a placeholder for a column that is composed afterwards.
-            simple = len(parts) == 1 and _is_rigid(parts[0]) and isinstance(parts[0].factor, float)
-            simple = simple and parts[0].factor == 1.0
-            column_motions.append(parts[0].motion if simple else 0)
-            if not simple:
-                compound.append(column)
-        needed = {part.motion for column in compound for part in self.terms[columns[column]].parts}
-        if self._elastic.entries:
-            needed |= {part.motion for number in columns for part in self.terms[number].parts}
-            needed |= {entry.part.motion for entry in self._elastic.entries}
-        followed = tuple(sorted(needed - {SCALE_OF_INSTRUMENT}))
-        return _Layout(
-            (*column_motions, *followed),
-            followed,
-            tuple(compound),
-            {first + number: i for i, number in enumerate(columns)},
-        )
+        column = {first + number: i for i, number in enumerate(columns)}
+        parts = [self.terms[number].parts for number in columns]
+        if not self._elastic.entries and all(len(of_term) == 1 and _is_plain(of_term[0]) for of_term in parts):
+            return _Layout(tuple(of_term[0].motion for of_term in parts), False, column)
+        needed = {part.motion for of_term in parts for part in of_term}
+        needed |= {entry.part.motion for entry in self._elastic.entries}
+        return _Layout(tuple(sorted(needed - {SCALE_OF_INSTRUMENT})), True, column)
 
     def _coefficients(self, theta: NDArray[Any]) -> NDArray[Any]:
         return np.concatenate((self.fixed_values, theta))
@@ -155,24 +137,30 @@ class BoundModel:
 
     # -- derivative
 
-    def _compose(self, jacobian: Array, followed: Sweep, layout: _Layout, coefficients: Array) -> None:
-        """Compose the compound columns from the followed motions, and add the responses of the deflections."""
-        jacobian[:, list(layout.compound)] = 0.0
-        gains = [MotionGain(layout.column[n], motion, gain) for n, motion, gain in self._rigid if n in layout.column]
-        responses: list[tuple[int, Array]] = []
+    def _composed(self, sweep: Sweep, layout: _Layout, coefficients: Array) -> Array:
+        """Return the Jacobian ``(6, P, N)``, composed of the derivatives by the motions of ``sweep``."""
+        jacobian = np.zeros((6, len(layout.column), self.n))
+        rigid = [MotionGain(layout.column[n], motion, gain) for n, motion, gain in self._rigid if n in layout.column]
+        slot = {motion: i for i, motion in enumerate(layout.motions)}
+        moved = sweep.jacobian
         if self._elastic.entries:
-            undeflected = self._undeflected(coefficients)
-            direct, responses = self._elastic.responses(
-                gains, undeflected, followed, layout.followed, layout.column, coefficients
+            loaded, moved, deflected = self._elastic.derivatives(
+                self._undeflected(coefficients), sweep, layout.motions, layout.column, coefficients
             )
-            gains += direct
-        slot = {motion: i for i, motion in enumerate(layout.followed)}
-        compound = set(layout.compound)
-        for column, motion, factor in gains:
-            if column in compound:
-                jacobian[:, column] += followed.jacobian[:, slot[motion]] * factor
-        for motion, response in responses:
-            jacobian += followed.jacobian[:, slot[motion]][:, None, :] * response
+            _add(jacobian, loaded, deflected, slot)
+        _add(jacobian, rigid, moved, slot)
+        return jacobian
+
+
+def _add(jacobian: Array, gains: Sequence[MotionGain], by_motion: Array, slot: Mapping[int, int]) -> None:
+    """Add to each coefficient's column the derivatives by the motions that it moves."""
+    for column, motion, factor in gains:
+        jacobian[:, column] += by_motion[:, slot[motion]] * factor
+
+
+def _is_plain(part: Part) -> bool:
+    """Return whether a coefficient of the part moves a motion by just as much."""
+    return _is_rigid(part) and isinstance(part.factor, float) and part.factor == 1.0
 
 
 def _is_rigid(part: Part) -> bool:

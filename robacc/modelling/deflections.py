@@ -128,38 +128,38 @@ class Deflections:
 
     # -- derivative
 
-    def responses(
+    def derivatives(
         self,
-        gains: Sequence[MotionGain],
         undeflected: Sequence[Scalar],
         followed: Sweep,
         motions: Sequence[int],
         column: Mapping[int, int],
         coefficients: Array,
-    ) -> tuple[list[MotionGain], list[tuple[int, Array]]]:
-        """Return the gains of the compliances, and (motion, ``(P, N)``): responses of deflections to each coefficient.
+    ) -> tuple[list[MotionGain], Array, Array]:
+        """Return the gains of the compliances, and derivatives ``(6, W, N)`` of the poses, deflections included.
+
+        The first are by motions that a coefficient moves itself, the second by motions that a load deflects: no force
+        at the undeflected pose follows those.
 
         Args:
-            gains: Gains of all parts without a load.
             undeflected: Scalars of the arm without deflections.
             followed: Sweep of the deflected arm over ``motions``, which include every motion that a part moves.
-            motions: Indices of motions.
-            column: Term number to column, of which there are P.
+            motions: Indices of motions, W of them.
+            column: Term number to column.
             coefficients: Coefficients of every term.
         """
         slot = {motion: i for i, motion in enumerate(motions)}
-        all_gains, responses = list(gains), []
+        gains: list[MotionGain] = []
+        first: dict[int, Array] = {}
+        deflected: Array = followed.jacobian
         if self.first_order:
             sweep = self.arm.chain.sweep(undeflected, self.n, motions, self.counts)
-            direct, slopes = self._gains(self.first_order, sweep, slot, column, coefficients)
-            responses = list(self._load_response(all_gains, [], slopes, slot, len(column)).items())
-            all_gains += direct
+            gains, first = self._gains(self.first_order, sweep, slot, column, coefficients)
         if self.in_equilibrium:
             direct, slopes = self._gains(self.in_equilibrium, followed, slot, column, coefficients)
-            all_gains += direct
-            load_response = self._load_response(all_gains, responses, slopes, slot, len(column))
-            responses += self._equilibrium_response(load_response, slopes, slot).items()
-        return all_gains[len(gains) :], responses
+            gains += direct
+            deflected = _followed_by(deflected, self._equilibrium_response(slopes, slot), slot)
+        return gains, _followed_by(deflected, first, slot), deflected
 
     def _gains(
         self,
@@ -169,7 +169,7 @@ class Deflections:
         column: Mapping[int, int],
         coefficients: Array,
     ) -> tuple[list[MotionGain], dict[int, Array]]:
-        """Return the gains of compliance coefficients and the slopes of deflections, at the pose of ``sweep``.
+        """Return the gains of compliance coefficients and the slopes E of deflections, at the pose of ``sweep``.
 
         Slopes ``{motion: (W, N)}`` are the changes of a deflection per unit of each followed scalar.
         """
@@ -187,37 +187,23 @@ class Deflections:
                 slopes[part.motion] = slopes.get(part.motion, 0.0) + value * part.factor * slope
         return gains, slopes
 
-    def _load_response(
-        self,
-        gains: Sequence[MotionGain],
-        responses: Sequence[tuple[int, Array]],
-        slopes: Mapping[int, Array],
-        slot: Mapping[int, int],
-        count: int,
-    ) -> dict[int, Array]:
-        """Return ``{motion: (P, N)}``: E D, the response of deflections to motions that each coefficient moves."""
-        response = {motion: np.zeros((count, self.n)) for motion in slopes}
-        for motion, slope in slopes.items():
-            for column, moved, factor in gains:
-                response[motion][column] += slope[slot[moved]] * factor
-            for moved, earlier in responses:
-                response[motion] += slope[slot[moved]] * earlier
-        return response
-
-    def _equilibrium_response(
-        self, load_response: Mapping[int, Array], slopes: Mapping[int, Array], slot: Mapping[int, int]
-    ) -> dict[int, Array]:
-        """Solve X = E D + E_FF X for X ``{motion: (P, N)}``: deflections in equilibrium move each other."""
+    def _equilibrium_response(self, slopes: Mapping[int, Array], slot: Mapping[int, int]) -> dict[int, Array]:
+        """Solve X = E + E_FF X for X ``{motion: (W, N)}``: deflections in equilibrium move each other."""
         if not slopes:
             return {}
         motions = tuple(slopes)
-        matrix = np.broadcast_to(np.eye(len(motions)), (self.n, len(motions), len(motions))).copy()
-        for row, motion in enumerate(motions):
-            for col, moved in enumerate(motions):
-                matrix[:, row, col] -= slopes[motion][slot[moved]]
-        rhs = np.stack([load_response[motion].T for motion in motions], axis=1)
+        rhs = np.stack([slopes[motion].T for motion in motions], axis=1)
+        matrix = np.eye(len(motions)) - rhs[:, :, [slot[motion] for motion in motions]]
         solution = np.linalg.solve(matrix, rhs)
         return {motion: np.ascontiguousarray(solution[:, row].T) for row, motion in enumerate(motions)}
+
+
+def _followed_by(jacobian: Array, responses: Mapping[int, Array], slot: Mapping[int, int]) -> Array:
+    """Return derivatives by motions with those of the deflections that respond ``{motion: (W, N)}`` to them."""
+    result = jacobian
+    for motion, response in responses.items():
+        result = result + jacobian[:, slot[motion]][:, None] * response
+    return result
 
 
 def _motions(elastic: Sequence[TermPart]) -> tuple[int, ...]:

@@ -10,10 +10,11 @@ from arms import arm
 
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
+from robacc.effects.periodic import profile
 from robacc.fitting.fit_result import Options
 from robacc.fitting.normal_equations import PoseEquations
 from robacc.fitting.solver import fit
-from robacc.fitting.whitening import Whitening
+from robacc.fitting.whitening import Scatter, Whitening, whitening
 from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -71,6 +72,44 @@ def test_the_gradient_is_that_of_the_cost_for_orientations_far_off() -> None:
         assert slope == pytest.approx(normal.gradient[i], rel=1e-6, abs=1e-9 * normal.cost / step[i])
 
 
+@pytest.mark.parametrize("visit_rows", [None, 1, 2])
+@pytest.mark.parametrize("block", [4096, 14])
+def test_profiles_are_summed_as_their_built_columns(
+    visit_rows: int | None, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", block)
+    data = measured(28)
+    robot = arm("puma560").robot
+    orders = tuple(float(order) for order in range(1, 8))
+    free = (
+        REGISTRY["base_frame"].default(arm("puma560"), data),
+        profile("j2", orders),
+        REGISTRY["joint_compliance"].default(arm("puma560"), data),
+        profile("j1", orders),
+    )
+    equations = PoseEquations(Model.of(robot, free), data)
+    rng = np.random.default_rng(5)
+    theta = rng.normal(scale=1e-6, size=len(equations.terms))
+    white = Whitening(weights(equations, data.n))
+    if visit_rows is not None:
+        scatter = Scatter(np.full(6, 1e-4), np.zeros(6))
+        visits = np.arange(data.n) // visit_rows
+        white = whitening(white.weight, equations.joint_columns(Model.of(robot)), scatter, visits, visits)
+    predicted, normal = equations.linearise(theta, white)
+    _, jacobian = Model.of(robot, free).bind(data).linearise(theta)
+    rows = white.apply(np.moveaxis(jacobian, 1, 0)).reshape(theta.size, -1)
+    scale = np.sqrt(np.sum(np.square(rows), axis=1))
+    expected = (rows / scale[:, None]) @ (rows / scale[:, None]).T
+    np.testing.assert_allclose(normal.gram / scale / scale[:, None], expected, rtol=0, atol=1e-12)
+    residual = white.apply(predicted.residual).ravel()
+    np.testing.assert_allclose(normal.gradient / scale, rows @ residual / scale, rtol=1e-9, atol=1e-9)
+    constants = np.flatnonzero([term.group is None for term in equations.terms])
+    triangle, factorised = equations.factorise(theta, white, constants)
+    part = triangle / scale[constants]
+    np.testing.assert_allclose(part.T @ part, expected[np.ix_(constants, constants)], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(factorised.gram / scale / scale[:, None], expected, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("orientation", ORIENTATION)
 def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     data = measured(orientation=orientation)
@@ -82,7 +121,7 @@ def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch:
         equations = PoseEquations(model(data, *free), data)
         weight = weights(equations, data.n)
         outcome, summed = equations.linearise(theta, Whitening(weight))
-        triangle, factorised = equations.factorise(theta, Whitening(weight))
+        triangle, factorised = equations.factorise(theta, Whitening(weight), np.arange(theta.size))
         np.testing.assert_array_equal(outcome.residual, equations.predict(theta).residual)
         np.testing.assert_allclose(triangle.T @ triangle, summed.gram, rtol=0, atol=1e-12 * summed.gram.max())
         results += [summed, factorised]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.errors import EquilibriumError
-from robacc.fitting.linear_algebra import inverted, solved
+from robacc.fitting.linear_algebra import solved
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations, PredictedPoses
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array
@@ -108,15 +108,6 @@ def minimise(
             break
         normal = move.normal
     return Minimum(predicted, normal, count, converged)
-
-
-def posterior(gram: Array, prior: Array) -> Array:
-    """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``, through unit diagonal."""
-    with np.errstate(divide="ignore"):
-        scale = 1.0 / np.sqrt(np.diag(gram) + prior)
-    scale[~np.isfinite(scale)] = 0.0
-    inverse: Array = scale[:, None] * inverted((gram + np.diag(prior)) * scale[:, None] * scale) * scale
-    return inverse
 
 
 def _step(normal: NormalEquations, prior: Array, damping: float = 0.0) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from robacc.chain import BLOCK
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.gauss_newton import posterior
+from robacc.fitting.linear_algebra import posterior
 from robacc.measurements import Measurements
 
 _HIGH_LEVERAGE = 0.5

@@ -29,6 +29,15 @@ def inverted(matrix: Array) -> Array:
         return np.asarray(np.linalg.inv(_definite(matrix)), dtype=np.float64)
 
 
+def posterior(gram: Array, prior: Array) -> Array:
+    """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``, through unit diagonal."""
+    with np.errstate(divide="ignore"):
+        scale = 1.0 / np.sqrt(np.diag(gram) + prior)
+    scale[~np.isfinite(scale)] = 0.0
+    inverse: Array = scale[:, None] * inverted((gram + np.diag(prior)) * scale[:, None] * scale) * scale
+    return inverse
+
+
 def _definite(matrix: Array) -> Array:
     """Return the matrix with a ridge, and a diagonal of one for rows without any information."""
     diagonal = np.diag(matrix)

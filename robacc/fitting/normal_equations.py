@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from robacc.chain import BLOCK
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.joint_offset import JointOffset
+from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
@@ -71,6 +72,18 @@ class NormalEquations:
         """Return ``(K,)`` the right-hand side for the coefficients themselves: gram theta = rhs."""
         rhs: Array = self.gradient + self.gram @ self.theta
         return rhs
+
+    def posterior(self, prior: Array) -> Array:
+        """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``; the last is kept."""
+        key = prior.tobytes()
+        if key not in self._inverses:
+            self._inverses.clear()
+            self._inverses[key] = posterior(self.gram, prior)
+        return self._inverses[key]
+
+    @cached_property
+    def _inverses(self) -> dict[bytes, Array]:
+        return {}
 
     def subset(self, columns: NDArray[np.int64]) -> NormalEquations:
         """Return the equations of some of the coefficients, the others fixed."""

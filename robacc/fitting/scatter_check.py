@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from robacc.fitting.fit_repeatability import known_variance
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.gauss_newton import posterior
+from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.repeatability import Components
 from robacc.fitting.visits import visit_numbers

@@ -1,30 +1,31 @@
 """Gaussian priors about zero: given ones, and those of groups, whose standard deviation is estimated from the data.
 
 Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
-(MacKay 1992; REML), by MacKay's fixed point. The constants of a kind (:mod:`robacc.fitting.weak_parameters`) are a
-group too. Since they are few, their standard deviation has a prior of its own, worth :data:`PSEUDO_CONSTANTS` constants
-of the usual size: without it the estimate could be zero, and the intervals with it.
+(MacKay 1992; REML), by MacKay's fixed point and, near it, Fisher's scoring. The constants of a kind
+(:mod:`robacc.fitting.weak_parameters`) are a group too. Since they are few, their standard deviation has a prior of its
+own, worth :data:`PSEUDO_CONSTANTS` constants of the usual size: without it the estimate could be zero, and the
+intervals with it.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Term
-from robacc.fitting.gauss_newton import posterior
-from robacc.fitting.linear_algebra import solved
+from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.normal_equations import NormalEquations
 from robacc.fitting.weak_parameters import BADLY_MADE
 from robacc.geometry import Array
 
 PSEUDO_CONSTANTS = 2.0
 """Weight of the usual size in the estimated standard deviation of a kind of constants, in constants."""
-_FACTORS = tuple(np.exp(np.linspace(-1.2, 1.8, 7)).tolist())
-"""Grid of the widths, over their estimates."""
+_LOG_FACTORS = tuple(np.linspace(-1.2, 1.8, 7).tolist())
+"""Grid of the widths: logarithms of their ratios to the estimates."""
 _MOST_KINDS = 3
 """Kinds of constants up to which their widths are integrated."""
 LARGEST_OF_PROFILE = 10.0
@@ -33,7 +34,10 @@ LARGEST_OF_PROFILE = 10.0
 Where poses leave gaps, large coefficients that cancel at the poses fit as well as small ones; what the effect can be
 decides then.
 """
-_LARGEST_LOG = 200.0
+_NEAR = 1.0
+"""Change of the logarithm of a variance below which a step of scoring is trusted."""
+_LEAST_INFORMATION = 1e-9
+"""Added to the information on the logarithm of a variance, which is zero for a group without any effect."""
 _ROUNDS = 60
 _SETTLED = 1e-3
 """Change of the groups' standard deviations, as a share, at which the iteration ends."""
@@ -94,34 +98,42 @@ class Priors:
         and the prior of the width: cov = E[cov(s)] + E[(theta(s) - theta) (theta(s) - theta)^T].
         """
         prior = self.precision[columns]
-        inverse = posterior(normal.gram, prior)
-        if not self._usual:
-            return inverse
+        inverse = normal.posterior(prior)
         index = {int(column): i for i, column in enumerate(columns)}
-        theta = inverse @ normal.rhs
-        members = [np.array([index[i] for i in self.groups[kind] if i in index]) for kind in self._usual]
-        total, weights, log_first = np.zeros_like(inverse), 0.0, None
-        for factors in itertools.product(_FACTORS if len(members) <= _MOST_KINDS else (1.0,), repeat=len(members)):
-            precision, log_prior = prior.copy(), 0.0
-            for (kind, usual), indices, factor in zip(self._usual.items(), members, factors, strict=True):
-                std = factor * self.group_stds[kind]
-                precision[indices] = prior[indices] / factor**2
-                log_prior -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * (BADLY_MADE * usual / std) ** 2)
-            log_weight = log_prior + _log_evidence(normal, precision, precision > 0.0)
-            log_first = log_weight if log_first is None else log_first
-            weight = float(np.exp(min(log_weight - log_first, _LARGEST_LOG)))
-            solved = posterior(normal.gram, precision)
-            difference = solved @ normal.rhs - theta
-            total += weight * (solved + np.outer(difference, difference))
-            weights += weight
-        return np.asarray(total / weights, dtype=np.float64)
+        members = [
+            np.array([index[i] for i in self.groups[kind] if i in index], dtype=np.int64) for kind in self._usual
+        ]
+        if not sum(indices.size for indices in members):
+            return inverse
+        # A width changes the precision of its kind alone, so that the others' equations stay eliminated.
+        joined = np.concatenate(members)
+        information = posterior(inverse[np.ix_(joined, joined)], np.zeros(joined.size))
+        to_all = inverse[:, joined] @ information
+        theta = inverse[joined] @ normal.rhs
+        log_factors = np.array(
+            list(itertools.product(_LOG_FACTORS if len(members) <= _MOST_KINDS else (0.0,), repeat=len(members)))
+        )
+        kind_of = np.repeat(np.arange(len(members)), [indices.size for indices in members])
+        precision = prior[joined] * np.exp(-2.0 * log_factors[:, kind_of])
+        matrices = information + np.eye(joined.size) * (precision - prior[joined])[:, None, :]
+        inverses = np.linalg.inv(matrices)
+        differences = inverses @ (information @ theta) - theta
+        log_weight = 0.5 * (differences @ (information @ theta) - np.linalg.slogdet(matrices)[1])
+        log_weight += 0.5 * np.log(precision).sum(axis=1)
+        for kind, log_factor in zip(self._usual, log_factors.T, strict=True):
+            std = self.group_stds[kind] * np.exp(log_factor)
+            log_weight -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * np.square(BADLY_MADE * self._usual[kind] / std))
+        weight = np.exp(log_weight - log_weight.max())
+        weight /= weight.sum()
+        mean = np.einsum("s,sij->ij", weight, inverses) + (differences.T * weight) @ differences
+        return np.asarray(inverse + to_all @ (mean - inverse[np.ix_(joined, joined)]) @ to_all.T, dtype=np.float64)
 
-    def effective(self, gram: Array, columns: NDArray[np.int64]) -> float:
+    def effective(self, normal: NormalEquations, columns: NDArray[np.int64]) -> float:
         """Return the number of coefficients that the data determine: all without priors, fewer with."""
         prior = self.precision[columns]
         if not prior.any():
             return float(columns.size)
-        return float(columns.size - prior @ np.diag(posterior(gram, prior)))
+        return float(columns.size - prior @ np.diag(normal.posterior(prior)))
 
     def update(
         self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, settled: float
@@ -131,31 +143,63 @@ class Priors:
         ``components`` is the number of residuals of the inliers.
         """
         index = {int(column): i for i, column in enumerate(columns)}
+        places = {
+            name: np.array([index[i] for i in group if i in index], dtype=np.int64)
+            for name, group in self.groups.items()
+        }
         before = dict(self.group_stds)
         noise_var = 1.0
         for _ in range(_ROUNDS):
             previous = dict(self.group_stds)
             self._set(noise_var)
             prior = self.precision[columns]
-            posterior_var = np.diag(inverse := posterior(normal.gram, prior))
+            inverse = normal.posterior(prior)
             theta = inverse @ normal.rhs
-            for name, group in self.groups.items():
-                members = [i for i in group if i in index]
-                indices = [index[i] for i in members]
-                n_determined = len(members) - float(prior[indices] @ posterior_var[indices])
-                sum_of_squares = float(np.sum(np.square(theta[indices] / self._weights[members])))
-                if name in self._usual:
-                    n_determined += PSEUDO_CONSTANTS
-                    sum_of_squares += PSEUDO_CONSTANTS * (BADLY_MADE * self._usual[name]) ** 2
-                group_std = float(np.sqrt(max(sum_of_squares / max(n_determined, 1e-3), 1e-18)))
-                self.group_stds[name] = group_std if name in self._usual else min(group_std, self._largest(members))
+            self._improve(inverse, theta, prior, places, columns)
             if not noise_known:
-                n_determined = columns.size - float(prior @ posterior_var)
+                n_determined = columns.size - float(prior @ np.diag(inverse))
                 noise_var = float(max(normal.expected_cost(theta) / max(components - n_determined, 1.0), 1e-12))
             if not self._changed(previous, max(_SETTLED, _INNER * settled)):
                 break
         self._set(noise_var)
         return self._changed(before, settled)
+
+    def _improve(
+        self,
+        inverse: Array,
+        theta: Array,
+        prior: Array,
+        places: Mapping[str, NDArray[np.int64]],
+        columns: NDArray[np.int64],
+    ) -> None:
+        """Take one step of the groups' standard deviations towards the largest marginal likelihood.
+
+        Far from it the step is the fixed point's, near it that of Fisher's scoring in the logarithms of the variances:
+        with B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups.
+        """
+        root = np.sqrt(prior)
+        squared = np.square(np.eye(prior.size) - root[:, None] * inverse * root)
+        determined, ratios, current = [], [], []
+        for name, indices in places.items():
+            n_determined = indices.size - float(prior[indices] @ np.diag(inverse)[indices])
+            sum_of_squares = float(np.sum(np.square(theta[indices] / self._weights[columns[indices]])))
+            if name in self._usual:
+                n_determined += PSEUDO_CONSTANTS
+                sum_of_squares += PSEUDO_CONSTANTS * (BADLY_MADE * self._usual[name]) ** 2
+            determined.append(max(n_determined, 1e-3))
+            ratios.append(max(sum_of_squares, 1e-18) / self.group_stds[name] ** 2)
+            current.append(self.group_stds[name])
+        score = 0.5 * (np.array(ratios) - np.array(determined))
+        information = np.array([[0.5 * squared[np.ix_(a, b)].sum() for a in places.values()] for b in places.values()])
+        usual = [self._usual.get(name, 0.0) / std for name, std in zip(places, current, strict=True)]
+        information += np.diag(0.5 * PSEUDO_CONSTANTS * BADLY_MADE**2 * np.square(usual) + _LEAST_INFORMATION)
+        scoring = np.linalg.solve(information, score)
+        fixed_point = np.log(np.array(ratios) / np.array(determined))
+        steps = np.where(np.abs(scoring) < _NEAR, scoring, fixed_point)
+        for name, indices, std, step in zip(places, places.values(), current, steps.tolist(), strict=True):
+            group_std = max(std * math.exp(0.5 * step), 1e-9)
+            members = columns[indices].tolist()
+            self.group_stds[name] = group_std if name in self._usual else min(group_std, self._largest(members))
 
     def _largest(self, members: Sequence[int]) -> float:
         """Return the largest standard deviation of a profile's group."""
@@ -171,13 +215,3 @@ class Priors:
         return any(
             abs(group_std - before.get(name, 0.0)) > share * group_std for name, group_std in self.group_stds.items()
         )
-
-
-def _log_evidence(normal: NormalEquations, precision: Array, shrunk: NDArray[np.bool_]) -> float:
-    """Return the log marginal likelihood of a linearisation under a prior, up to a constant."""
-    scale = 1.0 / np.sqrt(np.diag(normal.gram) + precision)
-    matrix = (normal.gram + np.diag(precision)) * scale[:, None] * scale
-    scaled = scale * normal.rhs
-    gain = float(scaled @ solved(matrix, scaled))
-    log_determinant = float(np.linalg.slogdet(matrix)[1]) - 2.0 * float(np.log(scale).sum())
-    return 0.5 * (gain - log_determinant + float(np.log(precision[shrunk]).sum()))

@@ -16,7 +16,7 @@ from robacc.errors import InputError
 from robacc.fitting import misfit as misfits
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.gauss_newton import minimise, posterior
+from robacc.fitting.gauss_newton import minimise
 from robacc.fitting.identifiability import Identifiability, identify
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.outlier_pattern import outlier_pattern
@@ -143,7 +143,7 @@ class _Solver:
         if self.kind_starts:
             self._add_priors(std_at_nominal(self.equations, self._whitening(self.inliers), self.priors.precision))
         linear = self._converge()
-        stds = np.sqrt(np.diag(posterior(linear.gram, self.priors.precision[self.equations.columns])))
+        stds = np.sqrt(np.diag(linear.posterior(self.priors.precision[self.equations.columns])))
         limits = badly_made(self.equations, self.model)
         is_drifted = np.abs(self.predicted.theta[self.equations.columns]) > limits
         if not (is_drifted.any() or np.any(stds > WEAK * limits)):
@@ -177,7 +177,7 @@ class _Solver:
                 components = float(np.count_nonzero(self.inliers) * self.equations.rows)
                 known, settled = self.options.misfit is not None, 10 * self.options.settled
                 changed = self.priors.update(linear, columns, components, known, settled)
-            changed = self._update_misfit(self.priors.effective(linear.gram, columns)) or changed
+            changed = self._update_misfit(self.priors.effective(linear, columns)) or changed
             if not changed:
                 return linear
         return self._minimise()
@@ -222,7 +222,7 @@ class _Solver:
         white = self._whitening()
         chi_square = float(np.square(self._whitening(self.inliers).apply(predicted.residual)).sum())
         components = float(np.count_nonzero(self.inliers) * equations.rows)
-        dof = components - self.priors.effective(linear.gram, columns)
+        dof = components - self.priors.effective(linear, columns)
         kinds = self.priors.kind_stds
         count = len(equations.terms)
         covariance = np.full((count, count), np.nan)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.fitting.gauss_newton import posterior
+from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.normal_equations import PoseEquations
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array

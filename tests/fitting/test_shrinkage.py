@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
+import pytest
+from scipy.optimize import minimize
 
 from robacc.effects.base import Term
-from robacc.fitting.gauss_newton import posterior
+from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.normal_equations import NormalEquations
-from robacc.fitting.shrinkage import LARGEST_OF_PROFILE, Priors
+from robacc.fitting.shrinkage import LARGEST_OF_PROFILE, PSEUDO_CONSTANTS, Priors
+from robacc.fitting.weak_parameters import BADLY_MADE
 from robacc.geometry import Array
 
 ORDERS = np.arange(1, 37) / 2
@@ -39,3 +44,66 @@ def test_a_profile_with_a_gap_stays_of_its_usual_size_there() -> None:
     in_gap = waves(np.linspace(0.5, 1.9, 200)) @ theta
     # Without the bound the coefficients are 5e10 rad, and 2e7 rad is predicted in the gap.
     assert np.abs(in_gap).max() < 0.1
+
+
+def linear_problem(seed: int) -> tuple[Array, Array, NormalEquations]:
+    """Return design, data and normal equations of two groups of ten and five coefficients and four free ones."""
+    rng = np.random.default_rng(seed)
+    truth = np.concatenate((rng.normal(scale=3e-4, size=10), rng.normal(scale=2e-5, size=5), rng.normal(size=4)))
+    design = rng.normal(size=(60, 19)) * np.repeat((1e4, 1e5, 1e2), (10, 5, 4))
+    measured = design @ truth + rng.normal(size=60)
+    normal = NormalEquations(np.zeros(19), design.T @ design, design.T @ measured, float(measured @ measured))
+    return design, measured, normal
+
+
+@pytest.mark.parametrize("start", [1e-6, 1e-3])
+@pytest.mark.parametrize("seed", range(4))
+def test_group_stds_have_the_largest_marginal_likelihood(seed: int, start: float) -> None:
+    design, measured, normal = linear_problem(seed)
+    terms = [Term(f"t{i}", "rad", TYPICAL, (), "a" if i < 10 else "b" if i < 15 else None) for i in range(19)]
+    priors = Priors(terms, None, {"a": start, "b": start})
+    for _ in range(6):
+        priors.update(normal, np.arange(19), 60.0, noise_known=True, settled=0.01)
+    free = design[:, 15:]
+
+    def restricted_likelihood(log_stds: Array) -> float:
+        std = np.exp(np.repeat(log_stds, (10, 5)))
+        covariance = np.eye(60) + (design[:, :15] * np.square(std)) @ design[:, :15].T
+        precision = np.linalg.inv(covariance)
+        projected = precision - precision @ free @ np.linalg.solve(free.T @ precision @ free, free.T @ precision)
+        determinants = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(free.T @ precision @ free)[1]
+        return -0.5 * float(determinants + measured @ projected @ measured)
+
+    best = minimize(lambda x: -restricted_likelihood(x), np.log([3e-4, 2e-5]), method="Nelder-Mead").x
+    reached = np.log([priors.group_stds["a"], priors.group_stds["b"]])
+    assert restricted_likelihood(reached) > restricted_likelihood(best) - 1e-4
+
+
+def test_covariance_integrates_the_widths_of_the_kinds() -> None:
+    _, _, normal = linear_problem(7)
+    terms = [Term(f"t{i}", "rad", TYPICAL, (), None) for i in range(19)]
+    priors = Priors(terms, None, {})
+    kinds = {"x": (np.arange(10), 1e-3), "y": (np.arange(10, 15), 1e-3)}
+    for name, (members, usual) in kinds.items():
+        priors.add_kind(name, members.tolist(), usual, 2e-4)
+    total, weights, first = np.zeros((19, 19)), 0.0, None
+    mean = posterior(normal.gram, priors.precision) @ normal.rhs
+    for logs in itertools.product(np.linspace(-1.2, 1.8, 7), repeat=2):
+        precision, log_weight = np.zeros(19), 0.0
+        for (members, usual), log in zip(kinds.values(), logs, strict=True):
+            std = 2e-4 * np.exp(log)
+            precision[members] = std**-2
+            # The prior of the width, worth some constants of the usual size, and the normalisation of the constants'.
+            log_weight -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * (BADLY_MADE * usual / std) ** 2)
+            log_weight -= members.size * np.log(std)
+        matrix = normal.gram + np.diag(precision)
+        theta = np.linalg.solve(matrix, normal.rhs)
+        log_weight += 0.5 * float(normal.rhs @ theta) - 0.5 * float(np.linalg.slogdet(matrix)[1])
+        first = log_weight if first is None else first
+        weight = np.exp(log_weight - first)
+        total += weight * (np.linalg.inv(matrix) + np.outer(theta - mean, theta - mean))
+        weights += weight
+    expected = total / weights
+    scale = np.sqrt(np.diag(expected))
+    actual = priors.covariance(normal, np.arange(19))
+    np.testing.assert_allclose(actual / scale / scale[:, None], expected / scale / scale[:, None], atol=1e-6)

@@ -13,7 +13,7 @@ from robacc.effects.base import Effect
 from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
-from robacc.tracing.evidence import Columns, Conditioned, Family, LargeFamily, Scores, judge
+from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,
@@ -152,12 +152,12 @@ class CandidateScorer:
     def rank(self, conditioned: Conditioned, present: Sequence[Chosen], with_blocks: bool = False) -> list[Ranked]:
         """Return all candidates beside ``present``, best first; of each joint's orders only the best."""
         ranked: list[Ranked] = []
-        diagonal = np.diag(self.system.gram)
+        lengths = self.system.lengths
         for members, index, weight in self._batches:
             scores = judge(
                 conditioned.blocks(index) * weight[:, :, None] * weight[:, None, :],
                 conditioned.rhs[index] * weight,
-                diagonal[index] * np.square(weight),
+                lengths[index] * np.square(weight),
                 conditioned.cost,
                 conditioned.dof,
                 np.array([self.pool[i].is_block for i in members]),
@@ -208,7 +208,7 @@ class CandidateScorer:
     def rank_high_orders(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
         """Return the best high order of each joint beside ``present``, best first."""
         if len(self._high_spectra) != len(self.high_grids):
-            self._high_spectra = [self._spectrum(grid, grid.orders, LargeFamily) for grid in self.high_grids]
+            self._high_spectra = [self._spectrum(grid, grid.orders) for grid in self.high_grids]
         keys = {finding.candidate.key for finding in present}
         ranked: list[Ranked] = []
         for grid, family in zip(self.high_grids, self._high_spectra, strict=True):
@@ -225,7 +225,7 @@ class CandidateScorer:
         for grid in (*self.order_grids, *self.high_grids):
             if grid.joint == joint:
                 orders.append(grid.orders)
-                evidence.append(self._spectrum(grid, grid.orders, LargeFamily).judge(conditioned).evidence)
+                evidence.append(self._spectrum(grid, grid.orders).judge(conditioned).evidence)
         return (np.concatenate(orders), np.concatenate(evidence)) if orders else (np.zeros(0), np.zeros(0))
 
     def covers(self, present: Candidate, other: Candidate) -> bool:
@@ -249,7 +249,7 @@ class CandidateScorer:
         scores = judge(
             (conditioned.block(finding.columns) * weight[:, None] * weight)[None],
             (conditioned.rhs[finding.columns] * weight)[None],
-            (np.diag(self.system.gram)[finding.columns] * np.square(weight))[None],
+            (self.system.lengths[finding.columns] * np.square(weight))[None],
             conditioned.cost,
             conditioned.dof,
             np.array([finding.candidate.is_block]),
@@ -294,21 +294,21 @@ class CandidateScorer:
         """Return each form of a step at the middle of its places."""
         return [scan.candidate(int(steps.places[steps.places.size // 2])) for scan, steps in self._steps]
 
-    def _spectrum(self, grid: OrderGrid, orders: Array, kind: type[Family] = Family) -> Family:
+    def _spectrum(self, grid: OrderGrid, orders: Array) -> Family:
         """Return cosine and sine of evenly spaced orders, each computed from the order before."""
         waves = np.empty((orders.size, grid.angle.size), dtype=np.complex128)
         waves[0] = np.exp(1j * orders[0] * grid.angle)
         waves[1:] = np.exp(1j * (orders[1] - orders[0]) * grid.angle) if orders.size > 1 else 1.0
         np.cumprod(waves, axis=0, out=waves)
         basis = np.stack((waves.real, waves.imag), axis=1)
-        return kind(self.system, self.joint_columns[:, grid.number], basis, False)
+        return Family(self.system, self.joint_columns[:, grid.number], basis, False)
 
     def similarity(self, chosen: Sequence[Chosen], finding: Chosen, rival: Candidate) -> float:
         """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
         columns = self.columns(rival)
         conditioned = self.condition(chosen, without=finding)
         fits = [conditioned.least_squares(finding.columns), conditioned.least_squares(columns)]
-        cross = self.system.gram[np.ix_(finding.columns, columns)]
+        cross = self.system.products(finding.columns)[:, columns]
         cross = cross - conditioned.reduced[:, finding.columns].T @ conditioned.reduced[:, columns]
         lengths = [
             float(weight @ conditioned.block(place) @ weight)

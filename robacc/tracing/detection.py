@@ -102,7 +102,7 @@ def _limit(
     train_share: float,
 ) -> DetectionLimit:
     effect = candidate.effect
-    values, vectors = visible(conditioned.block(columns), np.diag(scorer.system.gram)[columns])
+    values, vectors = visible(conditioned.block(columns), scorer.system.lengths[columns])
     size = rms = None
     if values[0] > 0:
         noise = conditioned.cost / conditioned.dof

@@ -1,11 +1,11 @@
 """Evidence and significance of candidate columns for a residual, by linear algebra on one linearisation.
 
-The system holds whitened columns of the present model and of all candidates, and their Gram matrix. A candidate is
-scored by the part of its columns that the model cannot reproduce (orthogonalised by a Schur complement). Its evidence
-is the marginal likelihood with a Gaussian prior of zero mean, maximised over the prior variance and the unknown noise
-variance: a single term and a rich block have the same measure, and directions that the data do not determine cost
-nothing. Significance is by the F test, or for a block by the likelihood-ratio test of its prior variance (a mixture of
-chi-squares of 0 and 1 degree; Self and Liang 1987).
+The system holds whitened columns of the present model and of all candidates, and those of their products that are
+needed. A candidate is scored by the part of its columns that the model cannot reproduce (orthogonalised by a Schur
+complement). Its evidence is the marginal likelihood with a Gaussian prior of zero mean, maximised over the prior
+variance and the unknown noise variance: a single term and a rich block have the same measure, and directions that the
+data do not determine cost nothing. Significance is by the F test, or for a block by the likelihood-ratio test of its
+prior variance (a mixture of chi-squares of 0 and 1 degree; Self and Liang 1987).
 """
 
 from __future__ import annotations
@@ -64,27 +64,47 @@ class Scores:
 
 
 class Columns:
-    """Whitened columns over rows (components x poses), their Gram matrix, and the residual."""
+    """Whitened columns over rows (components x poses), the residual, and products of columns as they are needed."""
 
     def __init__(self, columns: Array, residual: Array) -> None:
         """Store ``columns`` ``(M, C, N)`` and ``residual`` ``(M, N)``."""
         self.columns = columns
         self.residual = residual
         self.rows = residual.size
-        stacked = np.moveaxis(columns, 1, 2).reshape(-1, columns.shape[1])
-        self.gram: Array = stacked.T @ stacked
-        self.rhs: Array = stacked.T @ residual.ravel()
+        self.lengths: Array = np.einsum("mcn,mcn->c", columns, columns)
+        """``(C,)`` squared lengths."""
+        self.rhs: Array = np.einsum("mcn,mn->c", columns, residual)
         self.cost = float(residual.ravel() @ residual.ravel())
+        count = columns.shape[1]
+        self._gram, self._known = np.zeros((count, count)), np.zeros((count, count), dtype=bool)
 
     def append(self, columns: Array) -> NDArray[np.int64]:
         """Add ``(M, Q, N)`` columns and return their numbers."""
-        first = self.columns.shape[1]
-        transposed = np.swapaxes(columns, 1, 2)
-        cross, gram = (self.columns @ transposed).sum(axis=0), (columns @ transposed).sum(axis=0)
-        self.gram = np.block([[self.gram, cross], [cross.T, gram]])
+        first, count = self.columns.shape[1], columns.shape[1]
+        self.lengths = np.concatenate((self.lengths, np.einsum("mqn,mqn->q", columns, columns)))
         self.rhs = np.concatenate((self.rhs, np.einsum("mqn,mn->q", columns, self.residual)))
         self.columns = np.concatenate((self.columns, columns), axis=1)
-        return np.arange(first, first + columns.shape[1])
+        self._gram, self._known = (np.pad(matrix, ((0, count), (0, count))) for matrix in (self._gram, self._known))
+        return np.arange(first, first + count)
+
+    def products(self, numbers: NDArray[np.int64]) -> Array:
+        """Return ``(A, C)`` products of some columns with all columns."""
+        missing = numbers[~self._known[numbers].all(axis=1)]
+        if missing.size:
+            products = np.sum([part[missing] @ part.T for part in self.columns], axis=0)
+            self._gram[missing], self._gram[:, missing] = products, products.T
+            self._known[missing] = self._known[:, missing] = True
+        return self._gram[numbers]
+
+    def blocks(self, columns: NDArray[np.int64]) -> Array:
+        """Return ``(B, Q, Q)`` Gram matrices of B times Q columns."""
+        missing = columns[~self._known[columns[:, :, None], columns[:, None, :]].all(axis=(1, 2))]
+        if missing.size:
+            count, size = missing.shape
+            part = np.moveaxis(self.columns[:, missing], 0, 2).reshape(count, size, -1)
+            pairs = missing[:, :, None], missing[:, None, :]
+            self._gram[pairs], self._known[pairs] = part @ np.swapaxes(part, 1, 2), True
+        return self._gram[columns[:, :, None], columns[:, None, :]]
 
 
 class Conditioned:
@@ -122,12 +142,13 @@ class Conditioned:
     def on(cls, system: Columns, active: Sequence[int], precision: Array) -> Conditioned:
         """Condition on the columns ``active``; ``precision`` ``(A,)`` of their priors, whitened, 0 for none."""
         numbers = np.array(active, dtype=np.int64)
-        gram = system.gram[np.ix_(numbers, numbers)] + np.diag(precision)
+        products = system.products(numbers)
+        gram = products[:, numbers] + np.diag(precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
         independent = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
         root = (scale[:, None] * vectors[:, independent]) / np.sqrt(values[independent])
-        reduced = root.T @ system.gram[numbers]
+        reduced = root.T @ products
         return cls(system, numbers, precision, root, reduced, root.T @ system.rhs[numbers], int(independent.sum()))
 
     def _explain(self, explained: Array) -> None:
@@ -179,8 +200,7 @@ class Conditioned:
     def blocks(self, columns: NDArray[np.int64]) -> Array:
         """Return ``(B, Q, Q)`` Gram matrices of the new parts of B times Q columns."""
         reduced = np.moveaxis(self.reduced[:, columns], 0, 2)
-        full = self.system.gram[columns[:, :, None], columns[:, None, :]]
-        result: Array = full - reduced @ np.swapaxes(reduced, 1, 2)
+        result: Array = self.system.blocks(columns) - reduced @ np.swapaxes(reduced, 1, 2)
         return result
 
     def block(self, columns: NDArray[np.int64]) -> Array:
@@ -206,20 +226,26 @@ class Family:
         square = np.einsum("mn,mn->n", column, column)
         self.gram: Array = (basis * square) @ np.swapaxes(basis, 1, 2)
         self.rhs: Array = basis @ np.einsum("mn,mn->n", column, system.residual)
-        self._cross = np.zeros((0, basis.shape[0] * basis.shape[1]))
+        self._products = np.zeros((0, basis.shape[0] * basis.shape[1]))
+        self._places: dict[int, int] = {}
 
-    def cross(self, system: Columns) -> Array:
-        """Return ``(C, B Q)`` products of every column of the system with every column of the family."""
-        done = self._cross.shape[0]
-        if done < system.columns.shape[1]:
-            shared = np.einsum("mcn,mn->cn", system.columns[:, done:], self.column)
-            flat = self.basis.reshape(-1, self.basis.shape[2])
-            self._cross = np.concatenate((self._cross, shared @ flat.T))
-        return self._cross
+    def products(self, system: Columns, numbers: NDArray[np.int64]) -> Array:
+        """Return ``(A, B Q)`` products of some columns of the system with every column of the family."""
+        missing = [number for number in numbers.tolist() if number not in self._places]
+        if missing:
+            self._places |= {number: len(self._places) + i for i, number in enumerate(missing)}
+            added = self.new_products(system.columns[:, missing])
+            self._products = np.concatenate((self._products, added))
+        return self._products[[self._places[number] for number in numbers.tolist()]]
+
+    def new_products(self, columns: Array) -> Array:
+        """Return ``(A, B Q)`` products of ``columns`` ``(M, A, N)`` with every column of the family."""
+        shared = np.einsum("mcn,mn->cn", columns, self.column)
+        return np.asarray(shared @ self.basis.reshape(-1, self.basis.shape[2]).T)
 
     def coordinates(self, conditioned: Conditioned) -> Array:
         """Return ``(R, B Q)`` orthonormal coordinates of a model times every column of the family."""
-        return np.asarray(conditioned.root.T @ self.cross(conditioned.system)[conditioned.active])
+        return np.asarray(conditioned.root.T @ self.products(conditioned.system, conditioned.active))
 
     def judge(self, conditioned: Conditioned, best_only: bool = False) -> Scores:
         """Return the scores of all candidates beside a model; with ``best_only`` of those that can be the best."""
@@ -235,16 +261,6 @@ class Family:
             np.full(count, self.shrunk),
             best_only,
         )
-
-
-class LargeFamily(Family):
-    """A family of so many candidates that its products with columns outside the model are not computed."""
-
-    def coordinates(self, conditioned: Conditioned) -> Array:
-        """Return ``(R, B Q)`` coordinates, from the model's columns alone."""
-        active = conditioned.system.columns[:, conditioned.active]
-        model = conditioned.root.T @ np.einsum("man,mn->an", active, self.column)
-        return np.asarray(model @ self.basis.reshape(-1, self.basis.shape[2]).T)
 
 
 def judge(

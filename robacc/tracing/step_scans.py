@@ -80,7 +80,8 @@ class StepFamily(Family):
         self.gram = np.moveaxis(self._sums(_gram_increments(whitening, self._columns, number)), 2, 0)
         adjoint = whitening.apply_transposed(system.residual)
         self.rhs = self._sums(np.einsum("mqn,mn->qn", self._columns, adjoint)).T
-        self._cross = np.zeros((0, places.size * self._columns.shape[1]))
+        self._products = np.zeros((0, places.size * self._columns.shape[1]))
+        self._places: dict[int, int] = {}
 
     def _sums(self, increments: Array) -> Array:
         """Return ``(..., B)`` sums over the poses after each place of ``(..., n)``."""
@@ -88,15 +89,11 @@ class StepFamily(Family):
         result: Array = total[..., -1:] - total[..., self._starts]
         return result
 
-    def cross(self, system: Columns) -> Array:
-        """Return ``(C, B Q)`` products of every column of the system with every column of the family."""
-        done = self._cross.shape[0]
-        if done < system.columns.shape[1]:
-            columns = np.moveaxis(system.columns[:, done:], 1, 0)
-            adjoint = np.moveaxis(self._whitening.apply_transposed(columns), 0, 1)
-            sums = self._sums(np.einsum("mqn,mcn->cqn", self._columns, adjoint))
-            self._cross = np.concatenate((self._cross, np.moveaxis(sums, 2, 1).reshape(len(sums), -1)))
-        return self._cross
+    def new_products(self, columns: Array) -> Array:
+        """Return ``(A, B Q)`` products of ``columns`` ``(M, A, N)`` with every column of the family."""
+        adjoint = np.moveaxis(self._whitening.apply_transposed(np.moveaxis(columns, 1, 0)), 0, 1)
+        sums = self._sums(np.einsum("mqn,mcn->cqn", self._columns, adjoint))
+        return np.moveaxis(sums, 2, 1).reshape(len(sums), -1)
 
 
 def scan_of(

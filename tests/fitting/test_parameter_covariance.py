@@ -18,7 +18,7 @@ from robacc.modelling.model import Model, predict
 from robacc.robots.description import Frame
 
 NOISE = 5e-5
-EFFECTS = "base_frame,tool_frame,joint_offset[j2]"
+EFFECTS = "base_frame,tool_frame,joint_offset[panda_joint2]"
 
 
 def fitted(base_rpy: tuple[float, float, float]) -> Fit:

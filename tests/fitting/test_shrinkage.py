@@ -86,7 +86,7 @@ def test_covariance_integrates_the_widths_of_the_kinds() -> None:
     kinds = {"x": (np.arange(10), 1e-3), "y": (np.arange(10, 15), 1e-3)}
     for name, (members, usual) in kinds.items():
         priors.add_kind(name, members.tolist(), usual, 2e-4)
-    total, weights, first = np.zeros((19, 19)), 0.0, None
+    log_weights, moments = [], []
     mean = posterior(normal.gram, priors.precision) @ normal.rhs
     for logs in itertools.product(np.linspace(-1.2, 1.8, 7), repeat=2):
         precision, log_weight = np.zeros(19), 0.0
@@ -99,11 +99,10 @@ def test_covariance_integrates_the_widths_of_the_kinds() -> None:
         matrix = normal.gram + np.diag(precision)
         theta = np.linalg.solve(matrix, normal.rhs)
         log_weight += 0.5 * float(normal.rhs @ theta) - 0.5 * float(np.linalg.slogdet(matrix)[1])
-        first = log_weight if first is None else first
-        weight = np.exp(log_weight - first)
-        total += weight * (np.linalg.inv(matrix) + np.outer(theta - mean, theta - mean))
-        weights += weight
-    expected = total / weights
+        log_weights.append(log_weight)
+        moments.append(np.linalg.inv(matrix) + np.outer(theta - mean, theta - mean))
+    weights = np.exp(np.array(log_weights) - max(log_weights))
+    expected = np.einsum("s,sij->ij", weights / weights.sum(), moments)
     scale = np.sqrt(np.diag(expected))
     actual = priors.covariance(normal, np.arange(19))
     np.testing.assert_allclose(actual / scale / scale[:, None], expected / scale / scale[:, None], atol=1e-6)

@@ -34,7 +34,7 @@ def scores(base: np.ndarray, candidate: np.ndarray, residual: np.ndarray, *, blo
     return judge(
         present.block(columns)[None],
         present.rhs[columns][None],
-        np.diag(system.gram)[columns][None],
+        system.lengths[columns][None],
         present.cost,
         present.dof,
         np.array([block]),

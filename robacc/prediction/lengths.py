@@ -16,6 +16,7 @@ direction on the sphere, and Carlson's R_G (DLMF 19.16.3, 19.23.5) is the mean o
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy as np
 from robacc.chain import BLOCK
 from robacc.geometry import Array
 from robacc.prediction.carlson import carlson_rg
+from robacc.prediction.length_guess import QuantileGuess
 from robacc.statistics.distributions import normal_quantile
 
 _NODES = 12
@@ -33,7 +35,12 @@ _MU = math.pi * _NODES / 12.0
 _ZETA = _MU * np.square(1j * _U + 1.0)
 _FACTOR = _STEP / math.pi * np.exp(_ZETA) * 2.0 * _MU * (1j - _U)
 _MAX_NEWTON_STEPS = 30
+_LAST_STEP = 1e-5
+"""Step of the logarithm after which the error, the step's square, is below that of the integral."""
 _RELATIVE_TOLERANCE = 1e-10
+_SAMPLE = 8
+"""One pose of so many gives the start of a mixture's quantile."""
+_LEAST_SAMPLED = 20_000
 
 
 def principal_variances(covariance: Array) -> Array:
@@ -45,14 +52,30 @@ def principal_variances(covariance: Array) -> Array:
 
 def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
     """Return P(Q <= q) and q times its density, ``(N,)`` each, for q = ``squares`` ``(N,)`` above zero."""
-    scaled = variances / squares
+    low, middle, high = 2.0 * variances / squares
     probability, density = np.zeros(squares.size), np.zeros(squares.size)
-    for zeta, factor in zip(_ZETA, _FACTOR, strict=True):
-        # Each root on its principal branch: the root of the product would cross its cut.
-        transform = factor / np.prod(np.sqrt(1.0 + 2.0 * zeta * scaled), axis=0)
-        probability += (transform / zeta).imag
-        density += transform.imag
+    for zeta, factor in zip(_ZETA.tolist(), _FACTOR.tolist(), strict=True):
+        # Each factor is in the upper half plane, and so is the product of the principal roots of two of them. Complex
+        # numbers are in parts: NumPy's complex root takes four times as long.
+        ax, ay, bx, by = 1.0 + zeta.real * low, zeta.imag * low, 1.0 + zeta.real * middle, zeta.imag * middle
+        ax, ay = _upper_root(ax * bx - ay * by, ax * by + ay * bx)
+        bx, by = _upper_root(1.0 + zeta.real * high, zeta.imag * high)
+        x, y = ax * bx - ay * by, ax * by + ay * bx
+        square = x * x + y * y
+        x /= square
+        y /= square
+        density += factor.imag * x - factor.real * y
+        factor /= zeta
+        probability += factor.imag * x - factor.real * y
     return probability, density
+
+
+def _upper_root(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the real and the imaginary part of the root of x + iy in the upper half plane."""
+    larger = np.sqrt(0.5 * (np.sqrt(x * x + y * y) + np.abs(x)))
+    smaller = 0.5 * y / larger
+    is_right = x >= 0.0
+    return np.where(is_right, np.copysign(larger, y), smaller), np.where(is_right, np.abs(smaller), larger)
 
 
 def length_quantiles(probability: float, variances: Array) -> Array:
@@ -64,25 +87,30 @@ def length_quantiles(probability: float, variances: Array) -> Array:
     """
     result = np.zeros(variances.shape[1])
     for start in range(0, result.size, BLOCK):
-        block = variances[:, start : start + BLOCK]
-        scatter = block.sum(axis=0) > 0.0
-        result[start : start + BLOCK][scatter] = _quantiles(probability, block[:, scatter])
+        block = np.sort(variances[:, start : start + BLOCK], axis=0)
+        power = block.sum(axis=0)
+        scatter = power > 0.0
+        shares, power = block[:, scatter] / power[scatter], power[scatter]
+        squares = _squares(probability, shares, _guess(probability)(shares))
+        result[start : start + BLOCK][scatter] = np.sqrt(squares * power)
     return result
 
 
-def _quantiles(probability: float, variances: Array) -> Array:
-    power = variances.sum(axis=0)
-    scaled = variances / power
-    square = _initial_square(probability, scaled)
+@functools.cache
+def _guess(probability: float) -> QuantileGuess:
+    return QuantileGuess(lambda shares: _squares(probability, shares, _initial_square(probability, shares)))
+
+
+def _squares(probability: float, shares: Array, square: Array) -> Array:
+    """Return squared radii ``(N,)`` of ``probability`` for variances ``(3, N)`` that add up to one, from a guess."""
     for _ in range(_MAX_NEWTON_STEPS):
-        cdf, density = _cdf_and_density(square, scaled)
+        cdf, density = _cdf_and_density(square, shares)
         # Newton steps in log q; beyond the median the distribution function is concave, so they cannot diverge.
         step = np.clip((probability - cdf) / density, -1.0, 1.0)
         square = square * np.exp(step)
-        if square.size == 0 or float(np.max(np.abs(step))) < _RELATIVE_TOLERANCE:
+        if square.size == 0 or float(np.max(np.abs(step))) < _LAST_STEP:
             break
-    result: Array = np.sqrt(square * power)
-    return result
+    return square
 
 
 def _initial_square(probability: float, shares: Array) -> Array:
@@ -103,22 +131,33 @@ def mixture_quantile(probability: float, variances: Array) -> float:
     shares = variances[:, power > 0.0] / mean_power
     zero_share = 1.0 - shares.shape[1] / power.size
     square = float(np.mean(_initial_square(probability, shares / shares.sum(axis=0))))
-    low, high = 0.0, math.inf
-    for _ in range(100):
-        cdf, density = _mixture_cdf_and_density(square, shares, power.size, zero_share)
-        error = probability - cdf
-        low, high = (square, high) if error > 0.0 else (low, square)
-        next_square = square * math.exp(min(max(error / density, -1.0), 1.0)) if density > 0.0 else math.inf
-        if not low < next_square < high:
-            next_square = 2.0 * square if math.isinf(high) else 0.5 * (low + high)
-        converged = abs(next_square - square) <= _RELATIVE_TOLERANCE * square
-        square = next_square
-        if converged:
-            break
+    if shares.shape[1] >= _LEAST_SAMPLED:
+        sample = shares[:, ::_SAMPLE]
+        square = _mixture_square(probability, sample, sample.shape[1] / (1.0 - zero_share), zero_share, square)
+    square = _mixture_square(probability, shares, float(power.size), zero_share, square)
     return math.sqrt(square * mean_power)
 
 
-def _mixture_cdf_and_density(square: float, shares: Array, count: int, zero_share: float) -> tuple[float, float]:
+def _mixture_square(probability: float, shares: Array, count: float, zero_share: float, square: float) -> float:
+    """Return the squared radius of the mixture of ``count`` vectors, the others zero, from a start."""
+    low, high = 0.0, math.inf
+    for _ in range(100):
+        cdf, density = _mixture_cdf_and_density(square, shares, count, zero_share)
+        error = probability - cdf
+        low, high = (square, high) if error > 0.0 else (low, square)
+        next_square = square * math.exp(min(max(error / density, -1.0), 1.0)) if density > 0.0 else math.inf
+        last_step = _LAST_STEP
+        if not low < next_square < high:
+            next_square = 2.0 * square if math.isinf(high) else 0.5 * (low + high)
+            last_step = _RELATIVE_TOLERANCE
+        converged = abs(next_square - square) <= last_step * square
+        square = next_square
+        if converged:
+            break
+    return square
+
+
+def _mixture_cdf_and_density(square: float, shares: Array, count: float, zero_share: float) -> tuple[float, float]:
     cdf, density = 0.0, 0.0
     for start in range(0, shares.shape[1], BLOCK):
         block = shares[:, start : start + BLOCK]

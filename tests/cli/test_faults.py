@@ -62,7 +62,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("number", "times", "status", "told"),
     [
         (signal.SIGINT, 1, 130, "interrupted; nothing was written\n"),
-        (signal.SIGINT, 3, 130, "interrupted; nothing was written\n"),
+        pytest.param(signal.SIGINT, 3, 130, "interrupted; nothing was written\n", marks=pytest.mark.slow),
         (signal.SIGTERM, 1, 143, ""),
     ],
 )

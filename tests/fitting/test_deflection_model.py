@@ -198,8 +198,15 @@ def test_table_and_document_say_which_form_and_why(form: str, compliance: float,
     }
 
 
-@pytest.mark.parametrize("apart", [False, True])
-@pytest.mark.parametrize("form", ["equilibrium", "rigid"])
+@pytest.mark.parametrize(
+    ("form", "apart"),
+    [
+        ("equilibrium", False),
+        ("rigid", True),
+        pytest.param("equilibrium", True, marks=pytest.mark.slow),
+        pytest.param("rigid", False, marks=pytest.mark.slow),
+    ],
+)
 def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     # As much noise as leaves the search nothing to explain but the finding, and as many poses as show its form.
     robot, data = arm("puma560").robot, measured(form, n=300, noise=2e-5)

@@ -289,6 +289,7 @@ def test_what_is_left_is_held_against_its_neighbours() -> None:
     assert any("errors of successive poses" in hint for hint in found.unexplained.hints)
 
 
+@pytest.mark.slow
 def test_a_scale_along_one_axis_is_never_called_explained() -> None:
     """It is not in the catalogue; a pedestal that tilts and profiles of joints imitate a part of it."""
     data = measured("puma560", n=100)

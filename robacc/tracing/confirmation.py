@@ -8,9 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from robacc.effects.base import Effect
+from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.tracing.cross_validation import LEAST_GAIN, CrossValidation, gain_score, reduced
+from robacc.tracing.cross_validation import CrossValidation, reduced
 from robacc.tracing.loop import SearchResult, frames_first, refit
+
+_LEAST_GAIN = 1.645
+"""Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""
 
 
 def reproduced(loop: SearchResult, validation: CrossValidation | None, data: Measurements) -> SearchResult:
@@ -71,10 +75,10 @@ def with_held_out_gain(
             if effect.key() in validation.without
         }
         weakest = min(scores, key=lambda effect: scores[effect], default=None)
-        if weakest is not None and scores[weakest] < LEAST_GAIN:
+        if weakest is not None and scores[weakest] < _LEAST_GAIN:
             effects: tuple[Effect, ...] = tuple(effect for effect in loop.effects if effect != weakest)
             withdrawn.append(str(weakest))
-        elif gain_score(validation.before, validation.after, judged, weight) < LEAST_GAIN:
+        elif gain_score(validation.before, validation.after, judged, weight) < _LEAST_GAIN:
             effects = ()
             withdrawn.extend(str(effect) for effect in loop.effects)
         else:
@@ -83,6 +87,25 @@ def with_held_out_gain(
         validation = reduced(validation, loop, remaining_search, data, holdout, n_folds, seed)
         loop = remaining_search
     return loop, validation, tuple(withdrawn)
+
+
+def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
+    """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
+
+    Poses are independent, not rows. ``weight`` ``(M, N)`` are reciprocal standard deviations of the components; where
+    None, positions serial are judged, each as good as the others.
+    """
+    if weight is None:
+        without, after, weight = without[:3], after[:3], np.ones_like(after[:3])
+    gain = np.sum((np.square(without) - np.square(after)) * np.square(weight), axis=0)
+    sums = np.bincount(np.unique(data.groups(), return_inverse=True)[1], weights=gain)
+    if sums.size < 2:
+        return 0.0
+    error = float(np.std(sums, ddof=1)) / np.sqrt(sums.size)
+    mean = float(np.mean(sums))
+    if error == 0.0:
+        return np.inf if mean > 0 else 0.0
+    return float(mean / error)
 
 
 def _with_effects(loop: SearchResult, effects: tuple[Effect, ...], data: Measurements) -> SearchResult:

@@ -15,27 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.errors import EquilibriumError, InputError
+from robacc.errors import InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
-from robacc.fitting.deflection_model import choose_deflection, choose_form, with_deflection
-from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.deflection_model import choose_deflection, choose_form
+from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.observation import residuals
 from robacc.parallel import fork_map
 from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.loop import SEARCH, SearchResult, choose, frames_first, refit
 from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
+from robacc.tracing.without_finding import fold_options, residuals_without
 
 Progress = Callable[[str, int, int], None]
 
 _FOLD_POSES = 400
 """Largest number of poses that a fold's selection uses."""
-LEAST_GAIN = 1.645
-"""Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""
-_NONLINEAR = 0.02
-"""Relative deviation of the cost from its linearisation, above which a model without an effect is fitted anew."""
 _PARALLEL_POSES = 600
 """Poses from which a second process is worth its start."""
 
@@ -164,9 +160,7 @@ def reduced(
         before = validation.before[:, test_rows]
         if frozenset(effects) == validation.all_effects[number]:
             without = (validation.without.get(effect.key()) for effect in remaining.effects)
-            lacking = tuple(
-                None if residuals_without is None else residuals_without[:, test_rows] for residuals_without in without
-            )
+            lacking = tuple(None if residual is None else residual[:, test_rows] for residual in without)
             return _Fold(
                 before, validation.after[:, test_rows], lacking, tuple(by_finding), validation.all_effects[number]
             )
@@ -183,25 +177,6 @@ def reduced(
 def _same(effect: Effect, chosen: Iterable[Effect]) -> tuple[Effect, ...]:
     """Return the effects of a fold that are the same finding as ``effect``."""
     return tuple(sorted((other for other in chosen if effect.is_same_finding(other)), key=str))
-
-
-def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
-    """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
-
-    Poses are independent, not rows. ``weight`` ``(M, N)`` are reciprocal standard deviations of the components; where
-    None, positions serial are judged, each as good as the others.
-    """
-    if weight is None:
-        without, after, weight = without[:3], after[:3], np.ones_like(after[:3])
-    gain = np.sum((np.square(without) - np.square(after)) * np.square(weight), axis=0)
-    sums = np.bincount(np.unique(data.groups(), return_inverse=True)[1], weights=gain)
-    if sums.size < 2:
-        return 0.0
-    error = float(np.std(sums, ddof=1)) / np.sqrt(sums.size)
-    mean = float(np.mean(sums))
-    if error == 0.0:
-        return np.inf if mean > 0 else 0.0
-    return float(mean / error)
 
 
 def _reported(fold: _Fold, number: int, count: int, progress: Progress) -> _Fold:
@@ -222,8 +197,8 @@ def _fold(work: _Work, number: int) -> _Fold:
     chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
     like = loop.declared
-    declared = refit(like, like.model.free, train, _options(like))
-    declared, _ = choose_form(declared, like.model, train, _options(like))
+    declared = refit(like, like.model.free, train, fold_options(like))
+    declared, _ = choose_form(declared, like.model, train, fold_options(like))
     complete = _completed(loop, effects, train) if effects else declared
     by_finding = _matching_effects(loop.effects, selection, chosen)
     return _judged(complete, effects, held_out(declared, test), by_finding, train, test)
@@ -240,8 +215,8 @@ def _parts(
 def _completed(loop: SearchResult, effects: Sequence[Effect], train: Measurements) -> Fit:
     """Return the fit of the declared effects and ``effects`` to a fold's training rows."""
     model = loop.declared.model.with_free(*effects)
-    complete = refit(loop.final, model.free, train, _options(loop.final))
-    return complete if complete.group_stds else choose_form(complete, model, train, _options(loop.final))[0]
+    complete = refit(loop.final, model.free, train, fold_options(loop.final))
+    return complete if complete.group_stds else choose_form(complete, model, train, fold_options(loop.final))[0]
 
 
 def _judged(
@@ -253,9 +228,9 @@ def _judged(
     test: Measurements,
 ) -> _Fold:
     after = held_out(complete, test)
-    options = _options(complete)
+    options = fold_options(complete)
     without = tuple(
-        _residuals_without(complete, matches_in_fold, train, test, options) if matches_in_fold else after
+        residuals_without(complete, matches_in_fold, train, test, options) if matches_in_fold else after
         for matches_in_fold in by_finding
     )
     return _Fold(
@@ -277,52 +252,11 @@ def _matching_effects(
     ]
 
 
-def _options(fit: Fit) -> Options:
-    """Return the options of a fold: row weights as in the fit to all rows, which has left outliers out already."""
-    return dataclasses.replace(SEARCH, robust=False, misfit=fit.misfit, scatter=fit.scatter)
-
-
 def _from_holdout(loop: SearchResult, data: Measurements, holdout: Measurements) -> CrossValidation:
     """Return residuals of ``holdout`` with the models fitted to all other poses."""
     declared = choose_deflection(loop.declared, loop.declared.model, data, SEARCH)[0]
     final = loop.final if loop.final.group_stds else choose_deflection(loop.final, loop.final.model, data, SEARCH)[0]
-    options = _options(final)
-    lacking = {effect.key(): _residuals_without(final, [effect], data, holdout, options) for effect in loop.effects}
-    without = {key: residuals_without for key, residuals_without in lacking.items() if residuals_without is not None}
+    options = fold_options(final)
+    lacking = {effect.key(): residuals_without(final, [effect], data, holdout, options) for effect in loop.effects}
+    without = {key: residual for key, residual in lacking.items() if residual is not None}
     return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)
-
-
-def _residuals_without(
-    complete: Fit, absent: Sequence[Effect], train: Measurements, test: Measurements, options: Options
-) -> Array | None:
-    """Return residuals of ``test`` with the effects ``absent`` removed and the rest fitted again to ``train``.
-
-    A step to first order is enough where the model is nearly linear; otherwise the model is fitted. Return None for a
-    frame, without which the model cannot be compared, and if the remaining compliances have no equilibrium.
-    """
-    if any(effect.is_frame for effect in absent):
-        return None
-    numbers = {i for i, effect in enumerate(with_deflection(complete.model.free, "equilibrium")) if effect in absent}
-    theta = complete.without(numbers)
-    try:
-        if _is_linear(complete, theta, train):
-            return residuals(test, complete.predict(test, theta))
-        remaining = [effect for i, effect in enumerate(complete.model.free) if i not in numbers]
-        return held_out(refit(complete, remaining, train, options), test)
-    except (EquilibriumError, InputError):
-        return None
-
-
-def _is_linear(complete: Fit, theta: Array, train: Measurements) -> bool:
-    """Return whether the cost at ``theta`` is what the linearisation at the fit predicts."""
-    columns = complete.identifiability.columns
-    step = theta[columns] - complete.theta[columns]
-    before = float(np.sum(np.square(complete.whitening.apply(complete.residual * complete.inliers))))
-    pull = complete.precision * complete.theta[columns]  # the gradient that the priors balance
-    expected = before - 2.0 * float(step @ pull) + float(step @ complete.gram @ step)
-    try:
-        actual_residual = residuals(train, complete.model.bind(train).poses(theta)) * complete.inliers
-    except EquilibriumError:
-        return False
-    actual = float(np.sum(np.square(complete.whitening.apply(actual_residual))))
-    return abs(actual - expected) <= _NONLINEAR * max(expected, 1.0)

@@ -1,0 +1,62 @@
+"""Held-out residuals of a model without one of its findings."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from robacc.effects.base import Effect
+from robacc.errors import EquilibriumError, InputError
+from robacc.fitting.cross_validation import held_out
+from robacc.fitting.deflection_model import with_deflection
+from robacc.fitting.fit_result import Fit, Options
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.observation import residuals
+from robacc.tracing.loop import SEARCH, refit
+
+_NONLINEAR = 0.02
+"""Relative deviation of the cost from its linearisation, above which a model without an effect is fitted anew."""
+
+
+def fold_options(fit: Fit) -> Options:
+    """Return the options of a fold: row weights as in the fit to all rows, which has left outliers out already."""
+    return dataclasses.replace(SEARCH, robust=False, misfit=fit.misfit, scatter=fit.scatter)
+
+
+def residuals_without(
+    complete: Fit, absent: Sequence[Effect], train: Measurements, test: Measurements, options: Options
+) -> Array | None:
+    """Return residuals of ``test`` with the effects ``absent`` removed and the rest fitted again to ``train``.
+
+    A step to first order is enough where the model is nearly linear; otherwise the model is fitted. Return None for a
+    frame, without which the model cannot be compared, and if the remaining compliances have no equilibrium.
+    """
+    if any(effect.is_frame for effect in absent):
+        return None
+    numbers = {i for i, effect in enumerate(with_deflection(complete.model.free, "equilibrium")) if effect in absent}
+    theta = complete.without(numbers)
+    try:
+        if _is_linear(complete, theta, train):
+            return residuals(test, complete.predict(test, theta))
+        remaining = [effect for i, effect in enumerate(complete.model.free) if i not in numbers]
+        return held_out(refit(complete, remaining, train, options), test)
+    except (EquilibriumError, InputError):
+        return None
+
+
+def _is_linear(complete: Fit, theta: Array, train: Measurements) -> bool:
+    """Return whether the cost at ``theta`` is what the linearisation at the fit predicts."""
+    columns = complete.identifiability.columns
+    step = theta[columns] - complete.theta[columns]
+    before = float(np.sum(np.square(complete.whitening.apply(complete.residual * complete.inliers))))
+    pull = complete.precision * complete.theta[columns]  # the gradient that the priors balance
+    expected = before - 2.0 * float(step @ pull) + float(step @ complete.gram @ step)
+    try:
+        actual_residual = residuals(train, complete.model.bind(train).poses(theta)) * complete.inliers
+    except EquilibriumError:
+        return False
+    actual = float(np.sum(np.square(complete.whitening.apply(actual_residual))))
+    return abs(actual - expected) <= _NONLINEAR * max(expected, 1.0)

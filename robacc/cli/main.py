@@ -85,7 +85,7 @@ class CheckedCommand(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, unless it would overwrite an input or its options contradict each other."""
-        from robacc.cli.output import check_call
+        from robacc.cli.call_checks import check_call
 
         check_call(ctx.params)
         return super().invoke(ctx)

@@ -94,7 +94,8 @@ def correct(
     import sys
 
     from robacc.api.correct import correct as run_correct
-    from robacc.cli.output import emit, refuse_json_beside_csv
+    from robacc.cli.call_checks import refuse_json_beside_csv
+    from robacc.cli.output import emit
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.programs.reading import is_program

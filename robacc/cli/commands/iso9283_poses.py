@@ -72,7 +72,7 @@ def iso9283_poses(
     """
     import sys
 
-    from robacc.cli.output import refuse_json_beside_csv
+    from robacc.cli.call_checks import refuse_json_beside_csv
     from robacc.io.files import write_text
     from robacc.iso_9283.proposal import planned_poses, propose
     from robacc.modelling.robot_file import read_robot

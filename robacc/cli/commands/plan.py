@@ -163,7 +163,7 @@ def plan(
     Example: robacc plan robot.yaml --for calibrate --poses 30 --output plan.csv
     """
     from robacc.api.plan import plan as run_plan
-    from robacc.cli.output import refuse_json_beside_csv
+    from robacc.cli.call_checks import refuse_json_beside_csv
     from robacc.errors import UsageError
 
     refuse_json_beside_csv(form, output)

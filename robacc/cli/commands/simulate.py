@@ -108,7 +108,8 @@ def simulate(
     import sys
 
     from robacc.api.simulate import simulate as run_simulate
-    from robacc.cli.output import emit, refuse_json_beside_csv
+    from robacc.cli.call_checks import refuse_json_beside_csv
+    from robacc.cli.output import emit
 
     refuse_json_beside_csv(form, output)
     result = run_simulate(

@@ -72,6 +72,7 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
             "why": plan.sufficiency.why,
             "now_m": plan.sufficiency.now,
             "later_m": plan.sufficiency.later,
+            "of_model": plan.sufficiency.of_model,
         },
         "file_sha256": sha256(csv.encode()).hexdigest(),
     }

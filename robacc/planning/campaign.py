@@ -83,13 +83,15 @@ class Sufficiency:
     """Answer to whether the poses measured so far are enough."""
 
     n: int
-    """Poses measured already."""
+    """Poses measured already, or those of the model's fit."""
     enough: bool
     why: str
     now: float | None
     """Predicted error now, m rms; None where the poses do not identify the model."""
     later: float | None
     """Predicted error with the next poses."""
+    of_model: bool = False
+    """The poses are those that the model was fitted to."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from robacc.effects.base import Term
 from robacc.effects.specification import every_column
 from robacc.fitting.identifiability import Dropped, identify
 from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.shrinkage import PSEUDO_CONSTANTS
 from robacc.fitting.tolerances import tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.weak_parameters import BADLY_MADE, WEAK
@@ -26,6 +27,8 @@ _FRAME_PRIOR = 1.0
 """m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
 _IDENTIFIED_ON = 1500
 """Poses that decide which coefficients any poses identify."""
+_SINGULAR = 1e14
+"""Condition number above which an information matrix counts as singular."""
 _USUAL_SIZES = 10.0
 """Prior standard deviation of a constant without a tolerance, over its usual size: wide, as the fit has none."""
 
@@ -67,8 +70,12 @@ class PlannedCoefficients:
     """Coefficients that no poses identify."""
     prior_std: Array
     """``(P,)`` prior standard deviations for the choice of poses: tolerance, else wide."""
-    fit_prior_std: Array
-    """``(P,)`` prior standard deviation that the fit gives a weakly identifiable coefficient; inf for none."""
+    kinds: NDArray[np.int64]
+    """``(P,)`` kind of each constant of the arm, as in the fit; -1 for other coefficients."""
+    weak_std: Array
+    """``(P,)`` standard error above which a constant is weakly identifiable, and its kind has a prior; inf for none."""
+    kind_std: Array
+    """``(P,)`` standard deviation of that prior, as the fit will estimate it; inf for none."""
 
     @property
     def names(self) -> list[str]:
@@ -146,37 +153,54 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     identified = identify(triangle, [term.name for term in terms], flat.shape[0], [term.unit for term in terms])
     columns = identified.columns
     tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
-    constants = _constants(model)
-    prior = np.array([tolerance.get(term.name, _usual_prior(term, term.name in constants)) for term in terms])
-    limit = np.array([BADLY_MADE * term.typical if term.name in constants else np.inf for term in terms])
-    return PlannedCoefficients(terms, columns, identified.dropped, prior[columns], limit[columns])
+    kinds = _kinds(model)
+    prior = np.array([tolerance.get(term.name, _usual_prior(term, term.name in kinds)) for term in terms])
+    number = np.array([kinds.get(term.name, -1) for term in terms], dtype=np.int64)
+    typical = np.array([term.typical if term.name in kinds else np.inf for term in terms])
+    kind_std = np.full(columns.size, np.inf)
+    for kind in set(number[columns].tolist()) - {-1}:
+        members = number[columns] == kind
+        usual = float(typical[columns][members].max())
+        kind_std[members] = expected_prior_std(usual, int(np.count_nonzero(members)))
+    weak = WEAK * BADLY_MADE * typical
+    return PlannedCoefficients(
+        terms, columns, identified.dropped, prior[columns], number[columns], weak[columns], kind_std
+    )
+
+
+def expected_prior_std(usual: float, count: int) -> float:
+    """Return the prior standard deviation that a fit estimates for ``count`` constants whose deviations are ``usual``.
+
+    The fit adds :data:`~robacc.fitting.shrinkage.PSEUDO_CONSTANTS` constants of a badly made arm.
+    """
+    squares = count + PSEUDO_CONSTANTS * BADLY_MADE**2
+    return float(usual * np.sqrt(squares / (count + PSEUDO_CONSTANTS)))
 
 
 def fit_covariance(rows: Array, planned: PlannedCoefficients, information: Array | None = None) -> Array | None:
     """Return ``(P, P)`` the covariance after a fit to poses ``(M, n, P)``; None where they do not identify everything.
 
-    As in the fit, a coefficient has a prior only if its standard error would exceed a share of a badly made arm's
-    deviation. ``information`` is that of poses measured already.
+    As in the fit (:mod:`robacc.fitting.weak_parameters`), the constants of a kind have a common prior only if one of
+    them is weakly identifiable. ``information`` is that of poses measured already.
     """
     normal = information_of(rows) if information is None else information + information_of(rows)
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    precision = np.zeros(scale.size)
-    for _ in range(2):
-        matrix = (normal + np.diag(precision)) / scale[:, None] / scale
-        if np.linalg.cond(matrix) > 1e14:
-            if precision.any():
-                return None
-            precision = np.where(np.isfinite(planned.fit_prior_std), planned.fit_prior_std**-2.0, 0.0)
-            continue
-        covariance: Array = np.linalg.inv(matrix) / scale[:, None] / scale
-        weak = np.sqrt(np.diag(covariance)) > WEAK * planned.fit_prior_std
-        if precision.any() or not weak.any():
+    covariance = _inverse(normal, scale)
+    is_weak = np.isfinite(planned.weak_std)
+    if covariance is not None:
+        is_weak = np.sqrt(np.diag(covariance)) > planned.weak_std
+        if not is_weak.any():
             return covariance
-        precision = np.where(weak, planned.fit_prior_std**-2.0, 0.0)
-    matrix = (normal + np.diag(precision)) / scale[:, None] / scale
-    if np.linalg.cond(matrix) > 1e14:
+    has_prior = np.isin(planned.kinds, planned.kinds[is_weak])
+    return _inverse(normal + np.diag(np.where(has_prior, planned.kind_std**-2.0, 0.0)), scale)
+
+
+def _inverse(matrix: Array, scale: Array) -> Array | None:
+    """Return the inverse of an information matrix, scaled by ``scale``; None if it is singular."""
+    scaled = matrix / scale[:, None] / scale
+    if np.linalg.cond(scaled) > _SINGULAR:
         return None
-    result: Array = np.linalg.inv(matrix) / scale[:, None] / scale
+    result: Array = np.linalg.inv(scaled) / scale[:, None] / scale
     return result
 
 
@@ -204,7 +228,12 @@ def _usual_prior(term: Term, is_constant: bool) -> float:
     return _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else _FRAME_PRIOR
 
 
-def _constants(model: Model) -> set[str]:
-    """Return the names of constants of the arm, frames excluded."""
-    effects = [effect for effect in model.free if effect.is_constant and not effect.is_frame]
-    return {term.name for effect in effects for term in effect.terms(model.arm, every_column(model.arm))}
+def _kinds(model: Model) -> dict[str, int]:
+    """Return the kind of each constant of the arm, frames excluded: those of one effect and unit share a prior."""
+    kinds: dict[tuple[str, str], int] = {}
+    numbers = {}
+    for effect in model.free:
+        if effect.is_constant and not effect.is_frame:
+            for term in effect.terms(model.arm, every_column(model.arm)):
+                numbers[term.name] = kinds.setdefault((effect.name, term.unit), len(kinds))
+    return numbers

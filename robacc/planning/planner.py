@@ -18,14 +18,12 @@ from robacc.planning.acceptance import MOST_POSES, NeededPoses, needed, spread_p
 from robacc.planning.campaign import (
     DEFAULT_FIT,
     DEFAULT_POSES,
-    TYPICAL_NOISE,
-    TYPICAL_REPEATABILITY,
     CampaignPlan,
     CampaignSettings,
     Sufficiency,
 )
 from robacc.planning.candidates import given_candidates, sampled_candidates, task_joints
-from robacc.planning.design import DesignProblem, choose, information_of
+from robacc.planning.design import DesignProblem, choose
 from robacc.planning.detectability import detectability
 from robacc.planning.expected import (
     BATCH,
@@ -37,23 +35,18 @@ from robacc.planning.expected import (
     expected_correlations,
     worth_of,
 )
+from robacc.planning.known import expected_noise, known_information, planned_visits
 from robacc.planning.linear_model import (
-    ExpectedNoise,
     PlannedCoefficients,
     candidate_rows,
     coefficients,
-    joint_repeatability,
-    planned_data,
     region_rows,
     repeatability_at_target,
-    whitened_columns,
 )
 from robacc.planning.power_design import PowerProblem, choose_for_power, expected_power, power_problem, random_power
 from robacc.planning.route import Route, route
+from robacc.prediction.model_fit import model_fit
 from robacc.robots.description import Robot
-
-_TIME_STEP = 20.0
-"""s from visit to visit, for the detection limit of a drift; the unit of time cancels."""
 
 
 def plan_campaign(
@@ -63,23 +56,22 @@ def plan_campaign(
     candidates: Measurements | None = None,
     task: Measurements | None = None,
     already: Measurements | None = None,
-    known_noise: ExpectedNoise | None = None,
 ) -> CampaignPlan:
     """Return the plan of a measurement of ``robot``.
 
     Args:
-        robot: The robot, with the effects that are known.
+        robot: The robot, with the effects that are known; the record of its fit, if it has one, tells the noise, and
+            without ``already`` what is known of the coefficients.
         settings: Purpose, number, constraints and noise.
         candidates: Poses to choose from; sampled within the joint limits if None.
         task: Poses where the accuracy matters, in place of a region.
         already: Poses measured already.
-        known_noise: Noise from a calibrated model; the settings' values replace its values.
 
     Raises:
         UsageError: A demand cannot be met, or an effect cannot be fitted to this robot.
         InputError: A prismatic joint has no limits.
     """
-    return _Planner(robot, settings, candidates, task, already, known_noise).plan()
+    return _Planner(robot, settings, candidates, task, already).plan()
 
 
 class _Planner:
@@ -92,7 +84,6 @@ class _Planner:
         candidates: Measurements | None,
         task: Measurements | None,
         already: Measurements | None,
-        known_noise: ExpectedNoise | None,
     ) -> None:
         self.robot, self.settings, self.already = robot, settings, already
         self.model = Model.of(robot, free_effects(robot, settings.fit or DEFAULT_FIT[settings.purpose]))
@@ -107,30 +98,9 @@ class _Planner:
             raise UsageError("the poses of the task have no joint columns")
         else:
             self.task = task.q
-        self.noise = self._noise(known_noise)
+        self.record = model_fit(robot)
+        self.noise = expected_noise(self.model, self.task, settings, self.record)
         self.repeatability = repeatability_at_target(self.model, self.task, self.noise.joints)
-
-    def _noise(self, known: ExpectedNoise | None) -> ExpectedNoise:
-        settings = self.settings
-        sources = []
-        if settings.noise is not None or known is None:
-            position = TYPICAL_NOISE if settings.noise is None else settings.noise
-            sources.append("typical noise" if settings.noise is None else "given noise")
-        else:
-            position = known.position
-            sources.append("noise of the model file")
-        if settings.repeatability is not None or known is None or not known.joints.any():
-            size = TYPICAL_REPEATABILITY if settings.repeatability is None else settings.repeatability
-            joints = joint_repeatability(self.model, self.task, size)
-            kind = "typical" if settings.repeatability is None else "given"
-            sources.append(f"{kind} repeatability")
-        else:
-            joints = known.joints
-            sources.append("repeatability of the model file")
-        unexplained = settings.unexplained or (0.0 if known is None else known.unexplained)
-        if position == 0.0 and unexplained == 0.0:
-            raise UsageError("`noise` is zero; give the standard deviation of the instrument along each axis")
-        return ExpectedNoise(position, settings.noise_orientation, joints, unexplained, ", ".join(sources))
 
     def plan(self) -> CampaignPlan:
         """Return the plan."""
@@ -141,7 +111,7 @@ class _Planner:
         planned = coefficients(self.model, rows)
         rows = rows[:, :, planned.columns]
         region = region_rows(self.model, self.task)[:, :, planned.columns]
-        information = self._information(planned)
+        information = known_information(self.model, planned, self.noise, self.already, self.record)
         problem = self._problem(rows, region, planned, information)
         chosen = self._choose(problem, count)
         powers = None
@@ -167,7 +137,7 @@ class _Planner:
     def _count(self, demands: tuple[NeededPoses, ...]) -> int:
         settings = self.settings
         count = settings.poses
-        if count is None and self.already is not None:
+        if count is None and self._n_known:
             count = BATCH
         if count is None and demands:
             numbers = [entry.poses for entry in demands]
@@ -185,13 +155,12 @@ class _Planner:
             raise UsageError(f"{count} poses are planned, but only {self.candidates.n} candidates are feasible{most}")
         return count
 
-    def _information(self, planned: PlannedCoefficients) -> Array:
-        """Return ``(P, P)`` information of the poses measured already."""
-        size = planned.columns.size
-        if self.already is None:
-            return np.zeros((size, size))
-        columns = whitened_columns(self.model, _as_planned(self.already), self.noise)[:, planned.columns]
-        return information_of(np.moveaxis(columns, 1, 2))
+    @property
+    def _n_known(self) -> int:
+        """Return the number of poses measured already, or else of the model's fit."""
+        if self.already is not None:
+            return int(self.already.n)
+        return 0 if self.record is None or self.settings.purpose != "calibrate" else self.record.n_poses
 
     def _problem(
         self, rows: Array, region: Array, planned: PlannedCoefficients, information: Array
@@ -282,7 +251,7 @@ class _Planner:
             accuracy=accuracy,
             worth=worth,
             detectability=None if settings.purpose == "acceptance" else detectability(self.model, data, self.noise),
-            sufficiency=None if self.already is None else self._sufficiency(expectation, plan),
+            sufficiency=self._sufficiency(expectation, plan) if self._n_known else None,
         )
 
     def _worth(
@@ -302,21 +271,21 @@ class _Planner:
         )
 
     def _sufficiency(self, expectation: Expectation, plan: CampaignPlan) -> Sufficiency:
-        assert self.already is not None
         now = expectation.point(expectation.rows[:, :0], 0)
         later = expectation.point(expectation.rows[:, plan.chosen], plan.chosen.size)
-        n, target = int(self.already.n), self.settings.target
+        n, target = self._n_known, self.settings.target
+        of_model = self.already is None
         totals = tuple(None if point is None else point.total for point in (now, later))
         if now is None or later is None:
-            return Sufficiency(n, False, "the poses so far do not identify all coefficients", *totals)
+            return Sufficiency(n, False, "the poses so far do not identify all coefficients", *totals, of_model)
         if target is not None:
             enough = now.rms <= target
             why = f"the predicted error of {now.rms * 1e3:.3g} mm {'meets' if enough else 'exceeds'} the target"
-            return Sufficiency(n, enough, why, *totals)
+            return Sufficiency(n, enough, why, *totals, of_model)
         gain = 1.0 - later.total / now.total
         enough = gain < ENOUGH_GAIN
         why = f"{plan.chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-        return Sufficiency(n, enough, why, *totals)
+        return Sufficiency(n, enough, why, *totals, of_model)
 
 
 def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:
@@ -327,44 +296,3 @@ def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:
     """
     arm = Model.of(robot).arm
     return build(parse_requests(fit), arm, every_column(arm))
-
-
-def planned_visits(plan: CampaignPlan, already: Measurements | None = None) -> Measurements:
-    """Return the planned visits with every target and the time of each, after the poses measured already."""
-    visits = plan.visits()
-    start: Array = np.linspace(0.0, _TIME_STEP * (visits.n - 1), visits.n)
-    timed = dataclasses.replace(visits, pose=None, cycle=None, time=start)
-    data = planned_data(plan.robot, plan.q, timed)
-    if already is None or already.q is None:
-        return data
-    earlier = _as_planned(already)
-    motion = earlier.direction is not None and earlier.speed is not None
-    zero = np.zeros_like(already.q)
-    assert data.time is not None
-    before: Array = np.linspace(-_TIME_STEP * earlier.n, -_TIME_STEP, earlier.n)
-    time: Array = np.concatenate((before, data.time))
-    return dataclasses.replace(
-        data,
-        position=np.concatenate((np.zeros((3, earlier.n)), data.position), axis=1),
-        q=_joined(already.q, data.q),
-        target=None if data.target is None else np.concatenate((_target(earlier, data), data.target)),
-        time=time,
-        direction=_joined(earlier.direction if motion and earlier.direction is not None else zero, data.direction),
-        speed=_joined(earlier.speed if motion and earlier.speed is not None else zero, data.speed),
-    )
-
-
-def _joined(first: Array, second: Array | None) -> Array:
-    return first if second is None else np.concatenate((first, second), axis=1)
-
-
-def _target(earlier: Measurements, data: Measurements) -> NDArray[np.str_]:
-    assert data.target is not None
-    return np.full(earlier.n, data.target[0]) if earlier.target is None else earlier.target
-
-
-def _as_planned(data: Measurements) -> Measurements:
-    """Return the commanded part of measured poses."""
-    if data.q is None:
-        raise UsageError("the poses measured already have no joint columns")
-    return dataclasses.replace(data, position=np.zeros_like(data.position), rotation=None)

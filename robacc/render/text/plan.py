@@ -56,6 +56,9 @@ def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
     if plan.sufficiency is not None:
         verdict = "Enough" if plan.sufficiency.enough else f"Not enough: measure the next {plan.chosen.size}"
         yield from (BLANK, heading(verdict), *items((plan.sufficiency.why,), width))
+        if plan.sufficiency.of_model:
+            note = f"this counts the {plan.sufficiency.n} poses of the model's fit: fit them together with the new ones"
+            yield from items((note,), width)
     if plan.candidates.excluded:
         rows = [(entry.reason, str(entry.count), str(entry.alone)) for entry in plan.candidates.excluded]
         yield from (BLANK, *columns(("candidates excluded by", "count", "by this alone"), rows))

@@ -1,0 +1,143 @@
+"""Knowledge before a campaign: the noise, and the information of earlier poses or of a fitted model."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.errors import UsageError
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.planning.campaign import TYPICAL_NOISE, TYPICAL_REPEATABILITY, CampaignPlan, CampaignSettings
+from robacc.planning.design import information_of
+from robacc.planning.linear_model import (
+    ExpectedNoise,
+    PlannedCoefficients,
+    joint_repeatability,
+    planned_data,
+    whitened_columns,
+)
+from robacc.prediction.model_fit import ModelFit
+
+_TIME_STEP = 20.0
+"""s from visit to visit, for the detection limit of a drift; the unit of time cancels."""
+
+
+def expected_noise(model: Model, task: Array, settings: CampaignSettings, record: ModelFit | None) -> ExpectedNoise:
+    """Return the noise to expect: as given, else that of the model's fit, else typical.
+
+    Args:
+        model: The robot.
+        task: ``(J, T)`` joint variables over which the scatter at the target is meant.
+        settings: Given noise.
+        record: Record of the robot's fit; None if it has none.
+
+    Raises:
+        UsageError: Instrument and model have no error at all.
+    """
+    sources = []
+    if settings.noise is not None:
+        position = settings.noise
+        sources.append("given noise")
+    elif record is not None and record.noise[0] > 0.0:
+        position = record.noise[0]
+        sources.append("noise of the model's fit")
+    else:
+        position = TYPICAL_NOISE
+        sources.append("typical noise")
+    fitted = {} if record is None else record.repeatability
+    if settings.repeatability is None and fitted:
+        joints = np.array([fitted.get(name, 0.0) for name in model.arm.names])
+        sources.append("repeatability of the model's fit")
+    elif settings.repeatability is None and record is not None:
+        # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
+        joints = np.zeros(len(model.arm.names))
+    else:
+        size = TYPICAL_REPEATABILITY if settings.repeatability is None else settings.repeatability
+        joints = joint_repeatability(model, task, size)
+        sources.append(f"{'typical' if settings.repeatability is None else 'given'} repeatability")
+    unexplained = settings.unexplained or _unexplained(record)
+    if unexplained and not settings.unexplained:
+        sources.append("unexplained error of the model's fit")
+    if position == 0.0 and unexplained == 0.0:
+        raise UsageError("`noise` is zero; give the standard deviation of the instrument along each axis")
+    return ExpectedNoise(position, settings.noise_orientation, joints, unexplained, ", ".join(sources))
+
+
+def _unexplained(record: ModelFit | None) -> float:
+    """Return the unexplained error along each axis, m; where the noise was not confirmed, the record contains it."""
+    if record is None:
+        return 0.0
+    variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
+    return float(np.sqrt(max(variance - record.noise[0] ** 2, 0.0)))
+
+
+def known_information(
+    model: Model,
+    planned: PlannedCoefficients,
+    noise: ExpectedNoise,
+    already: Measurements | None,
+    record: ModelFit | None,
+) -> Array:
+    """Return ``(P, P)`` information of the poses measured ``already``, or else of the model's fit."""
+    size = planned.columns.size
+    if already is not None:
+        columns = whitened_columns(model, as_planned(already), noise)[:, planned.columns]
+        return information_of(np.moveaxis(columns, 1, 2))
+    result = np.zeros((size, size))
+    if record is None:
+        return result
+    place = {name: i for i, name in enumerate(planned.names)}
+    common = [(place[name], i) for i, name in enumerate(record.coefficients) if name in place]
+    if common:
+        ours, theirs = (np.array(numbers) for numbers in zip(*common, strict=True))
+        # The part of a covariance is that of its coefficients, the others unknown.
+        covariance = record.covariance[np.ix_(theirs, theirs)]
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        inverse = np.linalg.pinv(covariance / scale[:, None] / scale, rcond=1e-12, hermitian=True)
+        result[np.ix_(ours, ours)] = inverse / scale[:, None] / scale
+    return result
+
+
+def planned_visits(plan: CampaignPlan, already: Measurements | None = None) -> Measurements:
+    """Return the planned visits with every target and the time of each, after the poses measured already."""
+    visits = plan.visits()
+    start: Array = np.linspace(0.0, _TIME_STEP * (visits.n - 1), visits.n)
+    timed = dataclasses.replace(visits, pose=None, cycle=None, time=start)
+    data = planned_data(plan.robot, plan.q, timed)
+    if already is None or already.q is None:
+        return data
+    earlier = as_planned(already)
+    motion = earlier.direction is not None and earlier.speed is not None
+    zero = np.zeros_like(already.q)
+    assert data.time is not None
+    before: Array = np.linspace(-_TIME_STEP * earlier.n, -_TIME_STEP, earlier.n)
+    time: Array = np.concatenate((before, data.time))
+    return dataclasses.replace(
+        data,
+        position=np.concatenate((np.zeros((3, earlier.n)), data.position), axis=1),
+        q=_joined(already.q, data.q),
+        target=None if data.target is None else np.concatenate((_target(earlier, data), data.target)),
+        time=time,
+        direction=_joined(earlier.direction if motion and earlier.direction is not None else zero, data.direction),
+        speed=_joined(earlier.speed if motion and earlier.speed is not None else zero, data.speed),
+    )
+
+
+def _joined(first: Array, second: Array | None) -> Array:
+    return first if second is None else np.concatenate((first, second), axis=1)
+
+
+def _target(earlier: Measurements, data: Measurements) -> NDArray[np.str_]:
+    assert data.target is not None
+    return np.full(earlier.n, data.target[0]) if earlier.target is None else earlier.target
+
+
+def as_planned(data: Measurements) -> Measurements:
+    """Return the commanded part of measured poses."""
+    if data.q is None:
+        raise UsageError("the poses measured already have no joint columns")
+    return dataclasses.replace(data, position=np.zeros_like(data.position), rotation=None)

@@ -76,6 +76,8 @@ class PlannedCoefficients:
     """``(P,)`` standard error above which a constant is weakly identifiable, and its kind has a prior; inf for none."""
     kind_std: Array
     """``(P,)`` standard deviation of that prior, as the fit will estimate it; inf for none."""
+    usual: Array
+    """``(P,)`` usual deviation of a constant from nominal; inf for other coefficients."""
 
     @property
     def names(self) -> list[str]:
@@ -164,7 +166,7 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
         kind_std[members] = expected_prior_std(usual, int(np.count_nonzero(members)))
     weak = WEAK * BADLY_MADE * typical
     return PlannedCoefficients(
-        terms, columns, identified.dropped, prior[columns], number[columns], weak[columns], kind_std
+        terms, columns, identified.dropped, prior[columns], number[columns], weak[columns], kind_std, typical[columns]
     )
 
 
@@ -178,10 +180,11 @@ def expected_prior_std(usual: float, count: int) -> float:
 
 
 def fit_covariance(rows: Array, planned: PlannedCoefficients, information: Array | None = None) -> Array | None:
-    """Return ``(P, P)`` the covariance after a fit to poses ``(M, n, P)``; None where they do not identify everything.
+    """Return ``(P, P)`` the covariance of the errors of a fit to poses ``(M, n, P)``; None where they do not suffice.
 
-    As in the fit (:mod:`robacc.fitting.weak_parameters`), the constants of a kind have a common prior only if one of
-    them is weakly identifiable. ``information`` is that of poses measured already.
+    It is the mean over arms whose constants deviate by their usual size. As in the fit
+    (:mod:`robacc.fitting.weak_parameters`), the constants of a kind have a common prior only if one of them is weakly
+    identifiable. ``information`` is that of poses measured already.
     """
     normal = information_of(rows) if information is None else information + information_of(rows)
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -192,7 +195,14 @@ def fit_covariance(rows: Array, planned: PlannedCoefficients, information: Array
         if not is_weak.any():
             return covariance
     has_prior = np.isin(planned.kinds, planned.kinds[is_weak])
-    return _inverse(normal + np.diag(np.where(has_prior, planned.kind_std**-2.0, 0.0)), scale)
+    precision = np.where(has_prior, planned.kind_std**-2.0, 0.0)
+    gain = _inverse(normal + np.diag(precision), scale)
+    if gain is None:
+        return None
+    # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
+    deviation = precision * np.where(has_prior, planned.usual, 0.0)
+    result: Array = gain @ (normal + np.diag(np.square(deviation))) @ gain
+    return result
 
 
 def _inverse(matrix: Array, scale: Array) -> Array | None:

@@ -275,17 +275,19 @@ class _Planner:
         later = expectation.point(expectation.rows[:, plan.chosen], plan.chosen.size)
         n, target = self._n_known, self.settings.target
         of_model = self.already is None
-        totals = tuple(None if point is None else point.total for point in (now, later))
+        totals = [None if point is None else point.total for point in (now, later)]
         if now is None or later is None:
-            return Sufficiency(n, False, "the poses so far do not identify all coefficients", *totals, of_model)
+            return Sufficiency(
+                n, False, "the poses so far do not identify all coefficients", totals[0], totals[1], of_model
+            )
         if target is not None:
             enough = now.rms <= target
             why = f"the predicted error of {now.rms * 1e3:.3g} mm {'meets' if enough else 'exceeds'} the target"
-            return Sufficiency(n, enough, why, *totals, of_model)
+            return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
         gain = 1.0 - later.total / now.total
         enough = gain < ENOUGH_GAIN
         why = f"{plan.chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-        return Sufficiency(n, enough, why, *totals, of_model)
+        return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
 
 
 def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:

@@ -1,0 +1,108 @@
+"""Predicted errors against campaigns that the tool itself fits: with and without weakly identifiable constants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import arm
+from test_expected import positions
+
+import robacc
+from robacc.fitting.solver import fit
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.planning.campaign import CampaignPlan, CampaignSettings
+from robacc.planning.planner import free_effects, plan_campaign
+
+ROOT = Path(__file__).resolve().parents[2]
+SCATTER = 3e-5
+
+
+def realised(plan: CampaignPlan, noise: float, campaigns: int, fresh: int = 200) -> tuple[np.ndarray, float]:
+    """RMS error of each estimate of a constant, and of the position at fresh poses, over arms of usual deviations."""
+    robot, q = plan.robot, plan.q
+    names = [entry.name for entry in plan.coefficients if entry.std is not None]
+    constants = [name for name in names if "frame" not in name]
+    model = Model.of(
+        robot, free_effects(robot, plan.settings.fit or "base_frame,tool_frame,joint_offset,link_geometry")
+    )
+    rng = np.random.default_rng(0)
+    test = plan.candidates.q[:, :fresh]
+    errors, held_out = [], []
+    for _ in range(campaigns):
+        truth = {name: 1e-3 * rng.normal() for name in constants}
+        attained = q + plan.noise.joints[:, None] * rng.normal(size=q.shape)
+        measured = positions(robot, attained, truth) + noise * rng.normal(size=(3, q.shape[1]))
+        fitted = fit(model, Measurements(position=measured, q=q))
+        values = dict(zip(fitted.names, fitted.theta, strict=True))
+        errors.append([values[name] - truth[name] for name in constants])
+        predicted = fitted.predict(Measurements(position=np.zeros((3, fresh)), q=test)).translation
+        held_out.append(np.mean(np.sum(np.square(predicted - positions(robot, test, truth)), axis=0)))
+    return np.sqrt(np.mean(np.square(errors), axis=0)), float(np.mean(held_out)) ** 0.5
+
+
+def compared(name: str, poses: int, noise: float, campaigns: int) -> tuple[float, float]:
+    """Geometric mean of predicted over realised standard errors, and the same of the error at fresh poses."""
+    settings = CampaignSettings("calibrate", poses, noise=noise, repeatability=SCATTER, n_candidates=600)
+    plan = plan_campaign(arm(name).robot, settings)
+    errors, held_out = realised(plan, noise, campaigns)
+    predicted = [entry.std for entry in plan.coefficients if entry.std is not None and "frame" not in entry.name]
+    assert plan.accuracy is not None
+    assert plan.accuracy.planned is not None
+    return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy.planned.rms / held_out
+
+
+def test_predictions_are_realised() -> None:
+    ratio, _ = compared("irb1600", 30, 5e-5, 12)
+    # 12 campaigns give each standard deviation to 20 %, and their mean over 18 correlated ones to some 10 %.
+    assert 0.75 < ratio < 1.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "poses", "noise"),
+    [("irb1600", 30, 5e-5), ("ur10", 30, 5e-5), ("irb1600", 30, 1e-3), ("ur10", 20, 1e-3)],
+)
+def test_predictions_are_realised_over_200_campaigns(name: str, poses: int, noise: float) -> None:
+    ratio, held_out = compared(name, poses, noise, 200)
+    assert 0.9 < ratio < 1.1
+    assert 0.9 < held_out < 1.1
+
+
+def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:
+    robot, poses = ROOT / "sample_data" / "robot.yaml", ROOT / "sample_data" / "poses.csv"
+    effects = "base_frame,tool_frame,joint_offset,link_geometry"
+    fitted = robacc.calibrate(poses, robot=robot, fit=effects)
+    model = tmp_path / "model.yaml"
+    fitted.write_model(model)
+    plan = robacc.plan(robot, model=model, candidates=150, poses=3, repeats=0, check_every=0)
+    assert "noise of the model's fit" in plan.noise.source
+    assert plan.noise.position == pytest.approx(fitted.fit.noise.position, rel=1e-6)
+    assert plan.sufficiency is not None
+    assert plan.sufficiency.of_model
+    before = {entry.name: entry.std for entry in fitted.parameters if entry.std is not None}
+    after = {entry.name: entry.std for entry in plan.coefficients if entry.std is not None}
+    common = sorted(set(before) & set(after))
+    assert len(common) > 15
+    # Three more poses make every standard error smaller, but not by much beside those of the fit.
+    shares = np.array([after[name] / before[name] for name in common])
+    assert np.all(shares < 1.001)
+    assert 0.5 < shares.mean() < 1.0
+
+
+def test_the_kinds_are_those_of_the_fit() -> None:
+    noise = 1e-3
+    settings = CampaignSettings("calibrate", 20, noise=noise, repeatability=SCATTER, n_candidates=300)
+    plan = plan_campaign(arm("irb1600").robot, settings)
+    robot, q = plan.robot, plan.q
+    rng = np.random.default_rng(1)
+    measured = positions(robot, q, {}) + noise * rng.normal(size=(3, q.shape[1]))
+    effects = free_effects(robot, "base_frame,tool_frame,joint_offset,link_geometry")
+    fitted = fit(Model.of(robot, effects), Measurements(position=measured, q=q))
+    assert set(fitted.prior_stds) == {"joint_offset (rad)", "link_geometry (m)", "link_geometry (rad)"}
+    assert fitted.weak
+    # No planned standard error is above what the prior alone allows: the usual deviation.
+    stds = [entry.std for entry in plan.coefficients if entry.std is not None and "frame" not in entry.name]
+    assert max(stds) < 1.2e-3

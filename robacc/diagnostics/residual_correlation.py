@@ -21,8 +21,6 @@ from robacc.statistics.distributions import normal_cdf
 
 SIGNIFICANCE = 1e-4
 """Largest p-value of a correlation that is reported; small, since its cause is unknown."""
-_BLOCK = 256
-"""Poses compared with all others at a time."""
 _LEAST_PAIRS = 30
 """Pairs from which the sum is close to Gaussian."""
 _MOST_ROWS = 4000
@@ -70,18 +68,15 @@ def time_neighbours(time: Array) -> NDArray[np.int64]:
 
 def space_neighbours(position: Array) -> NDArray[np.int64]:
     """Return ``(2, K)`` pairs: each pose with that of the nearest target, every pair once."""
-    n = position.shape[1]
-    if n < _LEAST_PAIRS:
+    from scipy.spatial import cKDTree
+
+    if position.shape[1] < _LEAST_PAIRS:
         return np.empty((2, 0), dtype=np.int64)
-    nearest = np.empty(n, dtype=np.int64)
-    for start in range(0, n, _BLOCK):
-        rows = np.arange(start, min(start + _BLOCK, n))
-        distance = np.zeros((rows.size, n))
-        for axis in position:
-            distance += np.square(axis[rows, None] - axis)
-        distance[np.arange(rows.size), rows] = np.inf
-        nearest[rows] = np.argmin(distance, axis=1)
-    return np.unique(np.sort(np.stack((np.arange(n), nearest)), axis=0), axis=1)
+    nearest = np.asarray(cKDTree(position.T).query(position.T, 2)[1], dtype=np.int64)
+    # If two targets coincide, either may come first.
+    index = np.arange(position.shape[1])
+    other = np.where(nearest[:, 0] == index, nearest[:, 1], nearest[:, 0])
+    return np.unique(np.sort(np.stack((index, other)), axis=0), axis=1)
 
 
 def correlation_p_value(residual: Array, pairs: NDArray[np.int64]) -> float:

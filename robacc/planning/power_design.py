@@ -24,7 +24,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.detectability import FOLDS, usual_size
 from robacc.planning.linear_model import ExpectedNoise, coefficients, planned_data, pose_rows, whitened
-from robacc.statistics.normal_table import normal_cdfs
 from robacc.tracing.candidates import named_candidates
 from robacc.tracing.detection import noncentrality_at_limit
 from robacc.tracing.rivals import RIVAL
@@ -67,9 +66,11 @@ class PowerProblem:
 
         ``own`` and ``cross`` ``(..., K)`` are products with itself and with its rival, orthogonal to the free effects.
         """
-        found = normal_cdfs(np.sqrt(np.maximum(own, 0.0)) - np.sqrt(self.even_chance))
+        from scipy.special import ndtr
+
+        found = ndtr(np.sqrt(np.maximum(own, 0.0)) - np.sqrt(self.even_chance))
         beside = np.maximum(own - np.square(cross) / np.maximum(own[..., self.rival], 1e-12), 0.0)
-        apart = normal_cdfs(np.sqrt(beside) - np.sqrt(2.0 * RIVAL))
+        apart = ndtr(np.sqrt(beside) - np.sqrt(2.0 * RIVAL))
         return found, np.where(self.rival == np.arange(self.rival.size), 1.0, apart)
 
     def value(self, own: Array, cross: Array) -> Array:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, Joint, JointType, Mimic, Robot, Vector
+from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
 from robacc.robots.urdf_chain import UrdfTree, choose_chain
-from robacc.robots.urdf_elements import UrdfJoint, joint_of, link_of
 from robacc.robots.urdf_mimics import resolve_mimics
 from robacc.robots.urdf_sizes import check_sizes
 from robacc.robots.urdf_writer import robot_to_urdf
@@ -69,32 +69,39 @@ def parse_urdf(
     joints = [_read_joint(tree, joint) for joint in path]
     check_sizes(document, tree.elements, joints)
     document.finish()
-    joints = resolve_mimics(document, tree.elements, tree.joints, joints)
+    joints = resolve_mimics(document, tree.elements, tree.robot.joints, joints)
     if not any(joint.is_variable for joint in joints):
         document.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
     document.finish()
-    return Robot(document.root.get("name", "robot"), "urdf", tuple(joints), base_link=base, tip_link=tip)
+    return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip)
 
 
 def _read_tree(document: UrdfDocument) -> UrdfTree:
-    links = tuple(link_of(element) for element in document.root.iter("link"))
-    joints = tuple(joint_of(element) for element in document.root.iter("joint"))
+    from yourdfpy import URDF
+
+    model = URDF.load(
+        io.BytesIO(document.text()),
+        build_scene_graph=False,
+        build_collision_scene_graph=False,
+        load_meshes=False,
+        load_collision_meshes=False,
+    )
     elements = {element.get("name", ""): element for element in document.root.iter("joint")}
-    names = {link.name for link in links}
-    parent_joint: dict[str, UrdfJoint] = {}
-    for joint in joints:
+    links = {link.name for link in model.robot.links}
+    parent_joint: dict[str, Any] = {}
+    for joint in model.robot.joints:
         for role, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in names:
+            if link not in links:
                 document.report(elements[joint.name], joint.name, f"its {role} link {link!r} does not exist")
         if joint.child in parent_joint:
             message = f"moves the link {joint.child!r}, as {parent_joint[joint.child].name!r} does: not a serial chain"
             document.report(elements[joint.name], joint.name, message)
         parent_joint.setdefault(joint.child, joint)
     document.finish()
-    return UrdfTree(document, links, joints, parent_joint, elements)
+    return UrdfTree(document, model.robot, parent_joint, elements)
 
 
-def _read_joint(tree: UrdfTree, joint: UrdfJoint) -> Joint:
+def _read_joint(tree: UrdfTree, joint: Any) -> Joint:
     document, element = tree.document, tree.elements[joint.name]
     kind = _TYPES.get(joint.type)
     if kind is None:
@@ -119,14 +126,16 @@ def _read_joint(tree: UrdfTree, joint: UrdfJoint) -> Joint:
     )
 
 
-def _read_mimic(joint: UrdfJoint) -> Mimic | None:
+def _read_mimic(joint: Any) -> Mimic | None:
     # A fixed joint does not move, whatever it follows; reduced URDFs leave the element in place.
     if joint.mimic is None or joint.type == "fixed":
         return None
-    return joint.mimic
+    return Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
 
 
 def _read_origin(element: Element) -> dict[str, float]:
+    # From the attributes: yourdfpy stores an origin as a matrix only, and near a pitch of 90 degrees the roll and yaw
+    # computed from it lose most of their digits.
     origin = element.find("origin")
     values = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
     if origin is not None:
@@ -135,8 +144,8 @@ def _read_origin(element: Element) -> dict[str, float]:
     return values
 
 
-def _read_axis(document: UrdfDocument, element: Element, joint: UrdfJoint) -> Vector:
-    x, y, z = joint.axis
+def _read_axis(document: UrdfDocument, element: Element, joint: Any) -> Vector:
+    x, y, z = (float(value) for value in joint.axis)
     length = math.hypot(x, y, z)
     if length < _MIN_AXIS:
         document.report(element, joint.name, "the joint's axis is zero and has no direction")
@@ -144,11 +153,12 @@ def _read_axis(document: UrdfDocument, element: Element, joint: UrdfJoint) -> Ve
     return (x, y, z) if abs(length - 1) < _UNIT_AXIS else (x / length, y / length, z / length)
 
 
-def _read_limits(document: UrdfDocument, element: Element, joint: UrdfJoint) -> tuple[float, float] | None:
-    if joint.limits is None or joint.limits == (None, None):
+def _read_limits(document: UrdfDocument, element: Element, joint: Any) -> tuple[float, float] | None:
+    limit = joint.limit
+    if limit is None or (limit.lower is None and limit.upper is None):
         return None
     # Where one limit is missing, the format's default for it is zero.
-    lower, upper = (0.0 if value is None else float(value) for value in joint.limits)
+    lower, upper = (0.0 if value is None else float(value) for value in (limit.lower, limit.upper))
     if math.isinf(lower) and math.isinf(upper):
         return None
     if math.isinf(lower) or math.isinf(upper):
@@ -164,11 +174,13 @@ def _read_limits(document: UrdfDocument, element: Element, joint: UrdfJoint) -> 
 
 
 def _read_inertial(tree: UrdfTree, link_name: str) -> tuple[float | None, Vector | None]:
-    link = next(link for link in tree.links if link.name == link_name)
-    mass = link.mass
-    if mass is None:
+    link = next(link for link in tree.robot.links if link.name == link_name)
+    if link.inertial is None or link.inertial.mass is None:
         return None, None
+    mass = float(link.inertial.mass)
     if mass < 0:
         element = next(item for item in tree.document.root.iter("link") if item.get("name") == link_name)
         tree.document.report(element, link_name, f"the link's mass is negative ({mass:g} kg)")
-    return mass, link.com
+    origin = link.inertial.origin
+    com = ZERO if origin is None else cast(Vector, tuple(float(value) for value in origin[:3, 3]))
+    return mass, com

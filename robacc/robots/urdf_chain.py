@@ -6,10 +6,9 @@ import difflib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.robots.urdf_elements import UrdfJoint, UrdfLink
 from robacc.robots.urdf_xml import UrdfDocument
 
 if TYPE_CHECKING:
@@ -25,12 +24,12 @@ _FLANGES = ("tool0", "flange")
 
 @dataclass(frozen=True, slots=True)
 class UrdfTree:
-    """Links and joints of the file."""
+    """Links and joints of the file, as yourdfpy reads them."""
 
     document: UrdfDocument
-    links: tuple[UrdfLink, ...]
-    joints: tuple[UrdfJoint, ...]
-    parent_joint: dict[str, UrdfJoint]
+    robot: Any
+    """yourdfpy's Robot."""
+    parent_joint: dict[str, Any]
     """Joint that moves each link."""
     elements: dict[str, Element]
     """Element of each joint, by name."""
@@ -38,17 +37,17 @@ class UrdfTree:
     @property
     def roots(self) -> list[str]:
         """Links that no joint moves."""
-        return [link.name for link in self.links if link.name not in self.parent_joint]
+        return [link.name for link in self.robot.links if link.name not in self.parent_joint]
 
     def leaves(self, base: str) -> list[str]:
         """Return the links behind ``base`` that no joint follows."""
-        parents = {joint.parent for joint in self.joints}
-        leaves = [link.name for link in self.links if link.name not in parents]
+        parents = {joint.parent for joint in self.robot.joints}
+        leaves = [link.name for link in self.robot.links if link.name not in parents]
         return [name for name in leaves if name != base and self.path(base, name) is not None]
 
-    def path(self, base: str, tip: str) -> list[UrdfJoint] | None:
+    def path(self, base: str, tip: str) -> list[Any] | None:
         """Return the joints from ``base`` to ``tip`` in order; None where ``tip`` is not behind ``base``."""
-        path: list[UrdfJoint] = []
+        path: list[Any] = []
         link = tip
         while link != base:
             joint = self.parent_joint.get(link)
@@ -86,18 +85,18 @@ def choose_chain(
     return base, _choose_tip(tree, base, tip_link)
 
 
-def _moves(joint: UrdfJoint) -> bool:
+def _moves(joint: Any) -> bool:
     return joint.type != "fixed" and joint.mimic is None
 
 
 def _named_joints(tree: UrdfTree, columns: Sequence[str]) -> frozenset[str]:
     """Return the moving joints that a column is named after."""
-    return frozenset(joint.name for joint in tree.joints if _moves(joint)) & frozenset(columns)
+    return frozenset(joint.name for joint in tree.robot.joints if _moves(joint)) & frozenset(columns)
 
 
-def _last_joint(tree: UrdfTree, base: str, named: frozenset[str]) -> UrdfJoint | None:
+def _last_joint(tree: UrdfTree, base: str, named: frozenset[str]) -> Any | None:
     """Return the joint of ``named`` with all others before it; None where they are on several branches."""
-    for joint in tree.joints:
+    for joint in tree.robot.joints:
         path = tree.path(base, joint.child) if joint.name in named else None
         if path and named <= {before.name for before in path}:
             return joint
@@ -118,7 +117,7 @@ def _tip_of_length(tree: UrdfTree, base: str, count: int) -> str | None:
 def _flange(tree: UrdfTree, link: str) -> str:
     """Return the link behind the fixed joints that follow ``link``, in front of a gripper and of a fork."""
     while True:
-        joints = [joint for joint in tree.joints if joint.parent == link]
+        joints = [joint for joint in tree.robot.joints if joint.parent == link]
         fixed = [joint.child for joint in joints if joint.type == "fixed" and not _carries_motion(tree, joint.child)]
         named = [name for name in _FLANGES if name in fixed]
         if named:
@@ -130,7 +129,7 @@ def _flange(tree: UrdfTree, link: str) -> str:
 
 def _carries_motion(tree: UrdfTree, link: str) -> bool:
     """Return whether a joint directly on the link moves."""
-    return any(joint.parent == link and joint.type != "fixed" for joint in tree.joints)
+    return any(joint.parent == link and joint.type != "fixed" for joint in tree.robot.joints)
 
 
 def _choose_base(tree: UrdfTree, base_link: str | None) -> str:
@@ -167,7 +166,7 @@ def _choose_tip(tree: UrdfTree, base: str, tip_link: str | None) -> str:
 
 
 def _known_link(tree: UrdfTree, name: str, parameter: str) -> str:
-    names = [link.name for link in tree.links]
+    names = [link.name for link in tree.robot.links]
     if name in names:
         return name
     suggestions = difflib.get_close_matches(name, names, 3, 0.5) or names

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 from xml.etree.ElementTree import Element
 
 from robacc.robots.description import Joint, Mimic
-from robacc.robots.urdf_elements import UrdfJoint
 from robacc.robots.urdf_xml import UrdfDocument
 
 
 def resolve_mimics(
-    document: UrdfDocument, elements: Mapping[str, Element], all_joints: Sequence[UrdfJoint], joints: Sequence[Joint]
+    document: UrdfDocument, elements: Mapping[str, Element], all_joints: Sequence[Any], joints: Sequence[Joint]
 ) -> list[Joint]:
     """Return the chain's joints with every mimic made to follow, directly, a joint variable of the chain.
 
     Args:
         document: The URDF, which collects the problems.
         elements: Each joint's element, by its name.
-        all_joints: Joints of the file.
+        all_joints: Joints of the file, as yourdfpy reads them.
         joints: Joints of the chain.
     """
     return _with_outside_masters(_direct_mimics(document, elements, all_joints, joints))
 
 
 def _direct_mimics(
-    document: UrdfDocument, elements: Mapping[str, Element], all_joints: Sequence[UrdfJoint], joints: Sequence[Joint]
+    document: UrdfDocument, elements: Mapping[str, Element], all_joints: Sequence[Any], joints: Sequence[Joint]
 ) -> list[Joint]:
     """Return the joints with every mimic made to follow, directly, a joint that moves by itself.
 
@@ -55,7 +55,7 @@ def _direct_mimics(
             # q = m1 (m2 q' + o2) + o1
             inner = master.mimic
             offset = mimic.multiplier * inner.offset + mimic.offset
-            mimic = Mimic(inner.master, mimic.multiplier * inner.multiplier, offset)
+            mimic = Mimic(inner.joint, mimic.multiplier * inner.multiplier, offset)
         resolved.append(joint)
     return resolved
 

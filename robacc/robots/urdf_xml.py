@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from xml.etree.ElementTree import Element, TreeBuilder
+from xml.etree.ElementTree import Element, TreeBuilder, tostring
 from xml.parsers import expat
 
 from robacc.errors import InputError, Problem
@@ -61,6 +61,10 @@ class UrdfDocument:
         """
         if self.problems:
             raise InputError(sorted(self.problems, key=lambda problem: problem.line or 0))
+
+    def text(self) -> bytes:
+        """Return the selected elements as XML, without a document type, entities or names of other files."""
+        return bytes(tostring(self.root))
 
 
 def read_document(text: str, file: str) -> UrdfDocument:

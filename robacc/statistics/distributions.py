@@ -1,8 +1,7 @@
 """Normal, chi-square, Student, F and beta distributions in the standard library alone.
 
-scipy has all of them, but it would be two thirds of an installation, and `import scipy.special` takes longer than a
-complete estimate of 100 poses. The package needs
-only these few, written here from :mod:`math`; the tests compare them with scipy to the last digits.
+scipy has all of them, but `import scipy.special` takes longer than a complete estimate of 100 poses. An estimate needs
+only these few, written here from :mod:`math`; the tests compare them with scipy.
 
 Sources: NIST Digital Library of Mathematical Functions, 8.7.1 (series of the incomplete gamma function), 8.9.2 (its
 continued fraction), 8.17.22 (continued fraction of the incomplete beta function), 5.11.1 (Stirling's series).

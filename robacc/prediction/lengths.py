@@ -27,16 +27,26 @@ from robacc.prediction.carlson import carlson_rg
 from robacc.prediction.length_guess import QuantileGuess
 from robacc.statistics.distributions import normal_quantile
 
-_NODES = 12
-"""Nodes in the upper half plane; the error falls as exp(-2 pi n/3)."""
-_STEP = 3.0 / _NODES
-_U = (np.arange(_NODES) + 0.5) * _STEP
-_MU = math.pi * _NODES / 12.0
-_ZETA = _MU * np.square(1j * _U + 1.0)
-_FACTOR = _STEP / math.pi * np.exp(_ZETA) * 2.0 * _MU * (1j - _U)
+Contour = tuple[tuple[complex, complex], ...]
+"""Nodes of a path in the upper half plane, each with its factor."""
+
+
+def _path(count: int) -> Contour:
+    """Return a path of so many nodes; the error falls as exp(-2 pi n/3)."""
+    step = 3.0 / count
+    u = (np.arange(count) + 0.5) * step
+    scale = math.pi * count / 12.0
+    zeta = scale * np.square(1j * u + 1.0)
+    factor = step / math.pi * np.exp(zeta) * 2.0 * scale * (1j - u)
+    return tuple(zip(zeta.tolist(), factor.tolist(), strict=True))
+
+
+_FINE, _COARSE = _path(12), _path(6)
 _MAX_NEWTON_STEPS = 30
 _LAST_STEP = 1e-5
 """Step of the logarithm after which the error, the step's square, is below that of the integral."""
+_COARSE_STEP = 1e-3
+"""The same with half of the nodes, whose error is 3e-6."""
 _RELATIVE_TOLERANCE = 1e-10
 _SAMPLE = 8
 """One pose of so many gives the start of a mixture's quantile."""
@@ -50,11 +60,11 @@ def principal_variances(covariance: Array) -> Array:
     return result
 
 
-def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
+def _cdf_and_density(squares: Array, variances: Array, path: Contour = _FINE) -> tuple[Array, Array]:
     """Return P(Q <= q) and q times its density, ``(N,)`` each, for q = ``squares`` ``(N,)`` above zero."""
     low, middle, high = 2.0 * variances / squares
     probability, density = np.zeros(squares.size), np.zeros(squares.size)
-    for zeta, factor in zip(_ZETA.tolist(), _FACTOR.tolist(), strict=True):
+    for zeta, factor in path:
         # Each factor is in the upper half plane, and so is the product of the principal roots of two of them. Complex
         # numbers are in parts: NumPy's complex root takes four times as long.
         ax, ay, bx, by = 1.0 + zeta.real * low, zeta.imag * low, 1.0 + zeta.real * middle, zeta.imag * middle
@@ -65,8 +75,8 @@ def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
         x /= square
         y /= square
         density += factor.imag * x - factor.real * y
-        factor /= zeta
-        probability += factor.imag * x - factor.real * y
+        ratio = factor / zeta
+        probability += ratio.imag * x - ratio.real * y
     return probability, density
 
 
@@ -132,36 +142,41 @@ def mixture_quantile(probability: float, variances: Array) -> float:
     zero_share = 1.0 - shares.shape[1] / power.size
     square = float(np.mean(_initial_square(probability, shares / shares.sum(axis=0))))
     if shares.shape[1] >= _LEAST_SAMPLED:
-        sample = shares[:, ::_SAMPLE]
-        square = _mixture_square(probability, sample, sample.shape[1] / (1.0 - zero_share), zero_share, square)
-    square = _mixture_square(probability, shares, float(power.size), zero_share, square)
+        for part in (shares[:, ::_SAMPLE], shares):
+            count = part.shape[1] / (1.0 - zero_share)
+            square = _mixture_square(probability, part, count, zero_share, square, _COARSE, _COARSE_STEP)
+    square = _mixture_square(probability, shares, float(power.size), zero_share, square, _FINE, _LAST_STEP)
     return math.sqrt(square * mean_power)
 
 
-def _mixture_square(probability: float, shares: Array, count: float, zero_share: float, square: float) -> float:
-    """Return the squared radius of the mixture of ``count`` vectors, the others zero, from a start."""
+def _mixture_square(
+    probability: float, shares: Array, count: float, zero_share: float, square: float, path: Contour, last_step: float
+) -> float:
+    """Return the squared radius of the mixture of ``count`` vectors, of which some are zero, from a start."""
     low, high = 0.0, math.inf
     for _ in range(100):
-        cdf, density = _mixture_cdf_and_density(square, shares, count, zero_share)
+        cdf, density = _mixture_cdf_and_density(square, shares, count, zero_share, path)
         error = probability - cdf
         low, high = (square, high) if error > 0.0 else (low, square)
         next_square = square * math.exp(min(max(error / density, -1.0), 1.0)) if density > 0.0 else math.inf
-        last_step = _LAST_STEP
+        tolerance = last_step
         if not low < next_square < high:
             next_square = 2.0 * square if math.isinf(high) else 0.5 * (low + high)
-            last_step = _RELATIVE_TOLERANCE
-        converged = abs(next_square - square) <= last_step * square
+            tolerance = _RELATIVE_TOLERANCE
+        converged = abs(next_square - square) <= tolerance * square
         square = next_square
         if converged:
             break
     return square
 
 
-def _mixture_cdf_and_density(square: float, shares: Array, count: float, zero_share: float) -> tuple[float, float]:
+def _mixture_cdf_and_density(
+    square: float, shares: Array, count: float, zero_share: float, path: Contour
+) -> tuple[float, float]:
     cdf, density = 0.0, 0.0
     for start in range(0, shares.shape[1], BLOCK):
         block = shares[:, start : start + BLOCK]
-        cdf_block, density_block = _cdf_and_density(np.full(block.shape[1], square), block)
+        cdf_block, density_block = _cdf_and_density(np.full(block.shape[1], square), block, path)
         cdf, density = cdf + float(cdf_block.sum()), density + float(density_block.sum())
     return zero_share + cdf / count, density / count
 

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from robacc.api.correct import correct as correct
     from robacc.api.estimate import Estimate as Estimate
     from robacc.api.estimate import estimate as estimate
+    from robacc.api.export import Exported as Exported
+    from robacc.api.export import export as export
+    from robacc.api.import_ import import_ as import_
     from robacc.api.iso9283 import Iso9283 as Iso9283
     from robacc.api.iso9283 import iso9283 as iso9283
     from robacc.api.plan import Planned as Planned
@@ -62,6 +65,7 @@ _HOMES = {
     "ComparedTargets": "api.compare_paired",
     "Corrected": "api.correct",
     "Estimate": "api.estimate",
+    "Exported": "api.export",
     "InputError": "errors",
     "Iso9283": "api.iso9283",
     "Measurements": "measurements",
@@ -81,6 +85,8 @@ _HOMES = {
     "compare_paired": "api.compare_paired",
     "correct": "api.correct",
     "estimate": "api.estimate",
+    "export": "api.export",
+    "import_": "api.import_",
     "iso9283": "api.iso9283",
     "plan": "api.plan",
     "predict": "api.predict",

@@ -97,6 +97,12 @@ def compare_paired(
     second, second_record = load_poses(after, controller or arm, kind="after")
     names, first_rows, second_rows = _shared(first, second)
     wanted = _wanted(first, second, first_rows, second_rows, controller)
+    doubts = [*first.warnings, *second.warnings]
+    if first.commanded_position is None and second.commanded_position is None:
+        doubts.append(
+            "neither file has wanted poses (cmd_ columns), so those of the nominal robot at the joints of `before` "
+            "count; errors of base and tool frames are part of the figures"
+        )
     promise = None
     if arm is not None:
         promise = _promise(arm, first, second, first_rows, second_rows, noise)
@@ -108,7 +114,7 @@ def compare_paired(
     records = (first_record, second_record, *arm_records, *nominal_records)
     return ComparedTargets(
         **fields_of(body),
-        doubts=(*first.warnings, *second.warnings),
+        doubts=tuple(doubts),
         made=Provenance(options, records, None),
     )
 

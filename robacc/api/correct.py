@@ -9,14 +9,17 @@ from typing import Any, ClassVar, Literal
 
 from robacc.accuracy.grade_scale import default_scale
 from robacc.api.inputs import PosesSource, StrPath, load_grade_scale, load_poses, load_robot
+from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of, options_of
 from robacc.correction.circumstances import circumstances
 from robacc.correction.correction import Correction, correction
 from robacc.correction.limits import Limits
+from robacc.correction.refusal import Cause
 from robacc.correction.robots import FrameName, check_same_joints, nominal_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.measurements import Measurements
+from robacc.modelling.campaign import standing_campaign
 from robacc.prediction.fit_record import nominal_robot
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.quantities import size
@@ -111,6 +114,8 @@ def correct(
     most: str | float | None = None,
     weight: str | float = "10mm",
     beyond_range: bool = False,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
     scale: StrPath | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
@@ -132,6 +137,9 @@ def correct(
             model has on the poses it was fitted to.
         weight: Length that counts as much as 1 rad for arms with fewer than six axes, m or text.
         beyond_range: Correct targets outside the ranges that the model was fitted on too.
+        campaign: Use of the facts of the campaign that the model was fitted in: ``auto`` applies steps, which stay,
+            ``keep`` a warm-up too; ``drop`` leaves out both, and the frames that were registered.
+        strict_range: Refuse all targets if one is outside the ranges that the model was fitted on.
         scale: Grade scale (YAML); None for the scale of the package.
         base_link: First link of the chain in a URDF.
         tip_link: Last link of the chain in a URDF.
@@ -156,7 +164,10 @@ def correct(
         if value is not None and not math.isfinite(value):
             raise UsageError(f"`{name}`: expected a finite number, found {value!r}")
     check_range("payload", payload or 0.0, 0.0)
+    if strict_range and beyond_range:
+        raise UsageError("`strict_range` refuses what `beyond_range` corrects; give one of them")
     arm, arm_record = load_robot(model, base_link, tip_link)
+    arm, left_out = standing_campaign(arm, campaign)
     fit = model_fit(arm)
     controller, nominal_record, doubts = load_nominal(nominal, arm)
     check_same_joints(arm, controller)
@@ -179,6 +190,8 @@ def correct(
     except MissingColumnError as error:
         message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
         raise MissingColumnError(message) from error
+    if strict_range:
+        _refuse_out_of_range(body, data)
     options = options_of(correct, arguments, model=None, nominal=None)
     options = {name: value for name, value in options.items() if name not in ("targets", "model", "nominal")}
     result = Corrected(
@@ -186,12 +199,23 @@ def correct(
         model=arm,
         nominal=controller,
         given=data,
-        doubts=doubts,
+        doubts=(*doubts, *left_out),
         made=Provenance(options, (record, arm_record, *nominal_record, *scale_record), None),
     )
     if result.n_targets and not result.n_corrected:
         _refuse_all(result)
     return result
+
+
+def _refuse_out_of_range(body: Correction, data: Measurements) -> None:
+    """Raise InputError with the first target outside the ranges of the model, if there is one."""
+    for i, refusal in enumerate(body.targets.refusals):
+        if refusal is not None and refusal.cause is Cause.out_of_range:
+            message = (
+                f"{body.causes[refusal.cause]} of {data.n} targets are outside the model; the first: {refusal.reason}"
+            )
+            fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
+            raise InputError(Problem(message, data.source, data.line(i), fix=fix))
 
 
 def _refuse_all(result: Corrected) -> None:

@@ -28,6 +28,10 @@ class ExpectedErrors:
     """``(N,)`` length of the predicted error, m."""
     orientation: Array
     """``(N,)`` angle of the predicted error, rad."""
+    position_rms: Array
+    """``(N,)`` root mean square of the error's length: predicted error and uncertainty of the model, m."""
+    orientation_rms: Array
+    """``(N,)`` rad."""
     position_bound: Array | None
     """``(N,)`` bound of 95 % of the errors, m; None where the model has no uncertainty."""
     orientation_bound: Array | None
@@ -56,10 +60,19 @@ def expected_errors(
     return ExpectedErrors(
         np.linalg.norm(error[:3], axis=0),
         np.linalg.norm(error[3:], axis=0),
+        _root_mean_square(error[:3], position),
+        _root_mean_square(error[3:], orientation),
         position_bound,
         orientation_bound,
         grades,
     )
+
+
+def _root_mean_square(mean: Array, covariance: Array | None) -> Array:
+    """Return the root mean square ``(N,)`` of the length of N(mean, covariance); of the mean where it is None."""
+    spread = 0.0 if covariance is None else np.einsum("iin->n", covariance)
+    result: Array = np.sqrt(np.sum(np.square(mean), axis=0) + spread)
+    return result
 
 
 def length_bound(probability: float, mean: Array, covariance: Array) -> Array:

@@ -65,12 +65,13 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
     """Return the expected errors of the corrected targets together."""
     chosen = result.targets.is_corrected
 
-    def part(length: Array, bound: Array | None, unit: str) -> Document | None:
+    def part(length: Array, rms: Array, bound: Array | None, unit: str) -> Document | None:
         if not chosen.any():
             return None
         return {
             f"rms_{unit}": float(np.sqrt(np.mean(np.square(length[chosen])))),
             f"max_{unit}": float(np.max(length[chosen])),
+            f"expected_rms_{unit}": float(np.sqrt(np.mean(np.square(rms[chosen])))),
             f"largest_bound95_{unit}": None if bound is None else float(np.max(bound[chosen])),
         }
 
@@ -78,8 +79,10 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
     if errors.grades is not None:
         grades = dict(grade_counts(result.scale, [g for g, c in zip(errors.grades, chosen, strict=True) if c]))
     return {
-        "position": part(errors.position, errors.position_bound, "m"),
-        "orientation": part(errors.orientation, errors.orientation_bound, "rad") if oriented else None,
+        "position": part(errors.position, errors.position_rms, errors.position_bound, "m"),
+        "orientation": part(errors.orientation, errors.orientation_rms, errors.orientation_bound, "rad")
+        if oriented
+        else None,
         "grades": grades,
     }
 
@@ -114,6 +117,8 @@ def _targets(result: Correction, given: Measurements) -> Document:
 
 def _bounds(errors: ExpectedErrors) -> Document:
     return {
+        "rms_m": errors.position_rms,
+        "rms_rad": errors.orientation_rms,
         "bound95_m": errors.position_bound,
         "bound95_rad": errors.orientation_bound,
         "grade": None if errors.grades is None else list(errors.grades),
@@ -159,6 +164,7 @@ def per_target_csv(result: Correction, given: Measurements) -> str:
     numbers |= _number_columns(("dx_m", "dy_m", "dz_m", "drx_rad", "dry_rad", "drz_rad"), targets.correction)
     for stage, errors in (("before", result.before), ("after", result.after)):
         numbers[f"{stage}_m"], numbers[f"{stage}_rad"] = errors.position, errors.orientation
+        numbers[f"{stage}_rms_m"], numbers[f"{stage}_rms_rad"] = errors.position_rms, errors.orientation_rms
         for unit, bound in (("m", errors.position_bound), ("rad", errors.orientation_bound)):
             if bound is not None:
                 numbers[f"{stage}_bound95_{unit}"] = bound

@@ -31,6 +31,12 @@ def _known_keys() -> dict[str, Kind]:
         keys[f"{quantity}.worst.rms"] = keys[f"{quantity}.worst.radius95"] = kind
         keys[f"against.measured.{quantity}_rms"] = kind
         keys[f"noise.{quantity}"] = kind
+        for statistic in ("rms", "max"):
+            keys[f"correction.{quantity}.{statistic}"] = kind
+        for stage, statistic in product(("before", "after"), ("rms", "max", "expected_rms", "largest_bound95")):
+            keys[f"expected.{stage}.{quantity}.{statistic}"] = kind
+    for name in ("n_targets", "n_corrected", "n_refused"):
+        keys[name] = "number"
     for name in ("verdict", "against.verdict", "grade.demonstrated", "unexplained.structured"):
         keys[name] = "word"
     for name in ("unexplained.rms", "unexplained.noise_rms"):
@@ -42,7 +48,9 @@ def _known_keys() -> dict[str, Kind]:
 
 KEYS = _known_keys()
 """Kind of every key except those of ISO 9283 results."""
-LARGER_IS_BETTER = frozenset({"gain", "n_poses", "position.n_commanded_poses", "orientation.n_commanded_poses"})
+LARGER_IS_BETTER = frozenset(
+    {"gain", "n_poses", "n_corrected", "position.n_commanded_poses", "orientation.n_commanded_poses"}
+)
 
 
 def is_known(key: str) -> bool:

@@ -59,6 +59,33 @@ def resolve_campaign(
     return robot, (f"{start} and are left out: they would change the position error {change}",)
 
 
+def standing_campaign(robot: Robot, use: Literal["auto", "keep", "drop"]) -> tuple[Robot, tuple[str, ...]]:
+    """Return the robot as it stands after its campaign, for commands to it, and a sentence on what is left out.
+
+    ``auto`` applies effects that stay after the campaign (a step); ``keep`` all of them; ``drop`` none, and restores
+    the frames before the campaign.
+
+    Raises:
+        UsageError: ``use`` is none of the three.
+    """
+    if use not in ("auto", "keep", "drop"):
+        raise UsageError(f"`campaign`: expected auto, keep or drop, found {use!r}")
+    campaign = robot.campaign
+    if campaign is None or use == "drop":
+        return robot if campaign is None else _before(robot, campaign), ()
+    known = known_effects(dataclasses.replace(robot, effects=campaign.effects))
+    applied, names = [], []
+    for entry, item in zip(campaign.effects, known, strict=True):
+        if use == "keep" or item.effect.extrapolates is not None:
+            applied.append(entry)
+        elif not item.effect.is_of_measurement:
+            names.append(str(item.effect))
+    robot = dataclasses.replace(robot, effects=(*robot.effects, *applied))
+    if not names:
+        return robot, ()
+    return robot, (f"effects of the model's campaign are left out: {', '.join(names)}; `campaign` keep applies them",)
+
+
 def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
     """Return a fitted robot with the facts of its campaign in the campaign's part.
 

@@ -22,6 +22,9 @@ from robacc.robots.description import Robot
 _PROBABILITY = 0.95
 _DOUBT = 2.6
 """Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p = 0.01)."""
+_GROSS = 11.34
+"""Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
+_ROUNDS = 20
 _FEWEST = 20
 """Smallest number of held-out poses from which a factor of the bounds is taken."""
 
@@ -130,7 +133,11 @@ def _ranges(robot: Robot, data: Measurements) -> dict[str, tuple[float, float]]:
 
 
 def _noise_variances(data: Measurements, fit: Fit, repeatability: Repeatability | None) -> tuple[float, float]:
-    """Return the variances of the measurement noise that is known apart from the arm's errors, m² and rad²."""
+    """Return the variances of the measurement noise that is known apart from the arm's errors, m² and rad².
+
+    They come from the uncertainties in the file, or from visits with several rows that separate noise and scatter.
+    Repeats alone hold both, so all of it counts as the arm's.
+    """
     if data.sigma_position is not None:
         angle = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
         return float(np.mean(np.square(data.sigma_position))), angle
@@ -147,7 +154,7 @@ def _unexplained(residual: Array, spread: ModelUncertainty, sign: float, noise: 
     rows = residual.shape[0]
     turned = np.concatenate([rotate_back(spread.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
     n = turned.shape[1]
-    total = turned @ turned.T / n
+    total = _scatter(turned)
     local = spread.in_target_frame()
     explained = np.zeros((rows, rows))
     parts = (local.position, local.orientation)
@@ -164,6 +171,27 @@ def _unexplained(residual: Array, spread: ModelUncertainty, sign: float, noise: 
         if float(np.trace(remaining[block, block])) <= 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(expected, 0.0):
             remaining[block, :] = remaining[:, block] = 0.0
     return _positive(remaining)
+
+
+def _scatter(residual: Array) -> Array:
+    """Return the second moments ``(M, M)`` of residuals ``(M, N)``; a gross row counts as one at 99 % of a Gaussian.
+
+    A bound of 95 % of the errors must not grow with the size of the worst one. Source: P. J. Huber, Robust Statistics
+    (1981), chapter 8; the limit takes 0.5 % from the variance of Gaussian residuals.
+    """
+    rows, n = residual.shape
+    weight = np.ones(n)
+    for _ in range(_ROUNDS):
+        total = (residual * weight) @ residual.T / n
+        square = np.zeros(n)
+        for i in range(0, rows, 3):
+            part = residual[i : i + 3]
+            spread = total[i : i + 3, i : i + 3] + 1e-12 * np.trace(total[i : i + 3, i : i + 3]) * np.eye(3) / 3.0
+            if np.trace(spread) > 0.0:
+                square = np.maximum(square, np.einsum("in,in->n", part, np.linalg.solve(spread, part)))
+        weight = np.minimum(1.0, _GROSS / np.maximum(square, _GROSS))
+    result: Array = (residual * weight) @ residual.T / n
+    return result
 
 
 def _positive(matrix: Array) -> Array:

@@ -2,10 +2,11 @@
 
 The error of the calibrated arm against its model has the covariance
 
-    V = J C J^T + J_q S J_q^T + R U R^T,
+    V = J C J^T + J_q S J_q^T + R U R^T + X,
 
 with J the Jacobian of the pose to the fitted coefficients and C their covariance, J_q that to the joints and S the
-variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation.
+variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation. X is
+what effects add beyond the ranges that they were fitted on (:mod:`robacc.prediction.extrapolation`).
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ from robacc.fitting.apply_fit import absorb_constants
 from robacc.geometry import Array, compose, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.prediction.extrapolation import extrapolation
 from robacc.prediction.model_fit import ModelFit
 from robacc.robots.description import Robot
 
-SOURCES = ("coefficients", "repeatability", "unexplained")
+SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +43,7 @@ class ModelUncertainty:
     rotation: Array
     """``(3, 3, N)`` predicted orientation of the target."""
     shares: Array
-    """``(3, 2)`` mean trace of each of :data:`SOURCES`, of position (m²) and orientation (rad²)."""
+    """``(4, 2)`` mean trace of each of :data:`SOURCES`, of position (m²) and orientation (rad²)."""
 
     def in_target_frame(self) -> ModelUncertainty:
         """Return the covariances in the axes of the predicted target."""
@@ -60,24 +62,26 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements) -> ModelU
     """
     robot = absorb_constants(robot)
     position, orientation, rotation = (np.empty((3, 3, data.n)) for _ in range(3))
-    traces = np.zeros((3, 2))
+    traces = np.zeros((len(SOURCES), 2))
     for start in range(0, data.n, BLOCK):
         block = slice(start, min(start + BLOCK, data.n))
         parts, turned = _blocks(robot, fit, data.subset(block))
         rotation[..., block] = turned
-        total = parts[0] + parts[1] + parts[2]
-        position[..., block] = fit.bound_factor[0] ** 2 * total[:3, :3]
-        orientation[..., block] = fit.bound_factor[1] ** 2 * total[3:, 3:]
+        # The factors were found within the ranges of the fit.
+        within, beyond = np.sum(parts[:3], axis=0), parts[3]
+        position[..., block] = fit.bound_factor[0] ** 2 * within[:3, :3] + beyond[:3, :3]
+        orientation[..., block] = fit.bound_factor[1] ** 2 * within[3:, 3:] + beyond[3:, 3:]
         for i, part in enumerate(parts):
             traces[i] += np.einsum("iin->", part[:3, :3]), np.einsum("iin->", part[3:, 3:])
     is_oriented = fit.unexplained.shape[0] == 6
     return ModelUncertainty(position, orientation, is_oriented, rotation, traces / max(data.n, 1))
 
 
-def _blocks(robot: Robot, fit: ModelFit, data: Measurements) -> tuple[tuple[Array, Array, Array], Array]:
-    """Return the covariances ``(6, 6, n)`` of the three sources, and the predicted rotations."""
+def _blocks(robot: Robot, fit: ModelFit, data: Measurements) -> tuple[tuple[Array, ...], Array]:
+    """Return the covariances ``(6, 6, n)`` of the sources, and the predicted rotations."""
     model = Model.of(robot, fit.effects)
-    bound = model.bind(data)
+    ranges = {known.effect.key(): known.validity for known in model.known}
+    bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in fit.effects])
     numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
     coefficients_of_fit = _occurrences(fit.coefficients)
     known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]
@@ -89,7 +93,9 @@ def _blocks(robot: Robot, fit: ModelFit, data: Measurements) -> tuple[tuple[Arra
     if stds.any():
         joints = Model(model.arm, model.known, (JointOffset(model.arm.names),)).bind(data)
         scatter = _propagated(joints.linearise(np.zeros(stds.size))[1], np.diag(np.square(stds)))
-    return (coefficients, scatter, _turned(fit.unexplained, poses.rotation)), poses.rotation
+    beyond = extrapolation(model, data)
+    beyond = np.zeros_like(coefficients) if beyond is None else beyond
+    return (coefficients, scatter, _turned(fit.unexplained, poses.rotation), beyond), poses.rotation
 
 
 def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:

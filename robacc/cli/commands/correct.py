@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, ScaleOption, TipLinkOption
+from robacc.cli.options import (
+    BaseLinkOption,
+    CampaignUseName,
+    Format,
+    FormatOption,
+    GateOption,
+    JunitOption,
+    OutputOption,
+    ReportOption,
+    ScaleOption,
+    TipLinkOption,
+)
+
+if TYPE_CHECKING:
+    from robacc.api.correct import Corrected
+    from robacc.cli.output import Outlets
 
 
 class TargetFrame(StrEnum):
@@ -68,6 +83,17 @@ def correct(
         bool,
         typer.Option("--beyond-range", help="Correct targets outside the ranges that the model was fitted on too."),
     ] = False,
+    campaign: Annotated[
+        CampaignUseName,
+        typer.Option(
+            "--campaign",
+            help="Facts of the campaign that the model was fitted in: auto applies steps, keep a warm-up too.",
+        ),
+    ] = CampaignUseName.auto,
+    strict_range: Annotated[
+        bool,
+        typer.Option("--strict-range", help="Refuse all targets if one is outside the range of the model (exit 3)."),
+    ] = False,
     scale: ScaleOption = None,
     per_target: Annotated[
         str | None,
@@ -79,72 +105,80 @@ def correct(
     ] = None,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
-    form: PlainFormatOption = PlainFormat.table,
+    gate: GateOption = None,
+    junit: JunitOption = None,
+    report: ReportOption = None,
+    form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
     """Compute the commands that make the real arm reach its targets, from a model of the arm.
 
     A robot program (KUKA .src, .dat, ABB .mod, FANUC .ls, URScript .script) becomes the same program with other
     numbers in its targets, in the frames of the program. The CSV has the joints to command, and the wanted poses as
-    cmd_ columns. With --output, the corrections and the
-    expected errors are written to standard output. A target that cannot be corrected keeps its nominal command.
+    cmd_ columns. With --output, the corrections and the expected errors are written to standard output. A target that
+    cannot be corrected keeps its nominal command.
 
     Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
     """
-    import sys
-
     from robacc.api.correct import correct as run_correct
-    from robacc.cli.call_checks import refuse_json_beside_csv
-    from robacc.cli.output import emit
+    from robacc.cli.output import Outlets
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.programs.reading import is_program
-    from robacc.render.text.console import say_warnings
-    from robacc.render.text.correct import draw_correction
 
+    options: dict[str, Any] = {
+        "ordered": ordered,
+        "payload": payload,
+        "temperature": temperature,
+        "time": time,
+        "most": most,
+        "weight": weight,
+        "beyond_range": beyond_range,
+        "campaign": campaign.value,
+        "strict_range": strict_range,
+        "scale": scale,
+    }
+    outlets = Outlets(form, "-", gate, junit, report)
     if is_program(targets):
-        if output == "-" or form is PlainFormat.json or per_target is not None or frame is TargetFrame.base:
-            raise UsageError("a program needs --output, and takes no --format json, --per-target and --frame")
-        options = {
-            "ordered": ordered,
-            "payload": payload,
-            "temperature": temperature,
-            "time": time,
-            "most": most,
-            "weight": weight,
-            "beyond_range": beyond_range,
-            "scale": scale,
-        }
+        if output == "-" or outlets != Outlets(Format.table, "-") or per_target or frame is TargetFrame.base:
+            raise UsageError(
+                "a program needs --output, and takes no --format, --gate, --report, --per-target and --frame"
+            )
         _correct_program(targets, model, nominal, frames or [], output, options)
         return
     if frames:
         raise UsageError("--frames belongs to a robot program")
-    refuse_json_beside_csv(form, output)
+    if output == "-" and outlets != Outlets(Format.table, "-"):
+        raise UsageError("--format json, --gate, --junit and --report need --output, the CSV that they describe")
     result = run_correct(
         targets,
         model=model,
         nominal=nominal,
         frame=frame.value,
-        ordered=ordered,
-        payload=payload,
-        temperature=temperature,
-        time=time,
-        most=most,
-        weight=weight,
-        beyond_range=beyond_range,
-        scale=scale,
         base_link=base_link,
         tip_link=tip_link,
+        **options,
     )
-    say_warnings(result.warnings)
     if per_target is not None:
         write_text(per_target, result.per_target_csv())
+    _deliver(result, (targets, model), output, outlets)
+
+
+def _deliver(result: Corrected, names: tuple[str, str], output: str, outlets: Outlets) -> None:
+    """Write the corrected targets, and the result unless the targets go to standard output."""
+    import sys
+
+    from robacc.cli.output import deliver
+    from robacc.render.text.console import say_warnings
+    from robacc.render.text.correct import draw_correction
+
     if output == "-":
+        say_warnings(result.warnings)
         sys.stdout.writelines(result.csv_pieces())
         sys.stdout.flush()
         return
     result.write(output)
-    emit(form, "-", table=lambda stream: draw_correction(result, (targets, model), stream), document=result.document)
+    deliver(outlets, result, lambda stream: draw_correction(result, names, stream))
 
 
 def _correct_program(

@@ -83,38 +83,24 @@ def _write_format(
 ) -> None:
     import sys
 
-    from robacc.controllers.formats import ControllerFormat, export_model
-    from robacc.documents import envelope as results
-    from robacc.documents.export import export_payload
-    from robacc.errors import UsageError
-    from robacc.io.files import read_text, sha256_of, write_text
-    from robacc.io.json_text import json_text
-    from robacc.modelling.robot_file import read_robot, robot_path
+    from robacc.api.export import export as run_export
+    from robacc.io.files import write_text
     from robacc.render.text.export import write_export
 
     nominal, arm, template, document = options
-    robot = read_robot(model, base_link=links[0], tip_link=links[1])
-    inputs = [results.InputFile.at(model, sha256_of(robot_path(model)), "robot")]
-    nominal_robot = template_text = None
-    if nominal is not None:
-        if form is not ExportFormat.joint_offsets:
-            raise UsageError("--nominal belongs to --format joint-offsets")
-        nominal_robot = read_robot(nominal)
-        inputs.append(results.InputFile.at(nominal, sha256_of(robot_path(nominal)), "nominal"))
-    if template is not None:
-        if form not in (ExportFormat.ur_calibration, ExportFormat.ur_kinematics):
-            raise UsageError("--template belongs to --format ur-calibration and ur-kinematics")
-        template_text = read_text(template)
-        inputs.append(results.InputFile.at(template, sha256_of(template), "template"))
-    if arm is not None and form is not ExportFormat.ur_calibration:
-        raise UsageError("--arm belongs to --format ur-calibration")
-    exported = export_model(robot, ControllerFormat(form.value), nominal=nominal_robot, arm=arm, template=template_text)
-    payload = export_payload(exported, form.value)
-    write_text(output, exported.text)
+    result = run_export(
+        model,
+        format=form.value,  # type: ignore[arg-type]
+        nominal=nominal,
+        arm=arm,
+        template=template,
+        base_link=links[0],
+        tip_link=links[1],
+    )
+    write_text(output, result.text)
     if document is not None:
-        named = {"format": form.value, "arm": arm, "base_link": links[0], "tip_link": links[1]}
-        write_text(document, json_text(results.envelope("export", payload, options=named, inputs=inputs, seed=None)))
-    write_export(sys.stderr if output == "-" else sys.stdout, payload)
+        write_text(document, result.to_json())
+    write_export(sys.stderr if output == "-" else sys.stdout, result.payload())
 
 
 def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip_link: str | None) -> None:

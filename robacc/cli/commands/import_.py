@@ -23,10 +23,10 @@ def import_(
 
     Example: robacc import calibration.conf --arm ur10e --output my-ur10e.yaml
     """
-    from robacc.controllers.import_text import parse_controller_file
-    from robacc.io.files import read_text, write_text
+    from robacc.api.import_ import import_ as run_import
+    from robacc.io.files import write_text
     from robacc.robots.yaml_writer import robot_to_yaml
     from robacc.version import __version__
 
-    robot = parse_controller_file(read_text(file), "<stdin>" if file == "-" else file, arm)
+    robot = run_import(file, arm=arm)
     write_text(output, robot_to_yaml(robot, [f"Written by robacc {__version__} import."]))

@@ -81,6 +81,23 @@ def _any(document: Document) -> ReportHeadline:
     return ReportHeadline(f"Result of robacc {command}{of_robot(document)}", "", (), (), ())
 
 
+def _correct(document: Document) -> ReportHeadline:
+    before, after = (document["expected"][stage]["position"] or {} for stage in ("before", "after"))
+    rms = [part.get("expected_rms_m") for part in (before, after)]
+    count = f"{document['n_corrected']} of {document['n_targets']} targets"
+    summary = (
+        f"{count} have a corrected command. The position error to expect falls from {length(rms[0])} to "
+        f"{length(rms[1])} rms."
+    )
+    tiles = [
+        Tile("expected error before, rms", length(rms[0])),
+        Tile("expected error after, rms", length(rms[1])),
+        Tile("95 % bound after, largest", length(after.get("largest_bound95_m"))),
+    ]
+    tone = "good" if not document["n_refused"] else "open"
+    return ReportHeadline(f"Correction by {document['model']}", summary, tiles, (Badge(f"{count} corrected", tone),))
+
+
 _HEADLINES: dict[str, Callable[[Document], ReportHeadline]] = {
     "trace": trace_headline,
     "calibrate": calibrate_headline,
@@ -89,4 +106,5 @@ _HEADLINES: dict[str, Callable[[Document], ReportHeadline]] = {
     "iso9283": iso9283_headline,
     "check": _check,
     "compare": _compare,
+    "correct": _correct,
 }

@@ -12,6 +12,7 @@ from typing import Any
 
 from robacc.render.html.blocks import Listing, ReportHeadline, ReportSection
 from robacc.render.html.compare_sections import compare_sections
+from robacc.render.html.correct_sections import correct_sections
 from robacc.render.html.estimate_sections import estimate_sections
 from robacc.render.html.fit_sections import fit_sections, outliers
 from robacc.render.html.gate_section import gate_section
@@ -35,6 +36,7 @@ _SECTIONS: dict[str, Callable[[Document], Iterator[ReportSection]]] = {
     "predict": predict_sections,
     "iso9283": iso9283_sections,
     "compare": compare_sections,
+    "correct": correct_sections,
 }
 
 
@@ -165,7 +167,7 @@ def _drawing(chart: Chart, number: str) -> PageChart:
         chart.table,
         None if scene is None else script_json({"traces": scene.traces, "axes": scene.axes}),
         "" if scene is None else scene.note,
-        chart.kind == "poses",
+        chart.kind in ("poses", "corrections"),
     )
 
 

@@ -9,6 +9,7 @@ from robacc.render.plots.budget import budget_charts
 from robacc.render.plots.candidates import candidate_charts
 from robacc.render.plots.chart import Chart, Document
 from robacc.render.plots.comparison import comparison_charts
+from robacc.render.plots.corrections import correction_charts
 from robacc.render.plots.distribution import distribution_charts
 from robacc.render.plots.effects import effect_charts
 from robacc.render.plots.ellipsoids import ellipsoid_charts
@@ -26,6 +27,7 @@ _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
     effect_charts,
     candidate_charts,
     workspace_3d_charts,
+    correction_charts,
     ellipsoid_charts,
     budget_charts,
     error_over_time_charts,

@@ -36,18 +36,42 @@ def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     at = vectors(poses["commanded_m"])
     if len(at) == 0:
         return
+    names = " and ".join(f"{stage.label}" for stage in stages)
+    start = f"Commanded target positions and their errors ({names})"
+    yield errors_in_space(document, poses, at, stages, "poses", "Pose errors in space", start)
+
+
+def errors_in_space(
+    document: Document,
+    poses: Mapping[str, Any],
+    at: Array,
+    stages: Sequence[StageErrors],
+    kind: str,
+    title: str,
+    caption: str,
+) -> Chart:
+    """Return a chart of points ``at`` ``(N, 3)`` with the errors of each stage, the last the smallest.
+
+    Args:
+        document: The result, whose robot is drawn at a typical pose.
+        poses: Columns that name the points.
+        at: Points, m.
+        stages: Errors of the same points; the first decides the magnification.
+        kind: Kind of the chart.
+        title: Its title.
+        caption: First sentence of its caption, without its full stop.
+    """
     sizes = [stage.sizes for stage in stages]
     unit = error_unit("m", float(max(stage_sizes.max() for stage_sizes in sizes)))
     scale = _magnification(at, sizes[0])
     still = thinned(_STILL, *sizes)
     turned = thinned(_TURNED, *sizes)
     worst = int(np.argmax(sizes[-1]))
-    names = " and ".join(f"{stage.label}" for stage in stages)
-    yield Chart(
-        "poses",
-        "Pose errors in space",
-        f"Commanded target positions and their errors ({names}), magnified {scale:,.0f} times. The grey line is the "
-        f"arm at a typical pose. The largest error is at "
+    arm = " The grey line is the arm at a typical pose." if _outline(document) is not None else ""
+    return Chart(
+        kind,
+        title,
+        f"{caption}, magnified {scale:,.0f} times.{arm} The largest error is at "
         f"{place(poses, worst)}: {unit.text(float(sizes[-1][worst]))}.{thinning_note(still.size, len(at))}",
         f"Points of {len(at)} poses in x, y, z in m of the measuring frame with error vectors {scale:,.0f} times "
         f"magnified; largest {unit.text(float(sizes[-1][worst]))}",

@@ -61,12 +61,18 @@ def _figures(result: Correction, oriented: bool) -> list[TextLine]:
     position, orientation = (np.linalg.norm(result.targets.correction[part], axis=0) for part in _PARTS)
     rows = [
         _row("correction", position, orientation, chosen),
-        _row("expected error before", result.before.position, result.before.orientation, chosen),
-        _row("expected error after", result.after.position, result.after.orientation, chosen),
+        _expected_row(result.before, "before", chosen),
+        _expected_row(result.after, "after", chosen),
     ]
     rows += _bound_rows(result.before, "before", chosen) + _bound_rows(result.after, "after", chosen)
     header = ("", "RMS, mm", "largest, mm", "RMS, °", "largest, °")
     return columns(header if oriented else header[:3], [row if oriented else row[:3] for row in rows])
+
+
+def _expected_row(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return the RMS errors to expect; a model that was fitted to positions alone says nothing of orientation."""
+    is_known = errors.position_bound is None or errors.orientation_bound is not None
+    return _row(f"expected error {stage}", errors.position_rms, errors.orientation_rms if is_known else None, chosen)
 
 
 def _bound_rows(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -> list[tuple[str, ...]]:

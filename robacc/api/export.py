@@ -1,0 +1,105 @@
+"""Call of ``robacc export``."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+from robacc.api.inputs import StrPath, load_robot
+from robacc.api.result import Provenance, Result, check_choice, fields_of
+from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model
+from robacc.documents.envelope import InputFile
+from robacc.errors import UsageError
+from robacc.robots.description import Robot
+
+ExportFormatName = Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Exported(Result, ExportedModel):
+    """Model in the format of a controller, with the error that remains there."""
+
+    command: ClassVar[str] = "export"
+    format: ExportFormatName
+    made: Provenance
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """No warnings: :attr:`not_carried` lists what the format leaves out."""
+        return ()
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys."""
+        from robacc.documents.export import export_payload
+
+        return export_payload(self, self.format)
+
+    def write(self, path: StrPath) -> None:
+        """Write the model to a file; a failure leaves no partial file.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        from robacc.io.files import write_text
+
+        write_text(path, self.text)
+
+
+def export(
+    model: StrPath | Robot,
+    *,
+    format: ExportFormatName,
+    nominal: StrPath | Robot | None = None,
+    arm: str | None = None,
+    template: StrPath | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> Exported:
+    """Write a model in the format of a controller, a driver or a simulator, as text.
+
+    What the format cannot hold is left out, and what it can hold is fitted again to the model.
+
+    Args:
+        model: Robot file (YAML) or URDF, or a robot read before.
+        format: Format of the text.
+        nominal: Robot that the controller computes with; only for ``joint-offsets``.
+        arm: Arm of Universal Robots, such as ``ur10e``; only for ``ur-calibration``.
+        template: The arm's own file, whose other lines are kept; only for ``ur-calibration`` and ``ur-kinematics``.
+        base_link: First link of the chain in a URDF.
+        tip_link: Last link of the chain in a URDF.
+
+    Returns:
+        The text, and the error that remains with it.
+
+    Raises:
+        InputError: A file cannot be used.
+        UsageError: The format cannot hold this arm, or the arguments contradict each other.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.export("sample_data/robot.yaml", format="mdh")
+        >>> result.text.splitlines()[0], result.remaining.position_max < 1e-9
+        ('robacc: 1', True)
+    """
+    check_choice("format", format, tuple(form.value for form in ControllerFormat))
+    if nominal is not None and format != "joint-offsets":
+        raise UsageError("`nominal` belongs to `format` joint-offsets")
+    if template is not None and format not in ("ur-calibration", "ur-kinematics"):
+        raise UsageError("`template` belongs to `format` ur-calibration and ur-kinematics")
+    if arm is not None and format != "ur-calibration":
+        raise UsageError("`arm` belongs to `format` ur-calibration")
+    robot, record = load_robot(model, base_link, tip_link)
+    controller, text, records = None, None, [record]
+    if nominal is not None:
+        controller, nominal_record = load_robot(nominal)
+        records.append(replace(nominal_record, kind="nominal"))
+    if template is not None:
+        from robacc.io.files import read_text, sha256_of
+
+        path = os.fspath(template)
+        text = read_text(path)
+        records.append(InputFile.at(path, sha256_of(path), "template"))
+    body = export_model(robot, ControllerFormat(format), nominal=controller, arm=arm, template=text)
+    options = {"format": format, "arm": arm, "base_link": base_link, "tip_link": tip_link}
+    return Exported(**fields_of(body), format=format, made=Provenance(options, tuple(records), None))

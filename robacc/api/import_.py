@@ -1,0 +1,29 @@
+"""Call of ``robacc import``."""
+
+from __future__ import annotations
+
+import os
+
+from robacc.api.inputs import StrPath
+from robacc.robots.description import Robot
+
+
+def import_(file: StrPath, *, arm: str | None = None) -> Robot:
+    """Read a robot from the kinematics file of a controller or of its ROS driver.
+
+    Args:
+        file: ``calibration.conf`` of Universal Robots, a ROS kinematics file, or a JSON export.
+        arm: Arm that a ``calibration.conf`` belongs to, such as ``ur10e``.
+
+    Returns:
+        The robot; :func:`robacc.write_robot` writes it as a robot file.
+
+    Raises:
+        InputError: The file cannot be read, or is none of these formats.
+        UsageError: The arm is unknown.
+    """
+    from robacc.controllers.import_text import parse_controller_file
+    from robacc.io.files import read_text
+
+    path = os.fspath(file)
+    return parse_controller_file(read_text(path), "<stdin>" if path == "-" else path, arm)

@@ -1,0 +1,82 @@
+"""Uncertainty beyond the ranges of a fit, and the covariance of held-out residuals."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arms import arm
+
+from robacc.geometry import log_between
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+from robacc.prediction.extrapolation import extrapolation
+from robacc.prediction.fit_record import _scatter
+from robacc.robots.description import Robot
+
+COS, SIN = 2e-4, -1e-4
+LOW, HIGH = -1.0, 0.6
+
+
+def ripple() -> Robot:
+    """An arm with a periodic error of its second joint, fitted between LOW and HIGH."""
+    entry = {
+        "effect": "transmission_error",
+        "joints": ["j2"],
+        "orders": [2.0],
+        "values": {"j2.cos2": COS, "j2.sin2": SIN},
+        "validity": {"j2": [LOW, HIGH]},
+    }
+    return dataclasses.replace(arm("puma560").robot, effects=(entry,))
+
+
+def poses(second: float, n: int = 5) -> Measurements:
+    q = np.random.default_rng(3).uniform(-1, 1, (6, n))
+    q[1] = second
+    return Measurements(np.zeros((3, n)), q=q)
+
+
+def test_no_pose_beyond_the_range_has_an_extrapolation() -> None:
+    assert extrapolation(Model.of(ripple()), poses(HIGH)) is None
+
+
+def test_beyond_the_range_the_joint_is_uncertain_by_the_size_of_the_effect() -> None:
+    robot = ripple()
+    data = poses(HIGH + 0.5 * (HIGH - LOW))
+    covariance = extrapolation(Model.of(robot), data)
+    assert covariance is not None
+    step = 1e-6
+    moved = dataclasses.replace(data, q=data.q + step * np.eye(6)[1][:, None])
+    still = dataclasses.replace(robot, effects=())
+    first, second = predict(still, data), predict(still, moved)
+    slope = np.vstack(
+        ((second.translation - first.translation) / step, log_between(second.rotation, first.rotation) / step)
+    )
+    angles = np.linspace(LOW, HIGH, 2001)
+    square = np.mean((COS * np.cos(2 * angles) + SIN * np.sin(2 * angles)) ** 2)
+    expected = 2.0 * square * np.einsum("in,jn->ijn", slope, slope)
+    # 200 samples of the range against 2,001, and the ripple itself changes the slope by 1e-4.
+    np.testing.assert_allclose(covariance, expected, rtol=2e-2, atol=1e-3 * float(np.abs(expected).max()))
+
+
+def test_the_uncertainty_grows_with_the_distance() -> None:
+    model = Model.of(ripple())
+    sizes = []
+    for share in (0.02, 0.05, 0.1, 0.9, 2.0):
+        covariance = extrapolation(model, poses(HIGH + share * (HIGH - LOW), 1))
+        assert covariance is not None
+        reference = extrapolation(model, poses(HIGH + 0.5 * (HIGH - LOW), 1))
+        assert reference is not None
+        sizes.append(float(np.trace(covariance[3:, 3:, 0])) / float(np.trace(reference[3:, 3:, 0])))
+    assert sizes == pytest.approx([0.04, 0.25, 1.0, 1.0, 4.0], rel=1e-6)
+
+
+def test_a_gross_residual_does_not_widen_the_covariance() -> None:
+    residual = np.random.default_rng(0).normal(size=(6, 500))
+    spread = np.diag(_scatter(residual))
+    # The variance of a variance of 500 values is 2/500.
+    np.testing.assert_allclose(spread, np.mean(residual**2, axis=1), rtol=0.03)
+    gross = residual.copy()
+    gross[:3, 7] = 100.0
+    np.testing.assert_allclose(np.diag(_scatter(gross)), spread, rtol=0.06)

@@ -60,7 +60,7 @@ def resolve_campaign(
 
 
 def standing_campaign(robot: Robot, use: Literal["auto", "keep", "drop"]) -> tuple[Robot, tuple[str, ...]]:
-    """Return the robot as it stands after its campaign, for commands to it, and a sentence that names effects without use.
+    """Return the robot as it stands after its campaign, for commands to it, and a sentence on unused effects.
 
     ``auto`` applies effects that stay after the campaign (a step); ``keep`` all of them; ``drop`` none, and restores
     the frames before the campaign.

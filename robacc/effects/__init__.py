@@ -22,9 +22,12 @@ from robacc.effects import (  # noqa: I001  the order is the catalogue's
     base_compliance as base_compliance,
     axis_wobble as axis_wobble,
     thermal_expansion as thermal_expansion,
+    joint_warmup as joint_warmup,
     frame_drift as frame_drift,
     step as step,
     instrument_scale as instrument_scale,
+    tracker_error as tracker_error,
+    target_decentre as target_decentre,
     joint_correction as joint_correction,
 )
 from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from robacc.chain import BASE
 from robacc.effects.base import About, Effect, Part, Term, commanded, register, weight_needed
 from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
 from robacc.geometry import Poses
+from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import moments
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -23,45 +24,54 @@ class BaseCompliance(Elastic):
     """The base tilted by c times the arm's moment about it, the same in both directions.
 
     With ``below`` it tilts about a point on its axis at an unknown distance below: the base also shifts by the tilt
-    times that distance. The shift follows the moment at the nominal pose.
+    times that distance. The shift follows the moment at the nominal pose. With masses ``unknown`` the moment's base
+    regressors are fitted, as those of ``joint_compliance`` are.
     """
 
     below: bool = False
+    masses: Literal["known", "unknown"] = "known"
 
     name = "base_compliance"
     is_nonnegative = True
     extrapolates = "Hooke's law: tilt in proportion to the arm's moment"
-    missing_reasons = ("no masses in the robot file",)
     per_joint = False
     about = About(
         summary="the pedestal or floor gives way: the base tilts under the arm's moment about it",
         equation="turns of the base about x and y + c (m_x, m_y), the moment of the arm's weight about them at the "
         f"deflected pose; with below: true base x, y + c h (m_y, -m_x) too, h the height of the base over the "
         f"point of the tilt; {DEFLECTIONS}",
-        unit="rad/(N m)",
+        unit="rad/(N m); masses unknown: the same times kg or kg m",
         usual_size="1e-9 to 1e-6 rad/(N m)",
         usual_range=(1e-09, 1e-06),
-        needs="mass and com of the links",
+        needs="mass and com of the links; without them the moment's base regressors are fitted",
         confused_with="lateral_compliance of the first joint, joint_compliance of the second",
         source="a parameter times a regressor, as every effect here",
         example="{effect: base_compliance, values: {value: 5e-7}}",
     )
 
+    @property
+    def uses_masses(self) -> bool:
+        """True unless the masses are fitted too."""
+        return self.masses == "known"
+
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there are no masses."""
-        return None if arm.chain.bodies else cls.missing_reasons[0]
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return the effect with the robot's masses, if it has any."""
+        return cls(masses="known" if arm.chain.bodies else "unknown")
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield a tilt about the base's origin, and one about a point below it."""
-        yield cls()
-        yield cls(below=True)
+        """Yield a tilt about the base's origin, and where masses are known a tilt about a point below it."""
+        yield cls.default(arm, data)
+        if arm.chain.bodies:
+            yield cls(below=True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return the tilt, and with ``below`` the shift."""
-        loads = weight_needed(arm, self.name)
+        """Return the tilt, and with ``below`` the shift; with unknown masses a tilt for each base regressor."""
         turns = tuple(arm.chain.index(BASE, label) for label in ("turn_x", "turn_y"))
+        if self.masses == "unknown":
+            return self._base_regressors(arm, turns)
+        loads = weight_needed(arm, self.name)
         parts = tuple(self.part(turn, loads) for turn in turns)
         if not self.below:
             return (Term(self.name, "rad/(N m)", 1e-6, parts),)
@@ -75,6 +85,15 @@ class BaseCompliance(Elastic):
             Term(f"{self.name}.shift", "m/(N m)", 1e-6, shift),
         )
 
+    def _base_regressors(self, arm: Arm, turns: Sequence[int]) -> tuple[Term, ...]:
+        terms = []
+        for label, loads in unit_loads(arm, 0).items():
+            is_mass = label.startswith("m")
+            unit = f"rad/(N m) {'kg' if is_mass else 'kg m'}"
+            parts = tuple(self.part(turn, loads) for turn in turns)
+            terms.append(Term(f"{self.name}.{label}", unit, 1e-6, parts, self.name, 5.0 if is_mass else 1.0))
+        return tuple(terms)
+
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
@@ -83,16 +102,19 @@ class BaseCompliance(Elastic):
         return f"the base tilts about a point {shift / tilt:.2g} m below its origin" if tilt else None
 
     def settings(self) -> dict[str, Any]:
-        """Return the form, and ``below``."""
-        return super().settings() | ({"below": True} if self.below else {})
+        """Return the form, ``below``, and whether the masses are unknown."""
+        below = {"below": True} if self.below else {}
+        return super().settings() | below | ({} if self.masses == "known" else {"masses": self.masses})
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``below: true``; ``deflection: equilibrium`` or ``rigid``."""
+        """Read ``below: true``; ``masses: known`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
         form, other_settings = deflection_setting(cls.name, settings)
-        below = other_settings.pop("below", False)
+        below, masses = other_settings.pop("below", False), other_settings.pop("masses", "known")
         if other_settings:
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         if not isinstance(below, bool):
             raise ValueError(f"{cls.name}: below must be true or false, found {below!r}")
-        return cls(joints, below, deflection=form)
+        if masses not in ("known", "unknown") or (below and masses == "unknown"):
+            raise ValueError(f"{cls.name}: masses must be known, or unknown without below, found {masses!r}")
+        return cls(joints, below, masses, deflection=form)

@@ -1,46 +1,143 @@
-"""The instrument's own scale: its metre is not the metre."""
+"""The instrument's own scale: its metre is not the metre, or changes with the air while the poses are measured."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Driver, Effect, Part, Term, register
+from robacc.chain import BASE
+from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.driver import circumstance_driver
+from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+
+_DEGREES = (1, 3, 5)
+"""Degrees of the drifts that a trace tries."""
 
 
 @register
 @dataclass(frozen=True)
 class InstrumentScale(Effect):
-    """The measured position multiplied by 1 + k."""
+    """The measured position multiplied by 1 + k, or by 1 + k(t) about the instrument's place.
+
+    A drift has the scale k1 u + k2 u^2 + ... of u, the time from -1 to 1 over the poses, and with each power a shift:
+    minus the scale times the instrument's place, which is unknown where the poses are in another frame than its own.
+    """
+
+    drift: int = 0
+    """Degree of the drift; 0 for a scale that does not change."""
+    origin: float = 0.0
+    """s, the time at which there is no drift."""
+    span: float = 1.0
+    """s, the unit of time: a coefficient is the drift over it."""
 
     name = "instrument_scale"
     extrapolates = "a scale acts in proportion to the distance"
     per_joint = False
     is_of_measurement = True
+    shares_terms: ClassVar[bool] = True
     about = About(
-        summary="the instrument's own scale: refractive index, a camera's focal length, a wrong unit of 1 in 1000",
-        equation="p measured = (1 + k) p",
+        summary="the instrument's own scale: refractive index, a camera's focal length, a wrong unit of 1 in 1000; "
+        "with drift, air whose index changes while the poses are measured",
+        equation="p measured = (1 + k) p; with drift: p + k(t) (p - p0), k a polynomial of time, p0 the instrument",
         unit="1",
-        usual_size="1e-6 to 1e-3",
+        usual_size="1e-6 to 1e-3; drift 1e-6 (1 K or 4 hPa) to 1e-4",
         usual_range=(1e-06, 0.001),
-        needs="positions spread over a volume",
-        confused_with="link_geometry: all lengths of the arm scaled together, thermal_expansion at one temperature",
-        source="a parameter times a regressor, as every effect here on the observation",
+        needs="positions spread over a volume; drift: time_s",
+        confused_with="link_geometry: all lengths of the arm scaled together, thermal_expansion at one temperature; "
+        "with drift, frame_drift",
+        source="Ciddor, Applied Optics 35 (1996) 1566: 0.96e-6 per K, 0.27e-6 per hPa",
         example="{effect: instrument_scale, values: {value: 2e-5}}",
     )
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield a constant scale, and drifts if the time varies."""
+        yield cls()
+        if varies(data.time):
+            assert data.time is not None
+            low, high = float(data.time.min()), float(data.time.max())
+            yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 
     @property
     def of_campaign(self) -> bool:
         """True: the scale belongs to the instrument on that day."""
         return True
 
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the time of a drift."""
+        return ("time_s",) if self.drift else ()
+
+    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+        """Return the time of a drift, which ends with the poses."""
+        return tuple(validity)
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other`` is a constant scale too, or a drift too."""
+        return isinstance(other, InstrumentScale) and bool(self.drift) == bool(other.drift)
+
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the distance from the instrument."""
+        """Return the distance from the instrument, or the time of a drift."""
+        if self.drift:
+            return circumstance_driver("time_s", data)
         return Driver("distance", "m", np.sqrt(np.sum(np.square(data.position), axis=0)), True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term."""
-        return (Term(self.name, "1", 1e-5, (Part(SCALE_OF_INSTRUMENT),)),)
+        """Return one term, or four a power of time."""
+        if not self.drift:
+            return (Term(self.name, "1", 1e-5, (Part(SCALE_OF_INSTRUMENT),)),)
+        elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
+        terms = []
+        for power in range(1, self.drift + 1):
+            terms.append(Term(f"{self.name}.k{power}", "1", 1e-5, (Part(SCALE_OF_INSTRUMENT, elapsed**power),)))
+            for label in "xyz":
+                part = Part(arm.chain.index(BASE, label), elapsed**power)
+                terms.append(Term(f"{self.name}.{label}{power}", "m", 1e-4, (part,)))
+        return tuple(terms)
+
+    def term_key(self, term: Term) -> str:
+        """Return the key of a term, which drifts of all degrees over the same time share."""
+        return f"{term.name}|{self.origin}|{self.span}"
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return how far a drifting scale ranges, and about which point."""
+        if not self.drift:
+            return None
+        powers = np.arange(1, self.drift + 1)
+        scale = np.array([values.get(f"{self.name}.k{power}", 0.0) for power in powers])
+        curve = scale @ np.linspace(-1, 1, 101)[None] ** powers[:, None]
+        size = float(scale @ scale)
+        if size == 0.0:
+            return None
+        shift = [np.array([values.get(f"{self.name}.{label}{power}", 0.0) for power in powers]) for label in "xyz"]
+        place = ", ".join(f"{-float(scale @ part) / size:.2g}" for part in shift)
+        return (
+            f"the instrument's scale ranges over {1e6 * float(np.ptp(curve)):.2g} ppm during the poses, about the "
+            f"point {place} m: log temperature and pressure of the air, and measure a fixed target between the poses"
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return the degree and the time scale of a drift."""
+        return {"drift": self.drift, "origin_s": self.origin, "span_s": self.span} if self.drift else {}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``drift: 3``, ``origin_s``, ``span_s``."""
+        other_settings = dict(settings)
+        degree = other_settings.pop("drift", 0)
+        origin, span = other_settings.pop("origin_s", 0.0), other_settings.pop("span_s", 1.0)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        for value in (origin, span):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"{cls.name}: origin_s and span_s must be numbers, found {value!r}")
+        if type(degree) is not int or degree not in range(10) or not span > 0:
+            raise ValueError(f"{cls.name}: drift is a degree from 0 to 9, span_s above 0; found {dict(settings)!r}")
+        return cls(joints, degree, float(origin), float(span)) if degree else cls(joints)

@@ -2,43 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
-from robacc.effects.base import About, Term, register, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic
+import numpy as np
+
+from robacc.effects.base import About, Effect, Term, commanded, register, weight_needed
+from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
+from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.assembly import FLEXURES
+
+_UPRIGHT = 0.02
+"""Largest sine of the angle between an upright axis and gravity."""
 
 
 @register
 @dataclass(frozen=True)
 class LateralCompliance(Elastic):
-    """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions."""
+    """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions.
+
+    With masses ``unknown`` the moment's base regressors are fitted, as those of ``joint_compliance`` are.
+    """
+
+    masses: Literal["known", "unknown"] = "known"
 
     name = "lateral_compliance"
     extrapolates = "Hooke's law: deflection in proportion to the bending moment"
-    missing_reasons = ("no masses in the robot file",)
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the moment across it",
         equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the arm's moment of gravity about them "
         f"at the deflected pose; {DEFLECTIONS}",
-        unit="rad/(N m)",
+        unit="rad/(N m); masses unknown: the same times kg or kg m",
         usual_size="1e-8 to 1e-5 rad/(N m)",
         usual_range=(1e-08, 1e-05),
-        needs="mass and com of the links",
+        needs="mass and com of the links; without them the moment's base regressors are fitted",
         confused_with="joint_compliance of neighbouring joints, base_compliance at the first joint",
         source="Tenhumberg and Baeuml 2021 (elastic calibration of Agile Justin)",
         example="{effect: lateral_compliance, joints: [j2], values: {j2: 1e-6}}",
     )
 
+    @property
+    def uses_masses(self) -> bool:
+        """True unless the masses are fitted too."""
+        return self.masses == "known"
+
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there are no masses."""
-        return None if arm.chain.bodies else cls.missing_reasons[0]
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return the effect with the robot's masses, if it has any."""
+        return cls(tuple(joints) if joints is not None else arm.names, "known" if arm.chain.bodies else "unknown")
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield one joint at a time; without masses only upright joints, but for the first.
+
+        Any other joint without masses bends less than it turns, and the first bends as the base tilts.
+        """
+        possible = arm.names if arm.chain.bodies else _upright_joints(arm, data)[1:]
+        yield from (cls.default(arm, data, (joint,)) for joint in possible)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term a joint, or one for each base regressor."""
+        if self.masses == "unknown":
+            return tuple(term for joint in self.joints for term in self._base_regressors(arm, joint))
         weight = weight_needed(arm, self.name)
         return tuple(
             Term(
@@ -49,3 +77,38 @@ class LateralCompliance(Elastic):
             )
             for joint in self.joints
         )
+
+    def _base_regressors(self, arm: Arm, joint: str) -> tuple[Term, ...]:
+        terms = []
+        for label, loads in unit_loads(arm, arm.owners[arm.number(joint)]).items():
+            is_mass = label.startswith("m")
+            unit = f"rad/(N m) {'kg' if is_mass else 'kg m'}"
+            parts = tuple(self.part(arm.motion(joint, flexure), loads) for flexure in FLEXURES)
+            prefix = f"{self.name}.{joint}"
+            terms.append(Term(f"{prefix}.{label}", unit, 1e-5, parts, prefix, 5.0 if is_mass else 1.0))
+        return tuple(terms)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the form, and whether the masses are unknown."""
+        return super().settings() | ({} if self.masses == "known" else {"masses": self.masses})
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``masses: known`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
+        form, other_settings = deflection_setting(cls.name, settings)
+        masses = other_settings.pop("masses", "known")
+        if other_settings or masses not in ("known", "unknown"):
+            raise ValueError(f"{cls.name} knows masses: known or unknown, and deflection, found {dict(settings)!r}")
+        return cls(joints, masses, deflection=form)
+
+
+def _upright_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:
+    """Return the first joint and the rotary joints whose axis is parallel to gravity at every pose."""
+    motions = [arm.axis_motion(joint) for joint in arm.names]
+    axes = arm.chain.sweep(arm.chain.scalars(commanded(data, "a joint's axis")), data.n, motions, ()).jacobian[3:]
+    down = np.array(arm.robot.gravity) / max(float(np.sqrt(np.sum(np.square(arm.robot.gravity)))), 1e-12)
+    sine = np.sqrt(np.maximum(1 - np.square(np.einsum("i,ijn->jn", down, axes)), 0.0)).max(axis=1)
+    upright = [
+        joint for joint, value in zip(arm.names, sine, strict=True) if arm.is_revolute(joint) and value < _UPRIGHT
+    ]
+    return (arm.names[0], *(joint for joint in upright if joint != arm.names[0]))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
+from robacc.robots.urdf_branches import with_branches
 from robacc.robots.urdf_chain import UrdfTree, choose_chain
 from robacc.robots.urdf_mimics import resolve_mimics
 from robacc.robots.urdf_sizes import check_sizes
@@ -52,6 +53,7 @@ def parse_urdf(
             :func:`~robacc.robots.urdf_chain.choose_chain` chooses the chain.
 
     A joint that follows a joint outside the chain becomes a joint variable, because nothing in the chain moves it.
+    Masses of links beside the chain, such as a gripper's, count with the link of the chain that carries them.
 
     Raises:
         InputError: The URDF has a problem, its chain is not serial, or the choice of a chain is ambiguous.
@@ -66,7 +68,7 @@ def parse_urdf(
     if len(path) > MAX_JOINTS:
         message = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
         raise InputError(Problem(message, file, fix="choose a shorter chain with `base_link` and `tip_link`"))
-    joints = [_read_joint(tree, joint) for joint in path]
+    joints = with_branches(tree, [_read_joint(tree, joint) for joint in path])
     check_sizes(document, tree.elements, joints)
     document.finish()
     joints = resolve_mimics(document, tree.elements, tree.robot.joints, joints)

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
+from robacc.effects.instrument_place import LineOfSight
 from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
+from robacc.tracing.place_scans import PlaceFamily, PlaceScan, place_scan_for
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,
@@ -90,6 +92,8 @@ class CandidateScorer:
     """Numbers of the poses of the linearisation that the candidates are scored on."""
     family_of_steps: FamilyOfSteps | None = None
     """Function that returns the family of a scan's steps at several places."""
+    place_scans: Sequence[PlaceScan] = ()
+    """Forms of effects of the line of sight, scored only if no other candidate is significant."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only at the caller's request."""
     _batches: list[tuple[list[int], NDArray[np.int64], Array]] = field(default_factory=list)
@@ -97,6 +101,7 @@ class CandidateScorer:
     _spectra: list[Family] = field(default_factory=list)
     _steps: list[tuple[StepScan, StepFamily]] = field(default_factory=list)
     _high_spectra: list[Family] = field(default_factory=list)
+    _sights: list[PlaceFamily] = field(default_factory=list)
     _block_families: list[Family] = field(default_factory=list)
     _ranges: dict[str, float] = field(default_factory=dict)
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
@@ -218,6 +223,26 @@ class CandidateScorer:
             if candidate.key not in keys:
                 ranked.append(_ranked(candidate, scores, best))
         return sorted(ranked, key=lambda entry: -round(entry.total, 6))
+
+    def rank_places(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
+        """Return the best place of each form of an effect of the line of sight beside ``present``, best first."""
+        if len(self._sights) != len(self.place_scans):
+            self._sights = [scan.family(self.system, self.poses, scan.places) for scan in self.place_scans]
+        keys = {finding.candidate.effect.search_key() for finding in present}
+        ranked: list[Ranked] = []
+        for scan, family in zip(self.place_scans, self._sights, strict=True):
+            if scan.form.search_key() not in keys:
+                scores = family.judge(conditioned, best_only=True)
+                best = int(np.argmax(scores.evidence))
+                ranked.append(_ranked(scan.candidate(scan.places[best]), scores, best))
+        return sorted(ranked, key=lambda entry: -round(entry.total, 6))
+
+    def best_place(self, conditioned: Conditioned, effect: Effect) -> Candidate | None:
+        """Return the effect of the line of sight at the place of largest evidence; None if none is searched."""
+        scan = place_scan_for(self.place_scans, effect)
+        if scan is None or not isinstance(effect, LineOfSight):
+            return None
+        return scan.refined(conditioned, self.system, self.poses, effect.place)
 
     def order_evidence(self, conditioned: Conditioned, joint: str) -> tuple[Array, Array]:
         """Return all orders of a joint that the poses support, and the evidence of each."""

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.chain import BASE
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.change_points import CHANGE_POINT, is_step, mixed_places, places, step_forms
 from robacc.effects.orders import HIGHEST_ORDER
@@ -37,6 +38,7 @@ from robacc.tracing.candidates import (
     profiles,
 )
 from robacc.tracing.evidence import Columns
+from robacc.tracing.place_scans import PlaceScan, is_placed, place_scan_for, place_scans
 from robacc.tracing.selection import Selection
 from robacc.tracing.step_scans import StepFamily, StepScan, scan_for, scan_of, usable_places
 
@@ -68,11 +70,13 @@ class LinearisedCandidates:
     places: tuple[NDArray[np.int64], ...]
     """Numbers of each candidate's terms among :attr:`pool_columns`."""
     joint_columns: Array
-    """``(M, J, n)`` whitened columns of each joint's variable."""
+    """``(M, J + 3, n)`` whitened columns of each joint's variable, and of the base's x, y, z."""
     whitening: Whitening
     """Map that whitens the columns and the residual."""
     step_scans: tuple[StepScan, ...]
     """Forms of a step, each with the places where it may lie."""
+    place_scans: tuple[PlaceScan, ...]
+    """Forms of effects of the line of sight, each with the places where the instrument may stand."""
     residual: Array
     """``(M, n)`` whitened residual, with the contribution of earlier findings put back."""
     inliers: NDArray[np.bool_]
@@ -127,6 +131,7 @@ class LinearisedCandidates:
             self.step_scans,
             at,
             family_of_steps,
+            self.place_scans,
         )
         choice = Selection(scorer)
         for effect in start:
@@ -149,6 +154,8 @@ class LinearisedCandidates:
         terms = effect.terms(self.model.arm, self.data)
         if is_step(effect) and (scan := scan_for(self.step_scans, effect)) is not None:
             return Candidate(effect, terms, scan.log_prior)
+        if is_placed(effect) and (place_scan := place_scan_for(self.place_scans, effect)) is not None:
+            return Candidate(effect, terms, place_scan.log_prior)
         if any(term.group for term in terms):
             return Candidate(effect, terms, BLOCK_LOG_PRIOR)
         order = searched_order(effect)
@@ -158,8 +165,8 @@ class LinearisedCandidates:
         return Candidate(effect, terms, log_prior)
 
     def _columns_of(self, terms: Sequence[Term]) -> Array:
-        """Return columns of terms that act on joint variables alone: the joint's column times the regressor."""
-        number = {motion: i for i, motion in enumerate(self.model.arm.chain.joint_axis)}
+        """Return columns of terms that act on joint variables or on the base's x, y, z."""
+        number = {motion: i for i, motion in enumerate(_followed(self.model.arm))}
         result = np.zeros((self.residual.shape[0], len(terms), self.data.n))
         for i, term in enumerate(terms):
             for part in term.parts:
@@ -193,7 +200,7 @@ def linearise(
     for candidate in pool:
         for term in candidate.terms:
             unique.setdefault(candidate.effect.term_key(term), term)
-    joints = tuple(Term(f"joint {i}", "", 1.0, (Part(motion),)) for i, motion in enumerate(arm.chain.joint_axis))
+    joints = tuple(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in _followed(arm))
     is_searched = only is None or CHANGE_POINT in only
     steps = {form: form.terms(arm, data) for form in step_forms(arm, data)} if is_searched else {}
     bound = model.bind(data)
@@ -223,11 +230,17 @@ def linearise(
         joint_columns=columns[:, count : count + len(joints)],
         whitening=whitening,
         step_scans=_step_scans(arm, data, steps, observed[:, first_step:]),
+        place_scans=place_scans(arm, data, columns[:, count + len(joints) - 3 : count + len(joints)], only),
         residual=whitened,
         inliers=fit.inliers[rows],
         missing=missing,
         only=None if only is None else tuple(only),
     )
+
+
+def _followed(arm: Arm) -> tuple[int, ...]:
+    """Return the motions of the joints' variables, and those of the base's x, y, z."""
+    return (*arm.chain.joint_axis, *(arm.chain.index(BASE, label) for label in "xyz"))
 
 
 def _step_scans(

@@ -11,6 +11,7 @@ from robacc.effects.orders import ORDER_STEP
 from robacc.effects.periodic import of_order, searched_order
 from robacc.tracing.candidate_scorer import CandidateScorer, Chosen, Ranked
 from robacc.tracing.candidates import Candidate
+from robacc.tracing.place_scans import is_placed
 
 FALSE_ALARM = 0.002
 """Bound on the probability, over all candidates, that anything is found on a clean arm. The promise is one in a
@@ -74,6 +75,9 @@ class Selection:
         if is_step(effect):
             better = self.scorer.best_step(self.scorer.condition(self.chosen, without=finding), effect)
             return better or finding.candidate
+        if is_placed(effect):
+            better = self.scorer.best_place(self.scorer.condition(self.chosen, without=finding), effect)
+            return better or finding.candidate
         order = searched_order(effect)
         grid = next((g for g in self.scorer.order_grids if g.joint in effect.joints), None)
         if order is None or grid is None:
@@ -105,7 +109,10 @@ class Selection:
                 ranking = [finding for finding in ranking if finding.candidate.key != without]
             best = ranking[0] if ranking else None
             if (best is None or best.p_value > FALSE_ALARM) and without is None:
-                high = self.scorer.rank_high_orders(self.scorer.condition(self.chosen), self.chosen)
+                conditioned = self.scorer.condition(self.chosen)
+                high = self.scorer.rank_high_orders(conditioned, self.chosen)
+                high += self.scorer.rank_places(conditioned, self.chosen)
+                high.sort(key=lambda entry: -round(entry.total, 6))
                 best = high[0] if high and high[0].p_value <= FALSE_ALARM else best
                 ranking = high[:1] + ranking if high and best is high[0] else ranking
             if best is None or best.p_value > FALSE_ALARM:

@@ -112,7 +112,7 @@ def test_recovery_within_four_standard_errors(name: str, arm_name: str) -> None:
 
 HAS_IT_NOT = {
     (effect, name)
-    for effect in ("lateral_compliance", "base_compliance", "friction_windup", "joint_hardening")
+    for effect in ("friction_windup", "joint_hardening")
     for name in ("irb1600", "scara")  # their masses are not published
 }
 

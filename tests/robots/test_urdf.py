@@ -240,3 +240,35 @@ def test_every_error_is_one_of_ours_for_any_mutilation() -> None:
 def test_urdf_to_robot_file_and_back_is_the_same_robot() -> None:
     robot = parse_urdf(TREE, "tree.urdf")
     assert parse_robot(robot_to_yaml(robot), "robot.yaml") == robot
+
+
+BRANCHED = """<robot name="torso">
+  <link name="base"/><link name="flange"/>
+  <link name="torso"><inertial><origin xyz="0 0 0.2"/><mass value="10"/></inertial></link>
+  <link name="camera"><inertial><mass value="2"/></inertial></link>
+  <link name="left"><inertial><origin xyz="0.5 0 0"/><mass value="4"/></inertial></link>
+  <link name="right"><inertial><origin xyz="0.1 0 0"/><mass value="3"/></inertial></link>
+  <joint name="waist" type="revolute"><parent link="base"/><child link="torso"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="neck" type="fixed"><origin xyz="0 0 0.6"/><parent link="torso"/><child link="camera"/></joint>
+  <joint name="left_arm" type="continuous"><origin xyz="0 0.3 0.4" rpy="0 0 1.5707963267948966"/>
+    <parent link="torso"/><child link="left"/><axis xyz="0 1 0"/></joint>
+  <joint name="right_arm" type="continuous"><origin xyz="0 -0.3 0.4"/><parent link="torso"/><child link="right"/>
+    <axis xyz="0 1 0"/></joint>
+  <joint name="end" type="fixed"><parent link="right"/><child link="flange"/></joint>
+</robot>
+"""
+
+
+def test_masses_beside_the_chain_count_with_the_link_that_carries_them() -> None:
+    """Camera at (0, 0, 0.6) and left arm at (0, 0.3 + 0.5, 0.4) hang on the torso; the right arm is the chain."""
+    torso, right, end = parse_urdf(BRANCHED, "torso.urdf", "base", "flange").joints
+    assert torso.mass == pytest.approx(16.0)
+    assert torso.com == pytest.approx((0.0, 4 * 0.8 / 16, (10 * 0.2 + 2 * 0.6 + 4 * 0.4) / 16))
+    assert (right.mass, right.com, end.mass) == (3.0, (0.1, 0.0, 0.0), None)
+
+
+def test_a_chain_without_masses_stays_without() -> None:
+    """A camera alone would pass for the weight of the arm."""
+    text = re.sub(r'(<link name="(torso|right)">).*?</link>', r"\1</link>", BRANCHED)
+    assert all(joint.mass is None for joint in parse_urdf(text, "torso.urdf", "base", "flange").joints)

@@ -1,0 +1,117 @@
+"""Joints whose zero shifts while their gears and motors warm up, each with its own time constant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.driver import circumstance_driver
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+_SHARES = (0.05, 0.1, 0.2, 0.4, 0.8)
+"""Time constants of the candidates, as shares of the time span of the poses."""
+
+
+@register
+@dataclass(frozen=True)
+class JointWarmup(Effect):
+    """Joint variable shifted by c (1 - exp(-t / t0)): a body of one heat capacity under a constant loss of heat."""
+
+    time_constant: float = 1800.0
+    """s"""
+    origin: float = 0.0
+    """s, the time from which the joint warms up."""
+
+    name = "joint_warmup"
+    missing_reasons = ("no time_s column that varies",)
+    about = About(
+        summary="the joint's zero shifts while its motor and gear warm up; each joint has a time constant of its own",
+        equation="theta_j + c (1 - exp(-(t - t_first) / t0)), t0 searched",
+        unit="rad (m for a prismatic joint)",
+        usual_size="1e-5 to 1e-3 rad after warm-up, in minutes (wrist) to hours (base)",
+        usual_range=(1e-5, 1e-3),
+        needs="time_s",
+        confused_with="step of the joint where it is fast, frame_drift at the first joint, thermal_expansion",
+        source="Gong, Yuan, Ni, Int. J. Machine Tools and Manufacture 40 (2000) 1031: joint-dependent thermal errors; "
+        "Newton's law of cooling for the shape",
+        example="{effect: joint_warmup, joints: [j2], time_constant_s: 1800, origin_s: 0, values: {j2: 2e-4}}",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Return the reason if there is no time that varies."""
+        return None if varies(data.time) else cls.missing_reasons[0]
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return a warm-up over a third of the time."""
+        time = needed(data.time, "time_s", cls.name)
+        chosen = tuple(joints) if joints is not None else arm.names
+        return cls(chosen, float(np.ptp(time)) / 3 or cls.time_constant, float(time.min()))
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield one joint at a time, with several time constants."""
+        time = needed(data.time, "time_s", cls.name)
+        start, span = float(time.min()), float(np.ptp(time))
+        for joint in arm.names:
+            yield from (cls((joint,), float(f"{span * share:.3g}"), start) for share in _SHARES)
+
+    @property
+    def of_campaign(self) -> bool:
+        """True: it counts the time since the campaign began."""
+        return True
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other`` is a warm-up of the same joints, with any time constant."""
+        return isinstance(other, JointWarmup) and self.joints == other.joints
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key without the origin, which depends on the poses."""
+        return (self.name, self.joints, self.time_constant)
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the time."""
+        return ("time_s",)
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the time."""
+        return circumstance_driver("time_s", data)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return one term a joint."""
+        elapsed = np.maximum(needed(data.time, "time_s", self.name) - self.origin, 0.0)
+        risen = 1 - np.exp(-elapsed / self.time_constant)
+        return tuple(
+            Term(
+                f"{self.name}.{joint}",
+                "rad" if arm.is_revolute(joint) else "m",
+                1e-4,
+                (Part(arm.axis_motion(joint), risen),),
+            )
+            for joint in self.joints
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return the time constant, and the time from which it counts."""
+        return {"time_constant_s": self.time_constant, "origin_s": self.origin}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``time_constant_s``, ``origin_s``."""
+        other_settings = dict(settings)
+        constant, origin = other_settings.pop("time_constant_s", cls.time_constant), other_settings.pop("origin_s", 0.0)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        for value in (constant, origin):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"{cls.name}: time_constant_s and origin_s must be numbers, found {value!r}")
+        if not constant > 0:
+            raise ValueError(f"{cls.name}: time_constant_s must be above 0, found {constant!r}")
+        return cls(joints, float(constant), float(origin))

@@ -1,0 +1,108 @@
+"""Range offset and angle errors of a laser tracker at an unknown place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from robacc.effects.base import About, Effect, register
+from robacc.effects.instrument_place import LineOfSight, Place, beams, place_setting
+from robacc.geometry import Array
+from robacc.robots.arm import Arm
+
+Kind = Literal["range", "horizontal", "vertical"]
+
+
+@register
+@dataclass(frozen=True)
+class TrackerError(LineOfSight):
+    """Measured point shifted along the line of sight, or turned about the instrument by its angle error.
+
+    The instrument's standing axis is the measuring frame's z.
+    """
+
+    kind: Kind = "range"
+
+    name = "tracker_error"
+    per_joint = False
+    is_of_measurement = True
+    extrapolates = "the geometry of the instrument"
+    about = About(
+        summary="the tracker's own geometry: a wrong range offset (home point), an eccentric horizontal or vertical "
+        "encoder",
+        equation="p measured = p + c u; or + r_h (c cos A + s sin A) e_A; or + r (c cos E + s sin E) e_E; u the line "
+        "of sight, A azimuth, E elevation",
+        unit="m (rad for the angles)",
+        usual_size="5e-6 to 5e-4 m; 2e-6 to 1e-4 rad",
+        usual_range=(5e-6, 5e-4),
+        needs="targets in several directions and at several distances from the instrument",
+        confused_with="transmission_error of joint 1 where the instrument stands close to its axis, instrument_scale",
+        source="Hughes, Forbes, Lewis, Sun, Veal, Nasr, Measurement Science and Technology 22 (2011) 065103",
+        example="{effect: tracker_error, kind: range, instrument: [3, -2, 1], values: {offset: 5e-5}}",
+    )
+
+    def forms(self) -> Iterator[LineOfSight]:
+        """Yield the error of the range and those of both angles."""
+        yield from (TrackerError(self.joints, self.place, kind) for kind in ("range", "horizontal", "vertical"))
+
+    @property
+    def labels(self) -> tuple[tuple[str, str, float], ...]:
+        """Return the offset of the range, or cosine and sine of an angle's error."""
+        if self.kind == "range":
+            return (("offset", "m", 1e-5),)
+        return (("cos", "rad", 1e-5), ("sin", "rad", 1e-5))
+
+    def shifts(self, position: Array, rotation: Array, places: Array) -> Array:
+        """Return the line of sight, or the tangents times cosine and sine of the angle."""
+        along, distance = beams(position, places)
+        if self.kind == "range":
+            return along[:, None]
+        flat = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
+        x, y, z = along[:, 0] / flat, along[:, 1] / flat, along[:, 2]
+        if self.kind == "horizontal":
+            tangent = np.stack((-y, x, np.zeros_like(x)), axis=1) * (flat * distance)[:, None]
+            return np.stack((tangent * x[:, None], tangent * y[:, None]), axis=1)
+        tangent = np.stack((-z * x, -z * y, flat), axis=1) * distance[:, None]
+        return np.stack((tangent * flat[:, None], tangent * z[:, None]), axis=1)
+
+    def at(self, place: Place) -> LineOfSight:
+        """Return the same form at another place."""
+        return TrackerError(self.joints, place, self.kind)
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key without the place, which a search refines."""
+        return (self.name, self.kind)
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other`` is an error of the same kind, from any place."""
+        return isinstance(other, TrackerError) and self.kind == other.kind
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return the size of the error, and what to do."""
+        size = float(np.sqrt(np.sum(np.square([values.get(f"{self.name}.{label}", 0.0) for label, *_ in self.labels]))))
+        place = ", ".join(f"{value:.2g}" for value in self.place)
+        amount = f"{1e3 * size:.2g} mm" if self.kind == "range" else f"{1e3 * size:.2g} mrad"
+        return (
+            f"the instrument near {place} m has an error of its {self.kind} reading of {amount}: run its compensation "
+            "routine and a two-face check, and measure again"
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return the kind and the instrument's place."""
+        return {"kind": self.kind, **super().settings()}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``kind: range``, ``instrument: [x, y, z]``."""
+        place, other_settings = place_setting(cls.name, settings)
+        kind = other_settings.pop("kind", "range")
+        if other_settings or kind not in ("range", "horizontal", "vertical"):
+            raise ValueError(
+                f"{cls.name} knows kind: range, horizontal or vertical, and instrument, found {dict(settings)!r}"
+            )
+        return cls(joints, place, kind)

@@ -38,7 +38,7 @@ class JointWarmup(Effect):
         usual_range=(1e-5, 1e-3),
         needs="time_s",
         confused_with="step of the joint where it is fast, frame_drift at the first joint, thermal_expansion",
-        source="Gong, Yuan, Ni, Int. J. Machine Tools and Manufacture 40 (2000) 1031: joint-dependent thermal errors; "
+        source="Gong, Yuan, Ni, Int. J. Machine Tools and Manufacture 40 (2000) 2119: thermal errors of joints; "
         "Newton's law of cooling for the shape",
         example="{effect: joint_warmup, joints: [j2], time_constant_s: 1800, origin_s: 0, values: {j2: 2e-4}}",
     )

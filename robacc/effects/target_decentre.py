@@ -43,7 +43,7 @@ class TargetDecentre(LineOfSight):
         usual_range=(3e-6, 5e-4),
         needs="a tool that turns against the line of sight",
         confused_with="tool_frame where the tool keeps its direction to the instrument",
-        source="ASME B89.4.19-2006, annex B: optical and mechanical centre of a spherically mounted retroreflector",
+        source="ASME B89.4.19-2006: optical and mechanical centre of a spherically mounted retroreflector",
         example="{effect: target_decentre, axis: x, instrument: [3, -2, 1], values: {across: 1e-4, beyond: 5e-5}}",
     )
 

@@ -40,7 +40,7 @@ class TrackerError(LineOfSight):
         usual_range=(5e-6, 5e-4),
         needs="targets in several directions and at several distances from the instrument",
         confused_with="transmission_error of joint 1 where the instrument stands close to its axis, instrument_scale",
-        source="Hughes, Forbes, Lewis, Sun, Veal, Nasr, Measurement Science and Technology 22 (2011) 065103",
+        source="Hughes, Forbes, Lewis, Sun, Veal, Nasr, Measurement Science and Technology 22 (2011) 045103",
         example="{effect: tracker_error, kind: range, instrument: [3, -2, 1], values: {offset: 5e-5}}",
     )
 

@@ -23,7 +23,7 @@ from robacc.modelling.validity import outside_validity
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
-HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", "joint_hardening"}
+HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", "joint_hardening", "joint_warmup"}
 """Effects that stop at the end of a narrow range; the others follow a physical law, or have no driver."""
 
 

@@ -231,6 +231,7 @@ def test_frames_that_nobody_declared_are_found() -> None:
     assert frame["base_frame.z"] == pytest.approx(robot.base.xyz[2] + 5e-4, abs=5e-5)
 
 
+@pytest.mark.slow
 def test_an_instrument_metres_away_with_nothing_declared() -> None:
     """Without the frame the rest asks for compliances that no arm has; that must not end the whole trace."""
     turn = rotation_about(2, np.array(0.4))

@@ -85,7 +85,10 @@ class Columns:
         self.rhs = np.concatenate((self.rhs, np.einsum("mqn,mn->q", columns, self.residual)))
         self.columns = np.concatenate((self.columns, columns), axis=1)
         self._gram, self._known = (np.pad(matrix, ((0, count), (0, count))) for matrix in (self._gram, self._known))
-        return np.arange(first, first + count)
+        numbers = np.arange(first, first + count)
+        # With these, rows of products that are known stay complete.
+        self.products(numbers)
+        return numbers
 
     def products(self, numbers: NDArray[np.int64]) -> Array:
         """Return ``(A, C)`` products of some columns with all columns."""

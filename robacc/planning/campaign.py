@@ -33,7 +33,7 @@ Purpose = Literal["calibrate", "trace", "acceptance", "health"]
 PURPOSES: tuple[Purpose, ...] = ("calibrate", "trace", "acceptance", "health")
 DEFAULT_FIT: dict[Purpose, str] = {
     "calibrate": "base_frame,tool_frame,joint_offset,link_geometry",
-    "trace": "base_frame,tool_frame,joint_offset",
+    "trace": "base_frame,tool_frame,joint_offset,link_geometry",
     "acceptance": "base_frame,tool_frame",
     "health": "base_frame,joint_offset",
 }

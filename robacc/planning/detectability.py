@@ -53,11 +53,22 @@ class ExpectedLimit:
     """Displacement of the target by an effect of the limit's size, m rms over the poses."""
 
     @property
+    def where(self) -> str:
+        """``backlash[j2]``, without settings."""
+        return self.effect + (f"[{','.join(self.joints)}]" if self.joints else "")
+
+    @property
     def label(self) -> str:
         """``backlash[j2]``, with settings."""
-        joints = f"[{','.join(self.joints)}]" if self.joints else ""
-        settings = ", ".join(f"{key} {value}" for key, value in self.settings.items())
-        return f"{self.effect}{joints}" + (f" ({settings})" if settings else "")
+        settings = ", ".join(f"{key} {_text(value)}" for key, value in self.settings.items())
+        return self.where + (f" ({settings})" if settings else "")
+
+
+def _text(value: object) -> str:
+    """Return a setting as text: the members of a list with ``+`` between them."""
+    if isinstance(value, list | tuple):
+        return "+".join(map(_text, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,9 @@ CAMPAIGNS = 200
 
 @pytest.fixture(scope="module")
 def plan() -> CampaignPlan:
-    settings = CampaignSettings("trace", 40, noise=NOISE, repeatability=SCATTER, n_candidates=300)
+    settings = CampaignSettings(
+        "trace", 40, fit="base_frame,tool_frame,joint_offset", noise=NOISE, repeatability=SCATTER, n_candidates=300
+    )
     return plan_campaign(arm("irb1600").robot, settings)
 
 
@@ -68,6 +70,6 @@ def test_exact_equals_are_named(plan: CampaignPlan) -> None:
     assert plan.detectability is not None
     pairs = {(pair.first, pair.second): pair for pair in plan.detectability.pairs}
     # d of two parallel axes moves the target in the same way.
-    first, second = "link_geometry[j2] (labels ['d'])", "link_geometry[j3] (labels ['d'])"
+    first, second = "link_geometry[j2] (labels d)", "link_geometry[j3] (labels d)"
     assert pairs[first, second].similarity == pytest.approx(1.0, abs=1e-6)
     assert pairs[first, second].evidence == pytest.approx(0.0, abs=1e-6)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import TextIO
 
 from robacc.planning.campaign import CampaignPlan
-from robacc.planning.detectability import Detectability, ExpectedLimit
+from robacc.planning.detectability import Detectability, ExpectedLimit, InseparablePair
 from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient
 from robacc.planning.power_design import ExpectedPower
 from robacc.render.text.console import width_of, write_lines
@@ -167,7 +167,8 @@ def _detectability(
     rows, hidden = [], []
     for name, family in families.items():
         known = sorted((limit for limit in family if limit.limit is not None), key=lambda limit: limit.limit or 0.0)
-        hidden += [limit.label for limit in family if limit.limit is None]
+        shown = {limit.joints for limit in known}
+        hidden += [limit.where for limit in family if limit.limit is None and limit.joints not in shown]
         if known:
             mean_power = statistics.mean(limit.power for limit in family)
             limits = (f"{known[0].limit:.1e}", f"{known[-1].limit:.1e}" if len(known) > 1 else "")
@@ -181,6 +182,7 @@ def _detectability(
             f"({fixed(random_power.found, 2)} on random poses), found and separated from the nearest rival with "
             f"{fixed(power.apart, 2)} ({fixed(random_power.apart, 2)})",
         )
+    hidden = list(dict.fromkeys(hidden))
     if hidden:
         notes.append(f"never found on these poses: {', '.join(hidden[:_LISTED_PAIRS])}{_more(len(hidden))}")
     if detectability.missing:
@@ -191,11 +193,22 @@ def _detectability(
     yield from (TextLine(line.text, "dim") for line in items(notes, width))
     if detectability.pairs:
         yield from (BLANK, heading("Pairs that stay inseparable at the usual size"))
-        shown = detectability.pairs[:_LISTED_PAIRS]
-        texts = [f"{pair.first} looks like {pair.second} (similarity {pair.similarity:.2f})" for pair in shown]
-        yield from items(texts, width)
-        if len(detectability.pairs) > len(shown):
-            yield TextLine(f"… and {len(detectability.pairs) - len(shown)} more pairs", "dim")
+        texts = _pair_texts(detectability.pairs)
+        yield from items(texts[:_LISTED_PAIRS], width)
+        if len(texts) > _LISTED_PAIRS:
+            yield TextLine(f"… and {len(texts) - _LISTED_PAIRS} more pairs", "dim")
+
+
+def _pair_texts(pairs: Sequence[InseparablePair]) -> list[str]:
+    """Return a text for each pair; a pair that is inseparable both ways has one."""
+    ways = {(pair.first, pair.second) for pair in pairs}
+    texts = []
+    for pair in pairs:
+        if (pair.second, pair.first) not in ways:
+            texts.append(f"{pair.first} looks like {pair.second} (similarity {pair.similarity:.2f})")
+        elif pair.first < pair.second:
+            texts.append(f"{pair.first} and {pair.second} look alike (similarity {pair.similarity:.2f})")
+    return texts
 
 
 def _more(count: int) -> str:

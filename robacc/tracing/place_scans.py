@@ -94,7 +94,7 @@ def place_scans(
     arm: Arm, data: Measurements, base_columns: Array, only: Sequence[str] | None = None
 ) -> tuple[PlaceScan, ...]:
     """Return a scan of each form of each effect of the line of sight."""
-    classes = [cls for name, cls in REGISTRY.items() if issubclass(cls, LineOfSight) and (not only or name in only)]
+    classes = [cls for name, cls in REGISTRY.items() if issubclass(cls, LineOfSight) and (only is None or name in only)]
     if not classes or data.q is None or data.n < 2:
         return ()
     position, rotation = lines_of_sight(arm, data, "a line of sight")

@@ -15,12 +15,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
+from robacc.effects.about import About
 from robacc.effects.driver import Driver
+from robacc.effects.orders import orders_setting
 from robacc.effects.requirements import commanded, needed, varies, weight_needed
+from robacc.effects.term import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.validity import Validity, ranges
 from robacc.errors import UsageError
-from robacc.geometry import Array
-from robacc.gravity.loads import Load
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -41,63 +42,6 @@ __all__ = [
     "varies",
     "weight_needed",
 ]
-
-SCALE_OF_INSTRUMENT = -1
-"""Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """One scalar that a term moves: by coefficient x factor, times the load's generalised force where it has a load.
-
-    The generalised force is what gravity does to the loads behind the motion along it: N m for a rotation (the load's
-    torque about the axis), N for a translation. It is positive along gravity, so a positive compliance sags.
-    """
-
-    motion: int
-    factor: float | Array = 1.0
-    """``(N,)`` regressor, or a constant."""
-    loads: tuple[Load, ...] | None = None
-    deflected: bool = True
-    """True if the force is that at the deflected pose, in equilibrium; False at the undeflected pose."""
-
-
-@dataclass(frozen=True, slots=True)
-class Term:
-    """One coefficient of the model."""
-
-    name: str
-    """``effect.joint.term``, stable."""
-    unit: str
-    typical: float
-    """A usual size of the coefficient on real arms."""
-    parts: tuple[Part, ...]
-    group: str | None = None
-    """Terms of one group share a Gaussian prior of zero mean; its standard deviation is estimated from the data."""
-    weight: float = 1.0
-    """Prior standard deviation relative to the group's."""
-
-    @property
-    def label(self) -> str:
-        """Return the last part of the name: the constant, coordinate or polynomial."""
-        return self.name.rpartition(".")[2]
-
-
-@dataclass(frozen=True, slots=True)
-class About:
-    """Catalogue texts of an effect."""
-
-    summary: str
-    equation: str
-    unit: str
-    usual_size: str
-    usual_range: tuple[float, float]
-    """Smallest and largest usual size of a coefficient, of the unit's first alternative, in SI."""
-    needs: str
-    confused_with: str
-    source: str
-    example: str
-    """An entry of a robot file, in YAML, of an arm with joints j1 … j6 in m and rad."""
 
 
 @dataclass(frozen=True)
@@ -313,22 +257,3 @@ def effect_class(name: str) -> type[Effect]:
         matches = difflib.get_close_matches(name, REGISTRY, n=1)
         hint = f", did you mean {matches[0]!r}?" if matches else "."
         raise UsageError(f"no effect {name!r}{hint} The catalogue: {', '.join(REGISTRY)}") from None
-
-
-def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the setting ``orders``: positive numbers.
-
-    Raises:
-        ValueError: the value is wrong, or there is another setting.
-    """
-    other_settings = dict(settings)
-    orders = other_settings.pop("orders", default)
-    if other_settings:
-        raise ValueError(f"{name} has no setting {', '.join(map(repr, other_settings))}")
-    if not isinstance(orders, list | tuple) or not orders:
-        raise ValueError(f"{name}: orders must be a list of numbers, found {orders!r}")
-    if not all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n <= 1000 for n in orders):
-        raise ValueError(f"{name}: each order must be above 0 and at most 1000, found {orders!r}")
-    if len({f"{n:.6g}" for n in orders}) < len(orders):
-        raise ValueError(f"{name}: an order is given more than once in {orders!r}")
-    return tuple(float(n) for n in orders)

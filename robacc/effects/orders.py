@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -58,3 +59,22 @@ def _limits(angle: Array) -> tuple[float, float]:
         return ORDER_STEP, 0.0
     gap = float(np.quantile(np.diff(values), _CLOSEST))
     return float(np.pi / (values[-1] - values[0])), float(np.pi / max(gap, 1e-6))
+
+
+def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the setting ``orders``: positive numbers.
+
+    Raises:
+        ValueError: the value is wrong, or there is another setting.
+    """
+    other_settings = dict(settings)
+    orders = other_settings.pop("orders", default)
+    if other_settings:
+        raise ValueError(f"{name} has no setting {', '.join(map(repr, other_settings))}")
+    if not isinstance(orders, list | tuple) or not orders:
+        raise ValueError(f"{name}: orders must be a list of numbers, found {orders!r}")
+    if not all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n <= 1000 for n in orders):
+        raise ValueError(f"{name}: each order must be above 0 and at most 1000, found {orders!r}")
+    if len({f"{n:.6g}" for n in orders}) < len(orders):
+        raise ValueError(f"{name}: an order is given more than once in {orders!r}")
+    return tuple(float(n) for n in orders)

@@ -19,8 +19,8 @@ from robacc.documents.statistics import covariance_document, parameters_document
 from robacc.effects.baseline import Baseline
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
-from robacc.tracing.candidate_scorer import Ranked
 from robacc.tracing.findings import Finding
+from robacc.tracing.ranking import Ranked
 from robacc.tracing.trace import Trace
 
 

@@ -14,8 +14,10 @@ from robacc.effects.instrument_place import LineOfSight
 from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
-from robacc.tracing.evidence import Columns, Conditioned, Family, Scores, judge
+from robacc.tracing.conditioned_columns import Columns, Conditioned, Family
+from robacc.tracing.evidence import Scores, judge
 from robacc.tracing.place_scans import PlaceFamily, PlaceScan, place_scan_for
+from robacc.tracing.ranking import Chosen, Ranked
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,
@@ -39,33 +41,6 @@ _CACHED = 24
 
 Expand = Callable[[Candidate], Array]
 FamilyOfSteps = Callable[[StepScan, NDArray[np.int64]], StepFamily]
-
-
-@dataclass(frozen=True, eq=False)
-class Chosen:
-    """A candidate in the model, with the numbers of its columns in the system."""
-
-    candidate: Candidate
-    columns: NDArray[np.int64]
-    precision: Array
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """A candidate's score at one step."""
-
-    candidate: Candidate
-    evidence: float
-    log_prior: float
-    p_value: float
-    """Corrected for the number of candidates."""
-    gain: float
-    prior_var: float
-
-    @property
-    def total(self) -> float:
-        """Log posterior odds, up to a constant."""
-        return self.evidence + self.log_prior
 
 
 @dataclass
@@ -327,22 +302,6 @@ class CandidateScorer:
         np.cumprod(waves, axis=0, out=waves)
         basis = np.stack((waves.real, waves.imag), axis=1)
         return Family(self.system, self.joint_columns[:, grid.number], basis, False)
-
-    def similarity(self, chosen: Sequence[Chosen], finding: Chosen, rival: Candidate) -> float:
-        """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
-        columns = self.columns(rival)
-        conditioned = self.condition(chosen, without=finding)
-        fits = [conditioned.least_squares(finding.columns), conditioned.least_squares(columns)]
-        cross = self.system.products(finding.columns)[:, columns]
-        cross = cross - conditioned.reduced[:, finding.columns].T @ conditioned.reduced[:, columns]
-        lengths = [
-            float(weight @ conditioned.block(place) @ weight)
-            for weight, place in zip(fits, (finding.columns, columns), strict=True)
-        ]
-        if min(lengths) <= 0:
-            return 0.0
-        cosine = float(fits[0] @ cross @ fits[1] / math.sqrt(lengths[0] * lengths[1]))
-        return min(max(cosine, -1.0), 1.0)
 
 
 def _ranked(candidate: Candidate, scores: Scores, i: int) -> Ranked:

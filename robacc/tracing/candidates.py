@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -138,17 +138,20 @@ def named_candidates(
     return candidates, missing
 
 
+def _periodic_angles(arm: Arm, data: Measurements, only: Sequence[str] | None) -> Iterator[tuple[str, Array]]:
+    """Yield the rotary joints and their angles ``(N,)``; none if periodic errors are not among ``only``."""
+    if only is None or PERIODIC in only:
+        q = commanded(data, PERIODIC)
+        for joint in periodic_joints(arm):
+            yield joint, q[arm.number(joint)]
+
+
 def order_grids(
     arm: Arm, data: Measurements, only: Sequence[str] | None = None, *, high: bool = False
 ) -> list[OrderGrid]:
     """Return, for each rotary joint, the orders that its poses can identify; with ``high`` those above the usual."""
-    if only is not None and PERIODIC not in only:
-        return []
-    q = commanded(data, PERIODIC)
-    names = periodic_joints(arm)
     result = []
-    for joint in names:
-        angle = q[arm.number(joint)]
+    for joint, angle in _periodic_angles(arm, data, only):
         orders = high_orders(angle) if high else supported_orders(angle)
         if orders.size == 0:
             continue
@@ -160,13 +163,9 @@ def order_grids(
 
 def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) -> list[Candidate]:
     """Return, for each rotary joint, its complete periodic profile as a shrunk block."""
-    if only is not None and PERIODIC not in only:
-        return []
-    q = commanded(data, PERIODIC)
-    names = periodic_joints(arm)
     result = []
-    for joint in names:
-        supported = supported_orders(q[arm.number(joint)])
+    for joint, angle in _periodic_angles(arm, data, only):
+        supported = supported_orders(angle)
         orders = tuple(order for order in PROFILE_ORDERS if supported.size and order <= supported[-1])
         if len(orders) < _LEAST_ORDERS:
             continue

@@ -22,8 +22,8 @@ from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.parallel import fork_map
-from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.loop import SEARCH, SearchResult, choose, frames_first, refit
+from robacc.tracing.ranking import Chosen
 from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
 from robacc.tracing.without_finding import fold_options, residuals_without

@@ -19,7 +19,7 @@ from robacc.geometry import Array
 from robacc.statistics.noncentral_f import needed_noncentrality
 from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.evidence import Conditioned
+from robacc.tracing.conditioned_columns import Conditioned
 from robacc.tracing.selection import FALSE_ALARM, Selection
 
 EVEN_CHANCE = 0.5

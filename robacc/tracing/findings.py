@@ -18,7 +18,6 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import FittedParameter
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.cross_validation import CrossValidation
 from robacc.tracing.harmonics import (
     Harmonic,
@@ -28,6 +27,7 @@ from robacc.tracing.harmonics import (
     profile_harmonics,
 )
 from robacc.tracing.loop import SearchResult
+from robacc.tracing.ranking import Chosen
 from robacc.tracing.rivals import Alternative, lag_refitted, rivals
 from robacc.tracing.selection import SelectionStep
 

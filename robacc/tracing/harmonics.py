@@ -15,8 +15,8 @@ from robacc.effects.periodic import of_order, orders_of
 from robacc.fitting.parameters import FittedParameter
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
-from robacc.tracing.candidate_scorer import Chosen
 from robacc.tracing.candidates import Candidate, OrderGrid
+from robacc.tracing.ranking import Chosen
 from robacc.tracing.selection import Selection
 
 _MOST_NAMED = 6

@@ -37,7 +37,7 @@ from robacc.tracing.candidates import (
     order_grids,
     profiles,
 )
-from robacc.tracing.evidence import Columns
+from robacc.tracing.conditioned_columns import Columns
 from robacc.tracing.place_scans import PlaceScan, is_placed, place_scan_for, place_scans
 from robacc.tracing.selection import Selection
 from robacc.tracing.step_scans import StepFamily, StepScan, scan_for, scan_of, usable_places

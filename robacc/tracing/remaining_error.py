@@ -14,8 +14,8 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.measurements import Measurements
-from robacc.tracing.candidate_scorer import Ranked
 from robacc.tracing.loop import SearchResult
+from robacc.tracing.ranking import Ranked
 from robacc.tracing.selection import FALSE_ALARM
 
 _OF_EVERY_ARM = ("joint_offset", "link_geometry")

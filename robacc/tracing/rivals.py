@@ -12,8 +12,9 @@ import numpy as np
 from robacc.effects.base import Effect
 from robacc.errors import RobaccError
 from robacc.measurements import Measurements
-from robacc.tracing.candidate_scorer import Chosen, Ranked
+from robacc.tracing.candidates import Candidate
 from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit
+from robacc.tracing.ranking import Chosen, Ranked
 from robacc.tracing.selection import Selection
 
 RIVAL = 5.0
@@ -83,7 +84,7 @@ def rivals(
         if name in names or len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):
             continue
         within_uncertainty = False
-        similarity = selection.similarity(finding, rival.candidate)
+        similarity = _similarity(selection, finding, rival.candidate)
         if similarity < (_LIKE if behind else _LEAST_SIMILARITY):
             continue
         if behind and refitted is not None:
@@ -97,6 +98,24 @@ def rivals(
             Alternative(effect.name, effect.joints, similarity, lag, effect.settings(), within_uncertainty)
         )
     return ranked, tuple(sorted(alternatives, key=lambda other: other.evidence_difference))
+
+
+def _similarity(selection: Selection, finding: Chosen, rival: Candidate) -> float:
+    """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
+    scorer = selection.scorer
+    columns = scorer.columns(rival)
+    conditioned = scorer.condition(selection.chosen, without=finding)
+    fits = [conditioned.least_squares(finding.columns), conditioned.least_squares(columns)]
+    cross = scorer.system.products(finding.columns)[:, columns]
+    cross = cross - conditioned.reduced[:, finding.columns].T @ conditioned.reduced[:, columns]
+    lengths = [
+        float(weight @ conditioned.block(place) @ weight)
+        for weight, place in zip(fits, (finding.columns, columns), strict=True)
+    ]
+    if min(lengths) <= 0:
+        return 0.0
+    cosine = float(fits[0] @ cross @ fits[1] / math.sqrt(lengths[0] * lengths[1]))
+    return min(max(cosine, -1.0), 1.0)
 
 
 def lag_refitted(loop: SearchResult, finding: Chosen, effect: Effect, data: Measurements) -> Lag:

@@ -9,9 +9,10 @@ from robacc.effects.base import Effect
 from robacc.effects.change_points import is_step
 from robacc.effects.orders import ORDER_STEP
 from robacc.effects.periodic import of_order, searched_order
-from robacc.tracing.candidate_scorer import CandidateScorer, Chosen, Ranked
+from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import Candidate
 from robacc.tracing.place_scans import is_placed
+from robacc.tracing.ranking import Chosen, Ranked
 
 FALSE_ALARM = 0.002
 """Bound on the probability, over all candidates, that anything is found on a clean arm. The promise is one in a
@@ -185,10 +186,6 @@ class Selection:
         ranking = self.scorer.rank(conditioned, others)
         key = finding.candidate.key
         return ranked, [rival for rival in ranking if rival.candidate.key != key]
-
-    def similarity(self, finding: Chosen, rival: Candidate) -> float:
-        """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
-        return self.scorer.similarity(self.chosen, finding, rival)
 
     def total(self) -> float:
         """Return the log posterior odds of all findings together against none: each in turn beside those before."""

@@ -20,7 +20,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.evidence import Columns, Family
+from robacc.tracing.conditioned_columns import Columns, Family
 
 _MOST_PLACES = 48
 """Largest number of places of a first scan; the best is then improved among all places."""

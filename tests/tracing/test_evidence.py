@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 from scipy.linalg import null_space
 
-from robacc.tracing.evidence import Columns, Conditioned, Scores, judge
+from robacc.tracing.conditioned_columns import Columns, Conditioned
+from robacc.tracing.evidence import Scores, judge
 
 ROWS, BASE = 60, 8
 

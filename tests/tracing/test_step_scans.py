@@ -9,7 +9,7 @@ from independent_arm import measured, robot, run
 from robacc.effects.change_points import step_forms
 from robacc.fitting.whitening import Scatter, Whitening, whitening
 from robacc.robots.arm import Arm
-from robacc.tracing.evidence import Columns
+from robacc.tracing.conditioned_columns import Columns
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,

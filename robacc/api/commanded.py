@@ -45,7 +45,7 @@ def read_with_commands(
     if robot is not None:
         from robacc.diagnostics.robot_poses import check_size
 
-        check_size(data, robot)
+        data = dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
     warnings = (*data.warnings, *planned.warnings, f"{measured.source}: {remark}")
     return dataclasses.replace(data, warnings=warnings), InputFile.at(commands, planned.sha256 or "", "commanded")
 

@@ -10,10 +10,13 @@ import numpy as np
 from robacc.accuracy.pose_errors import commanded_poses
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import read_poses
-from robacc.poses.plausibility import check_scale
+from robacc.poses.plausibility import central_range, check_scale
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Robot
 
+_MOST_RATIO = 3.0
+_LEAST_EXCESS = 0.1
+"""Larger spreads of positions than this ratio, and this many metres, beyond those of the commands are doubtful."""
 _SCALE_SAMPLE = 2000
 """Poses that the check of scale uses at most."""
 
@@ -51,19 +54,27 @@ def read_robot_poses(
         orientation_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q).rotation,
     )
     if attained:
-        check_size(data, robot)
+        warnings = check_size(data, robot)
+        data = dataclasses.replace(data, warnings=(*data.warnings, *warnings))
     return data
 
 
-def check_size(data: Measurements, robot: Robot) -> None:
-    """Raise an error for positions in another unit than the robot's lengths.
+def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
+    """Return a warning of positions that spread much farther than the commands; another unit is an error.
 
     Raises:
         InputError: The spread of the positions is about 1000 times too large or too small.
     """
     if data.q is None or data.n < 2:
-        return
+        return ()
     # Rows at an uneven step, so that repeated visits of one pose are not sampled alone.
     sample = data.subset(np.linspace(0, data.n - 1, min(data.n, _SCALE_SAMPLE)).astype(int))
     nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
     check_scale(sample.position, nominal, data.source)
+    measured_range, nominal_range = (float(np.max(central_range(p))) for p in (sample.position, nominal))
+    if measured_range < _MOST_RATIO * nominal_range + _LEAST_EXCESS:
+        return ()
+    return (
+        f"{data.source}: the positions spread over {measured_range:.3g} m, but the joints move the robot over "
+        f"{nominal_range:.3g} m only; check the unit of the joint columns (rad or degrees), and the robot",
+    )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import itertools
 import math
+import re
 import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -191,6 +192,8 @@ class TableReader:
         ):
             return None
         if dialect.decimal_comma:
+            if any("." in line for line in lines):  # a point may separate thousands: field by field it is refused
+                return None
             lines = [line.replace(",", ".") for line in lines]
         try:
             with warnings.catch_warnings():
@@ -263,20 +266,21 @@ class TableReader:
         if not field:
             self.log.add("the value is missing, expected a number", line, column)
             return math.nan
-        if self._dialect.decimal_comma and "." not in field:
-            field = field.replace(",", ".")
+        found = field
+        field = field.replace("\u2212", "-")
+        if self._dialect.decimal_comma:
+            field = field.replace(".", "_").replace(",", ".")
         try:
             # float() also accepts 1_000 and digits of other scripts, which are not numbers in a CSV file.
             value = float(field) if field.isascii() and "_" not in field else None
         except ValueError:
             value = None
         if value is None:
-            comma = field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdigit()
-            fix = "write decimals with a point, not a comma" if comma else None
-            self.log.add(f"found {clip(field)}, expected a number", line, column, fix)
+            fix = _advice(found, column, decimal_comma=self._dialect.decimal_comma)
+            self.log.add(f"found {clip(found)}, expected a number", line, column, fix)
             return math.nan
         if not math.isfinite(value):
-            self.log.add(f"found {clip(field)}, expected a finite number", line, column)
+            self.log.add(f"found {clip(found)}, expected a finite number", line, column)
             return math.nan
         return value
 
@@ -286,3 +290,22 @@ class TableReader:
         elif len(field) > MAX_TEXT:
             self.log.add(f"the text has {len(field)} characters, expected at most {MAX_TEXT}", line, column)
         return field[:MAX_TEXT]
+
+
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?")
+_WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?\s*(mm|m|um|µm|in|deg|rad|°|%)", re.IGNORECASE)
+
+
+def _advice(field: str, column: str, *, decimal_comma: bool) -> str | None:
+    """Return what to do about a field that is no number."""
+    if field == column:
+        return "delete the repeated header row"
+    if _WITH_UNIT.fullmatch(field):
+        return "write the number alone, and the unit in the column's name"
+    if not decimal_comma and field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdigit():
+        return "write decimals with a point, not a comma"
+    if _THOUSANDS.fullmatch(field):
+        return "export numbers without a separator of thousands"
+    if decimal_comma and "." in field:
+        return "the file has decimal commas; a point could separate thousands"
+    return None

@@ -89,6 +89,8 @@ def read_poses(
         layout = read_layout(header, log, joint_names, joint_types, attained, reading, commands)
         values, remarks = _read_values(reader, layout)
         _check_target_column(layout, target_names or (), reader, header.line)
+        values, remark = _targets_as_poses(values, target_names or ())
+        remarks += remark
         rows = RowChecks(values, log, ignore_limits=ignore_limits)
         rows.check_magnitudes()
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
@@ -128,6 +130,20 @@ def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:
         remarks += [read.remark] if read.remark else []
     row_index = {key: i for i, key in enumerate(keys)}
     return Values(layout, numbers, row_index, by_key, body.lines), remarks
+
+
+def _targets_as_poses(values: Values, target_names: Sequence[str]) -> tuple[Values, list[str]]:
+    """Return the values with a column Target as names of the poses, where each row of an export has another name."""
+    column, names = values.layout.columns.get("target"), values.texts.get("target")
+    if column is None or names is None or column.name == "target" or "pose" in values.texts:
+        return values, []
+    different = set(names.tolist())
+    if len(different) < max(names.size, 2) or different & set(target_names):
+        return values, []
+    texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
+    return dataclasses.replace(values, texts=texts), [
+        f"{column.name} taken for the names of the poses, since each row has another"
+    ]
 
 
 def _gap_text(body: TableBody, log: ProblemLog) -> str:

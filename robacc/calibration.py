@@ -10,8 +10,9 @@ import numpy as np
 
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
-from robacc.diagnostics.data_mistakes import refuse_mistake
+from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
+from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
 from robacc.errors import InputError
@@ -122,7 +123,7 @@ def calibrate(
         InputError: The data contain a mistake, or there are too few poses.
         UsageError: An effect cannot be fitted to this robot and these data.
     """
-    refuse_mistake(robot, data)
+    mistakes = check_data(robot, data)
     options = options or Options()
     plan = _Plan(robot, data, requests, options, priors or {}, shrink)
     progress("fitting", 0, n_folds + 1)
@@ -169,7 +170,11 @@ def calibrate(
         identifiability=final_fit.identifiability,
         leverage=high_leverage(final_fit, data),
         n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
-        warnings=(*_warnings(final_fit, data, comparison.after, noise), *([] if is_scatter else [NO_SCATTER])),
+        warnings=(
+            *mistakes,
+            *_warnings(final_fit, data, comparison.after, noise),
+            *([] if is_scatter else [NO_SCATTER]),
+        ),
         residuals=comparison.residuals,
         holdout=comparison.holdout,
         partial_residuals=tuple(
@@ -295,6 +300,7 @@ def _warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit
         *data.warnings,
         *data.contradicted_ids(),
         *outliers_warning(final_fit, data),
+        *suspected_mistakes(final_fit),
         *frames_warning(final_fit, data),
     ]
     warnings.extend((*sigma_warning(noise), *weak_parameters_warning(final_fit)))

@@ -1,209 +1,225 @@
-"""Mistakes in the data or the robot file, detected before any effect is fitted."""
+"""Mistakes in the data or the robot file, detected before any effect is fitted.
+
+Mistakes are tried alone and in sets: every set of joint signs, signs with an interaction of two joints, and then the
+best sets with further changes. Each hypothesis is judged by all rows of a sample, with base and target registered.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from robacc.diagnostics.batch_registration import orientation_errors
+from robacc.diagnostics.joint_changes import (
+    JointChange,
+    inner_zeros,
+    interactions,
+    joint_changes,
+    permutations,
+    sign_sets,
+)
+from robacc.diagnostics.measured_changes import MeasuredPoses, axis_change, measured_changes, orientation_changes
+from robacc.diagnostics.mistake import Mistake
+from robacc.diagnostics.mistake_hypothesis import Hypothesis, hypothesis, simplest
+from robacc.diagnostics.row_mistakes import find_row_mistakes
+from robacc.diagnostics.screening import Sample, arm_poses, most_likely, screen
 from robacc.errors import InputError, RobaccError
 from robacc.fitting.closed_form import register_frames
-from robacc.geometry import Array, quaternion_from_rotation, rotation_from_quaternion
+from robacc.geometry import Array, Poses, log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Robot
 
-GROSS = 0.02
-"""Median error, as a share of the standard deviation of the positions, above which it is no inaccuracy of an arm."""
+GROSS = 0.01
+"""Registered error, as a share of the standard deviation of the positions (or in rad), above which it may come from a
+mistake."""
 _IMPROVEMENT = 8.0
-"""Factor by which a correction has to reduce the median error for its mistake to be reported."""
+"""Factor by which a correction has to reduce the error for its mistake to be reported."""
+_ENOUGH = 0.02
+"""Registered error of an arm without a mistake, at which the search ends."""
+_WRONG_ORIENTATION = 0.05
+"""rad; orientation error from which other readings of the orientations are tried."""
+_MOST_ORIENTATION = 0.5
+"""rad; orientation error up to which the orientations show the axes of the positions."""
 _LEAST_POSES = 8
 """Poses that the check needs at least: registration of base and tool fits fewer poses in spite of a mistake."""
-_LEAST_SPREAD = 1e-12
-"""m; least standard deviation of the positions."""
-
-
-@dataclass(frozen=True, slots=True)
-class Mistake:
-    """A mistake in the data or the robot file, and the error with and without it."""
-
-    name: str
-    fix: str
-    before: float
-    """Median position error of the registered nominal model, m."""
-    after: float
-    """The same with the mistake corrected, m."""
+_REGISTERED = 400
+"""Rows on which base and target are registered at most."""
+_PLAUSIBLE = 0.1
+"""Share of the standard deviation of the positions up to which the orientations and axes are examined."""
+_LISTED = 40
+"""Hypotheses of each group that are judged by all rows of the sample."""
+_COMPLETED = 6
+"""Hypotheses of each group whose orientations and axes are examined."""
+_BEAM = 10
+"""Sets of mistakes that are extended."""
+_EXTENSIONS = 2
+"""Changes that a set is extended by at most."""
 
 
 def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
-    """Return the mistake that explains a gross misfit, or None if there is none."""
-    if data.n < _LEAST_POSES or data.q is None:
+    """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
+    if data.n < _LEAST_POSES or data.q is None or not _is_gross(data, _registered_poses(robot, data)):
         return None
-    before, position_std = _median_error(robot, data), _position_std(data)
-    if before <= GROSS * position_std:
-        return None
-    best: Mistake | None = None
-    for name, fix, correct in _hypotheses(robot, data):
-        try:
-            corrected = correct()
-            after = _median_error(*corrected)
-        except (RobaccError, np.linalg.LinAlgError):
-            continue
-        # Relative to the positions' own scatter, since a change of their unit scales the error too.
-        if after * position_std * _IMPROVEMENT < before * _position_std(corrected[1]) and (
-            best is None or after < best.after
-        ):
-            best = Mistake(name, fix, before, after)
-    return best
+    search = _Search(robot, Sample.of(robot, data))
+    return None if search.null.total <= GROSS else search.run()
 
 
-def refuse_mistake(robot: Robot, data: Measurements) -> None:
-    """Raise an error if the data contain a mistake.
+def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
+    """Raise an error if the data contain a mistake; return warnings of mistakes in a few rows.
 
     Raises:
         InputError: the mistake, its errors and the fix.
     """
-    mistake = find_mistake(robot, data)
-    if mistake is not None:
-        file = f"{data.source}: " if data.source else ""
-        raise InputError(
-            f"{file}{mistake.name}: with base and tool registered, the median error is {mistake.before * 1e3:.3g} mm, "
-            f"and {mistake.after * 1e3:.3g} mm after this correction; {mistake.fix}"
-        )
+    if data.n < _LEAST_POSES or data.q is None:
+        return ()
+    file = f"{data.source}: " if data.source else ""
+    poses = _registered_poses(robot, data)
+    rows = find_row_mistakes(robot, data, poses.translation)
+    if rows is not None and rows.refused:
+        raise InputError(f"{file}{rows.text}")
+    if _is_gross(data, poses):
+        mistake = find_mistake(robot, data)
+        if mistake is not None:
+            raise InputError(f"{file}{mistake.text}")
+    return () if rows is None else (f"{file}{rows.text}",)
 
 
-def _median_error(robot: Robot, data: Measurements) -> float:
-    registered = register_frames(robot, data, True, True)
-    return float(np.median(np.linalg.norm(data.position - predict(registered, data).translation, axis=0)))
+def _registered_poses(robot: Robot, data: Measurements) -> Poses:
+    """Return the poses of the nominal model with base and targets registered."""
+    rows = np.unique(np.linspace(0, data.n - 1, min(data.n, _REGISTERED)).astype(int))
+    return predict(register_frames(robot, data.subset(rows), True, True), data)
 
 
-def _position_std(data: Measurements) -> float:
-    return max(float(np.sqrt(np.mean(np.var(data.position, axis=1)) * 3)), _LEAST_SPREAD)
-
-
-Correction = Callable[[], tuple[Robot, Measurements]]
-
-
-def _hypotheses(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Correction]]:
-    """Yield possible mistakes: the text, the fix, and a function that corrects robot and data."""
-    assert data.q is not None
-    yield from _joint_hypotheses(robot, data, data.q)
-    yield from _unit_hypotheses(robot, data, data.q)
-    yield from _axis_hypotheses(robot, data)
-    yield from _order_hypotheses(robot, data)
-    yield from _column_hypotheses(robot, data, data.q)
-
-
-def _joint_hypotheses(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str, str, Correction]]:
-    """Yield a wrong sign or unit of a single joint."""
-    for i, joint in enumerate(robot.variables):
-        turned = q.copy()
-        turned[i] = -turned[i]
-        yield (
-            f"the sign of joint {joint.name} seems to be reversed",
-            "set sign: -1 for the joint in the robot file, or reverse the sign of its column",
-            _corrected(robot, data, q=turned),
-        )
-        if joint.type == "revolute":
-            scaled = q.copy()
-            scaled[i] = np.deg2rad(scaled[i])
-            yield (
-                f"the column of joint {joint.name} seems to be in degrees",
-                "give its unit in the column's name, as in q1_deg",
-                _corrected(robot, data, q=scaled),
-            )
-
-
-def _unit_hypotheses(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str, str, Correction]]:
-    """Yield a wrong unit of all joints, or of the positions."""
-    revolute = np.array([joint.type == "revolute" for joint in robot.variables])[:, None]
-    yield (
-        "the joint columns seem to be in degrees",
-        "give the unit in their names, as in q1_deg",
-        _corrected(robot, data, q=np.where(revolute, np.deg2rad(q), q)),
-    )
-    for factor, unit in ((1e-3, "millimetres"), (1e-6, "micrometres")):
-        yield (
-            f"the positions seem to be in {unit}",
-            "give the unit in their names, as in x_mm",
-            _corrected(robot, data, position=data.position * factor),
-        )
-
-
-def _axis_hypotheses(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Correction]]:
-    """Yield a wrong axis of the measured positions: a reversed sign, or two exchanged columns.
-
-    Without orientations all of these are equivalent: the frame is left-handed.
-    """
+def _is_gross(data: Measurements, poses: Poses) -> bool:
+    """Return whether the registered error may come from a mistake."""
+    spread = float(np.sqrt(np.var(data.position, axis=1).sum()))
+    error = float(np.median(np.linalg.norm(data.position - poses.translation, axis=0)))
+    if error > GROSS * spread:
+        return True
     if data.rotation is None:
-        yield (
-            "the positions seem to be in a left-handed frame",
-            "look for a column with a reversed sign, or for two exchanged columns",
-            _corrected(robot, data, position=data.position * np.array([[-1.0], [1.0], [1.0]])),
-        )
-        return
-    for i, axis in enumerate("xyz"):
-        yield (
-            f"the column {axis} seems to have a reversed sign",
-            "measure in a right-handed frame, or reverse the sign of the column",
-            _corrected(robot, data, position=data.position * np.where(np.arange(3) == i, -1.0, 1.0)[:, None]),
-        )
-    for first, second in ((0, 1), (0, 2), (1, 2)):
-        order = np.arange(3)
-        order[[first, second]] = second, first
-        yield (
-            f"the columns {'xyz'[first]} and {'xyz'[second]} seem to be exchanged",
-            "correct the names of the columns",
-            _corrected(robot, data, position=data.position[order]),
-        )
+        return False
+    turn = np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0)
+    return float(np.median(turn)) > GROSS
 
 
-def _column_hypotheses(robot: Robot, data: Measurements, q: Array) -> Iterator[tuple[str, str, Correction]]:
-    """Yield two exchanged joint columns."""
-    for (i, first), (j, second) in itertools.combinations(enumerate(robot.variables), 2):
-        exchanged = q.copy()
-        exchanged[[i, j]] = q[[j, i]]
-        yield (
-            f"the columns of joints {first.name} and {second.name} seem to be exchanged",
-            "correct the names of the columns",
-            _corrected(robot, data, q=exchanged),
-        )
+class _Search:
+    """Search for the simplest set of mistakes whose correction leaves the error of an arm."""
 
+    def __init__(self, robot: Robot, sample: Sample) -> None:
+        """Judge the data as they are."""
+        self._robot = robot
+        self._sample = sample
+        data = sample.data
+        self._as_measured = MeasuredPoses(data.position, data.rotation)
+        self._pool: list[Hypothesis] = []
+        (self.null,) = self._judged(robot, self._as_measured, [()])[:1]
+        self._pool.append(self.null)
 
-def _order_hypotheses(robot: Robot, data: Measurements) -> Iterator[tuple[str, str, Correction]]:
-    """Yield a wrong order of rows, of the motions of a link, or of the parts of a quaternion."""
-    for step in (1, -1):
-        yield (
-            f"the measured poses seem to be shifted by one row {'down' if step > 0 else 'up'} against the joints",
-            "pair each measured pose with its own joint values",
-            functools.partial(_shifted, robot, data, step),
-        )
-    if robot.convention in ("standard", "modified"):
-        other_convention = "modified" if robot.convention == "standard" else "standard"
-        yield (
-            f"the table seems to be of the {other_convention} Denavit-Hartenberg convention",
-            f"set convention: {other_convention}",
-            lambda: (dataclasses.replace(robot, convention=other_convention), data),  # type: ignore[arg-type]
-        )
-    if data.rotation is not None:
-        swapped = rotation_from_quaternion(np.roll(quaternion_from_rotation(data.rotation), 1, axis=0))
-        yield (
-            "the quaternions seem to be in the order x, y, z, w",
-            "correct the names of the columns: qw is the scalar part",
-            _corrected(robot, data, rotation=swapped),
-        )
+    def run(self) -> Mistake | None:
+        """Return the mistake, or None if no set of mistakes explains the error."""
+        robot, data = self._robot, self._sample.data
+        assert data.q is not None
+        _, arm_position = arm_poses(robot, data, data.q[None])
+        spread = max(float(np.sqrt(np.var(arm_position[0], axis=0).sum())), 1e-12)
+        as_measured, *variants = measured_changes(data.position, data.rotation, spread)
+        for variant in (as_measured, *variants):
+            self._try(robot, variant, [()])
+        for other in self._other_conventions():
+            self._try(other, as_measured, [()])
+        self._try(robot, as_measured, [(change,) for change in joint_changes(robot)])
+        signs = [(change,) for change in sign_sets(robot)]
+        self._try(robot, as_measured, signs)
+        if not self._explained():
+            self._try_sets(variants, [(), *signs])
+        return simplest(self._pool, self.null, _IMPROVEMENT)
 
+    def _try_sets(self, variants: Iterable[MeasuredPoses], signs: Sequence[tuple[JointChange, ...]]) -> None:
+        """Try sets of different mistakes until one explains the error."""
+        for variant in variants:
+            self._try(self._robot, variant, signs)
+        common = [change for change in interactions(self._robot) if change.of_neighbours]
+        common.extend(change for change in joint_changes(self._robot) if change.of_all)
+        self._try(self._robot, self._as_measured, [(*some, change) for some in signs for change in common])
+        if self._explained():
+            return
+        zeros = inner_zeros(self._robot)
+        self._try(self._robot, self._as_measured, list(itertools.combinations(zeros, 2)))
+        self._try(self._robot, self._as_measured, [(*some, change) for some in signs for change in zeros])
+        for other in self._other_conventions():
+            self._try(other, self._as_measured, signs)
+        self._try(self._robot, self._as_measured, [(change,) for change in permutations(self._robot)])
+        for _ in range(_EXTENSIONS):
+            if self._explained():
+                return
+            self._extend()
 
-def _corrected(robot: Robot, data: Measurements, **changes: np.ndarray) -> Correction:
-    return lambda: (robot, dataclasses.replace(data, **changes))  # type: ignore[arg-type]
+    def _other_conventions(self) -> list[Robot]:
+        if self._robot.convention not in ("standard", "modified"):
+            return []
+        other = "modified" if self._robot.convention == "standard" else "standard"
+        return [dataclasses.replace(self._robot, convention=other)]  # type: ignore[arg-type]
 
+    def _explained(self) -> bool:
+        best = min(item.total for item in self._pool)
+        return best < _ENOUGH and best * _IMPROVEMENT < self.null.total
 
-def _shifted(robot: Robot, data: Measurements, step: int) -> tuple[Robot, Measurements]:
-    assert data.q is not None
-    inside = data.subset(np.arange(1, data.n) if step > 0 else np.arange(data.n - 1))
-    moved = data.q[:, :-1] if step > 0 else data.q[:, 1:]
-    return robot, dataclasses.replace(inside, q=moved)
+    def _extend(self) -> None:
+        """Add each elementary change to the best sets so far."""
+        best = sorted(self._pool, key=lambda item: (item.rank, item.complexity))[:_BEAM]
+        for item in best:
+            self._try(item.robot, item.measured, [(*item.changes, change) for change in joint_changes(self._robot)])
+
+    def _try(self, robot: Robot, measured: MeasuredPoses, sets: Sequence[tuple[JointChange, ...]]) -> None:
+        if sets:
+            self._pool.extend(self._judged(robot, measured, sets))
+
+    def _judged(
+        self, robot: Robot, measured: MeasuredPoses, sets: Sequence[tuple[JointChange, ...]]
+    ) -> list[Hypothesis]:
+        """Return the best of the sets with their errors, some completed by changes of orientations and axes."""
+        q = [self._corrected(changes) for changes in sets]
+        try:
+            if len(sets) > _LISTED:
+                likely = most_likely(robot, self._sample, q, measured.position, _LISTED)
+                sets, q = [sets[i] for i in likely], [q[i] for i in likely]
+            result = screen(robot, self._sample, q, measured.position, measured.rotation)
+        except (RobaccError, np.linalg.LinAlgError):
+            return []
+        order = np.argsort(result.rank, kind="stable")
+        judged = [hypothesis(robot, measured, sets[i], result, int(i), robot is not self._robot) for i in order]
+        for item, i in list(zip(judged, order, strict=True))[:_COMPLETED]:
+            if item.orientation is None or result.position[i] > _PLAUSIBLE * result.spread:
+                continue
+            rotations = result.rotations(int(i))
+            for changed in self._completions(robot, measured, q[i], item.orientation, rotations):
+                again = screen(robot, self._sample, [q[i]], changed.position, changed.rotation)
+                judged.append(hypothesis(robot, changed, sets[i], again, 0, robot is not self._robot))
+        return judged
+
+    def _corrected(self, changes: Sequence[JointChange]) -> Array:
+        q = self._sample.data.q
+        assert q is not None
+        for change in changes:
+            q = change.apply(q)
+        return q
+
+    def _completions(
+        self, robot: Robot, measured: MeasuredPoses, q: Array, error: float, rotations: tuple[Array, Array] | None
+    ) -> list[MeasuredPoses]:
+        """Return the measured poses with another reading of the orientations, or other axes of the positions."""
+        if measured.rotation is None or rotations is None:
+            return []
+        changed = []
+        if error > _WRONG_ORIENTATION:
+            readings = list(orientation_changes(measured.rotation))
+            turned = np.stack([np.moveaxis(rotation, 2, 0) for _, _, rotation in readings])
+            arm_rotation = np.broadcast_to(arm_poses(robot, self._sample.data, q[None])[0], turned.shape)
+            base = np.broadcast_to(rotations[0], (len(readings), 3, 3))
+            best = int(np.argmin(orientation_errors(arm_rotation, turned, base)))
+            changed = [measured.with_rotation(*readings[best])]
+        axes = axis_change(*rotations, measured.mirrored) if error < _MOST_ORIENTATION else None
+        return changed if axes is None else [*changed, measured.with_axes(*axes)]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.diagnostics.residual_correlation import residual_correlations
+from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
@@ -107,6 +108,7 @@ def remaining_error(
     residual = final.residual[:3, final.inliers]
     rms = float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
     hints.extend(_scatter_hints(repeatability))
+    hints.extend(suspected_mistakes(final))
     hints.extend(_outlier_hints(final, data))
     hints.extend(_size_hints(loop, noise, repeatability, rms))
     if noise.p_value is not None and noise.p_value <= FALSE_ALARM:

@@ -10,7 +10,8 @@ import numpy as np
 
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
-from robacc.diagnostics.data_mistakes import refuse_mistake
+from robacc.diagnostics.data_mistakes import check_data
+from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
@@ -112,7 +113,7 @@ def trace(
         InputError: the data contain a mistake that no effect should explain, or are too few.
         UsageError: the data lack a quantity that a declared effect needs.
     """
-    refuse_mistake(model.arm.robot, data)
+    mistakes = check_data(model.arm.robot, data)
     search_result = search(
         model,
         data,
@@ -162,6 +163,8 @@ def trace(
         n_folds=0 if validation is None else validation.folds,
         next_poses=_advice(loop, findings, data, noise.noise.position, seed),
         warnings=(
+            *mistakes,
+            *suspected_mistakes(final),
             *convergence_warning(final),
             *mass_warning(final),
             *data.warnings,

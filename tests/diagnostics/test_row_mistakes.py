@@ -1,0 +1,65 @@
+"""Rows that are exchanged or shifted are named with their numbers; scattered outliers are not."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import independent_arm as arm
+import numpy as np
+import pytest
+from test_mistake_sets import made
+
+from robacc.diagnostics.data_mistakes import check_data
+from robacc.errors import InputError
+from robacc.measurements import Measurements
+
+N = 60
+
+
+def data(order: np.ndarray | None = None) -> Measurements:
+    """Measured rows in the given order; the joints stay."""
+    q, position, _ = made(N, 5)
+    return Measurements(position=position if order is None else position[:, order], q=q)
+
+
+def test_two_exchanged_rows_are_named_and_the_others_used() -> None:
+    order = np.arange(N)
+    order[[11, 40]] = 40, 11
+    (warning,) = check_data(arm.robot(), data(order))
+    assert warning.startswith("lines 12, 41: the measured poses seem to be exchanged")
+
+
+def test_many_exchanged_rows_are_refused() -> None:
+    order = np.arange(N)
+    order[[3, 50, 11, 40]] = 50, 3, 40, 11
+    with pytest.raises(InputError, match=r"^lines 4, 51; 12, 41: the measured poses seem to be exchanged"):
+        check_data(arm.robot(), data(order))
+
+
+def test_a_cycle_of_rows() -> None:
+    order = np.arange(N)
+    order[[3, 20, 50]] = 20, 50, 3
+    (warning,) = check_data(arm.robot(), data(order))
+    assert warning.startswith("lines 4, 21, 51: the measured poses seem to be in another order than the joints")
+
+
+@pytest.mark.parametrize(("first", "end", "shift"), [(20, 35, 1), (0, 40, -1), (30, 60, 2), (10, 55, 1)])
+def test_a_shifted_stretch(first: int, end: int, shift: int) -> None:
+    order = np.arange(N)
+    order[first:end] = np.roll(order[first:end], shift)
+    with pytest.raises(InputError, match="the measured poses seem to be shifted") as info:
+        check_data(arm.robot(), data(order))
+    text = str(info.value)
+    count = "one row" if abs(shift) == 1 else f"{abs(shift)} rows"
+    assert f"shifted by {count} {'down' if shift > 0 else 'up'} against the joints" in text
+    named = [int(part) for part in text.partition(":")[0].removeprefix("lines ").split(" to ")]
+    assert abs(named[0] - 1 - first) <= 2
+    assert abs(named[1] - end) <= 2
+
+
+def test_scattered_outliers_are_no_exchange() -> None:
+    good = data()
+    rng = np.random.default_rng(0)
+    position = good.position.copy()
+    position[:, [4, 17, 33, 48]] += rng.normal(scale=0.3, size=(3, 4))
+    assert check_data(arm.robot(), dataclasses.replace(good, position=position)) == ()

@@ -35,7 +35,7 @@ def test_reach_is_the_sum_of_the_lengths() -> None:
 
 def test_a_length_that_is_far_off_is_suspected() -> None:
     (text,) = warnings(0.2)
-    assert "link_geometry.j4.d is corrected by -200" in text
+    assert "link_geometry.j4.d is corrected by -19" in text
 
 
 def test_a_usual_correction_is_not() -> None:

@@ -64,7 +64,7 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
     if data.n < _LEAST_POSES or data.q is None or not _is_gross(data, _registered_poses(robot, data)):
         return None
-    search = _Search(robot, Sample.of(robot, data))
+    search = _MistakeSearch(robot, Sample.of(robot, data))
     return None if search.null.total <= GROSS else search.run()
 
 
@@ -106,7 +106,7 @@ def _is_gross(data: Measurements, poses: Poses) -> bool:
     return float(np.median(turn)) > GROSS
 
 
-class _Search:
+class _MistakeSearch:
     """Search for the simplest set of mistakes whose correction leaves the error of an arm."""
 
     def __init__(self, robot: Robot, sample: Sample) -> None:

@@ -69,7 +69,7 @@ CampaignOption = Annotated[
     CampaignUseName,
     typer.Option(
         "--campaign",
-        help="Drift and other facts of the campaign that a model was fitted in: auto applies them to its own poses.",
+        help="Use of the drift and other facts of a model's campaign; auto applies them to the poses of that campaign.",
     ),
 ]
 StrictRangeOption = Annotated[

@@ -27,7 +27,11 @@ def effects(
     robot: RobotOption = None,
     poses: Annotated[
         str | None,
-        typer.Option("--poses", metavar="FILE", help="CSV of poses; says which effects they can show. Needs --robot."),
+        typer.Option(
+            "--poses",
+            metavar="FILE",
+            help="CSV of poses; the list says which effects they can identify. Needs --robot.",
+        ),
     ] = None,
     ordered: OrderedOption = False,
     ignore_limits: IgnoreLimitsOption = False,

@@ -102,8 +102,9 @@ def predict(
 ) -> None:
     """Predict covariances, error budget and grade from parameter tolerances or the fit of a model file.
 
-    The prediction is for the joints of --poses, else of --against, else for configurations over the joint ranges. For a
-    file of --write-model it is that of the calibrated arm; --tolerances predicts arms made with these tolerances.
+    The prediction is for the joints of --poses, else of --against, else for configurations over the joint ranges. With
+    a model that --write-model wrote, it is for the calibrated arm; with --tolerances, it is for arms made with these
+    tolerances.
 
     Example: robacc predict robot.yaml --tolerances tolerances.yaml --allocate C
     """

@@ -138,11 +138,12 @@ def calibrate(
         is_scatter = not contradicts_scatter(unshrunk, weighted[0], components, data)
         if is_scatter:
             options, (unshrunk, deflection) = scattered_options, weighted
+        else:
+            unshrunk = with_scatter_covariance(unshrunk, components, data)
     plan = dataclasses.replace(plan, options=options)
     final_fit, shrunk = _shrunk(plan, unshrunk, data, options)
     repeatability = None if components is None else repeatability_of(final_fit, components, data)
-    if components is not None and not is_scatter:
-        final_fit = with_scatter_covariance(final_fit, components, data)
+    if not is_scatter:
         repeatability = measured_alone(repeatability)
     effects = final_fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)

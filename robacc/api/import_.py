@@ -21,6 +21,14 @@ def import_(file: StrPath, *, arm: str | None = None) -> Robot:
     Raises:
         InputError: The file cannot be read, or is none of these formats.
         UsageError: The arm is unknown.
+
+    Example:
+        >>> import pathlib, tempfile
+        >>> import robacc
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "model.json"
+        >>> robacc.export("sample_data/robot.yaml", format="json").write(path)
+        >>> robacc.import_(path).variable_names == robacc.read_robot("sample_data/robot.yaml").variable_names
+        True
     """
     from robacc.controllers.import_text import parse_controller_file
     from robacc.io.files import read_text

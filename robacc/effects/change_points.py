@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
+from robacc.effects.frame_drift import FrameDrift
 from robacc.effects.step import Step, sequence_of
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -47,6 +48,11 @@ def at_place(form: Effect, place: float, data: Measurements) -> Effect:
 def is_step(effect: Effect) -> bool:
     """Return whether an effect is a step, whose place a search finds."""
     return isinstance(effect, Step)
+
+
+def is_drift(effect: Effect) -> bool:
+    """Return whether an effect is a continuous drift of the base."""
+    return isinstance(effect, FrameDrift)
 
 
 def place_of(effect: Effect) -> float:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.change_points import is_step
-from robacc.effects.frame_drift import FrameDrift
+from robacc.effects.change_points import is_drift, is_step
 from robacc.fitting.fit_repeatability import is_same, significant_components, with_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
@@ -179,7 +178,7 @@ class _Search:
                 return last
             self.steps.append(SelectionStep("drop", f"{weakest}: errors wander", []))
             last = self._refitted(last, tuple(effect for effect in last.effects if effect != weakest))
-            drifts = [r for r in last.selection.rank() if isinstance(r.candidate.effect, FrameDrift)]
+            drifts = [r for r in last.selection.rank() if is_drift(r.candidate.effect)]
             if drifts and drifts[0].p_value <= FALSE_ALARM:
                 last = self._refitted(last, (*last.effects, drifts[0].candidate.effect))
 

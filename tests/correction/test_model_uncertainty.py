@@ -103,7 +103,12 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     model = tmp_path / "model.yaml"
     result.write_model(model)
     prediction = robacc.predict(model, samples=200)
-    assert {share.name for share in prediction.budget} == {"coefficients", "repeatability", "unexplained", "extrapolation"}
+    assert {share.name for share in prediction.budget} == {
+        "coefficients",
+        "repeatability",
+        "unexplained",
+        "extrapolation",
+    }
     assert sum(share.position for share in prediction.budget) == pytest.approx(1.0)
     assert prediction.position.rms < 1e-4
     assert prediction.grade.grade in "AB"

@@ -28,14 +28,13 @@ def test_sixty_planned_rows_do_for_all() -> None:
         predicted = fitted.model.bind(data.subset(at)).poses(fitted.theta).translation
         return float(np.sqrt(np.mean(np.sum(np.square(data.position[:, at] - predicted), axis=0))))
 
-    settings = CampaignSettings(
-        "calibrate", 60, noise=1e-5, unexplained=2.5e-4, noise_orientation=5e-4, check_every=0, repeats=0
-    )
+    settings = CampaignSettings("calibrate", 60, noise=1e-5, unexplained=2.5e-4, check_every=0, repeats=0)
     plan = plan_campaign(robot, settings, candidates=data, task=data)
     chosen = plan.candidates.q[:, plan.chosen]
     rows = np.unique([int(np.argmin(np.sum(np.square(data.q - q[:, None]), axis=0))) for q in chosen.T])
     others = np.setdiff1d(np.arange(data.n), rows)
     assert rows.size == 60
-    # The remaining error is a periodic error of the joints, not noise, so random rows do as well here: 1.05 of the fit
-    # to all, like the planned ones (1.06).
+    # The remaining error is a periodic error of the joints, not noise, so random rows do as well here: 1.03 to 1.12 of
+    # the fit to all in twelve draws, 1.06 in the mean. Planned rows give 1.07; with other criteria, other unexplained
+    # errors and orientations planned too, 1.06 to 1.14.
     assert error(rows, others) < 1.10 * error(np.arange(data.n), others)

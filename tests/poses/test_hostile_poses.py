@@ -95,7 +95,7 @@ def test_a_file_of_ten_gigabytes_and_streams_without_an_end(tmp_path: Path) -> N
 
 
 def test_no_file_of_rows(tmp_path: Path) -> None:
-    for path, message in ((str(tmp_path), "cannot be read"), (os.devnull, "the file is empty")):
+    for path, message in ((str(tmp_path), "is a folder, expected a file"), (os.devnull, "the file is empty")):
         with pytest.raises(InputError, match=message):
             read_poses(path)
 

@@ -94,6 +94,7 @@ def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path
                 assert found.value == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
     import numpy as np
 

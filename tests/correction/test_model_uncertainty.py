@@ -77,7 +77,7 @@ def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
     assert 0.5 < np.mean(normalised) < 1.6
 
 
-@pytest.mark.parametrize("orientation", [True, False])
+@pytest.mark.parametrize("orientation", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_errors_after_the_correction_keep_their_bound(orientation: bool) -> None:
     truth, inside, ratio = robacc.read_robot(TRUTH), [], []
     for seed in range(3):

@@ -20,7 +20,7 @@ values = st.recursive(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=40)
 @given(st.dictionaries(st.text(), values))
 def test_reads_back_as_it_was(document: dict[str, object]) -> None:
     assert json.loads(json_text(document)) == document

@@ -15,7 +15,7 @@ from robacc.statistics.scaled_percentile import LengthShape, ScaledPercentileCur
     [
         pytest.param((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), marks=pytest.mark.slow),
         pytest.param((1.0, 0.5, 0.1), (0.0, 0.0, 0.0), marks=pytest.mark.slow),
-        ((1.0, 0.5, 0.3), (2.0, 0.0, 0.0)),
+        pytest.param((1.0, 0.5, 0.3), (2.0, 0.0, 0.0), marks=pytest.mark.slow),
     ],
 )
 def test_the_interval_has_its_confidence(std: tuple[float, ...], mean: tuple[float, ...]) -> None:

@@ -142,7 +142,7 @@ def test_a_form_that_others_make_up_is_not_repeated() -> None:
     assert all(one.effect != "base_frame" for one in found)
 
 
-@pytest.mark.parametrize("which", ["backlash", "thermal_expansion"])
+@pytest.mark.parametrize("which", [pytest.param("backlash", marks=pytest.mark.slow), "thermal_expansion"])
 def test_far_beyond_the_limit_an_effect_is_named_and_far_below_it_is_not(which: str) -> None:
     one = draw(KINDS[which], 0)
     for times, expected in ((10.0, True), (0.1, False)):

@@ -42,7 +42,14 @@ def assert_fitted_together(result: SearchResult) -> None:
 
 
 @pytest.mark.parametrize("rounds", [0, pytest.param(1, marks=pytest.mark.slow), 4])
-@pytest.mark.parametrize("effects", ["joint_compliance[j2,j3]", "backlash[j3],joint_coupling[j5]", "gear_ratio[j2]"])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        pytest.param("joint_compliance[j2,j3]", marks=pytest.mark.slow),
+        "backlash[j3],joint_coupling[j5]",
+        "gear_ratio[j2]",
+    ],
+)
 def test_effects_fit_and_selection_agree(effects: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loop, "_ROUNDS", rounds)
     model, data = measured(effects, 5)

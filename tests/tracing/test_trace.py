@@ -85,7 +85,9 @@ def named(found: Trace) -> list[tuple[str, tuple[str, ...]]]:
     return [(finding.effect, finding.joints) for finding in found.findings]
 
 
-@pytest.mark.parametrize("name", ["puma560", "panda", "stanford", "scara"])
+@pytest.mark.parametrize(
+    "name", ["panda", "scara", *(pytest.param(name, marks=pytest.mark.slow) for name in ("puma560", "stanford"))]
+)
 def test_a_clean_arm_is_left_alone(name: str) -> None:
     for seed in range(2):
         found = traced(arm(name).robot, measured(name, n=60, seed=seed))
@@ -151,7 +153,9 @@ def test_a_searched_order_is_found_off_the_grid() -> None:
     assert low < high
 
 
-@pytest.mark.parametrize("which", CASES)
+@pytest.mark.parametrize(
+    "which", ["compliance", *(pytest.param(n, marks=pytest.mark.slow) for n in CASES if n != "compliance")]
+)
 def test_the_written_model_predicts_as_fitted_and_finds_nothing_more(which: str) -> None:
     data, found = case(which)
     again = parse_robot(robot_to_yaml(found.robot), "model.yaml")

@@ -133,7 +133,7 @@ def test_a_table_of_the_other_convention(name: str, other: str) -> None:
     assert find_mistake(robot, data) is None
 
 
-@pytest.mark.parametrize("name", [*CONFIGURED, "urdf:puma560", "targets:puma560"])
+@pytest.mark.parametrize("name", [*CONFIGURED, "urdf:puma560", pytest.param("targets:puma560", marks=pytest.mark.slow)])
 def test_good_data_hold_no_mistake(name: str) -> None:
     robot = arm(name).robot
     rng = np.random.default_rng(0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,6 +18,8 @@ from robacc.robots.arm import Arm
 
 _DEGREES = (1, 3, 5)
 """Degrees of the drifts that a trace tries."""
+_FARTHEST = 12.0
+"""m; an instrument that measures an arm stands nearer. A drift about a farther point is one of the base."""
 
 
 @register
@@ -104,20 +106,35 @@ class InstrumentScale(Effect):
         """Return the key of a term, which drifts of all degrees over the same time share."""
         return f"{term.name}|{self.origin}|{self.span}"
 
+    def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
+        """Return the reason if the point of a drift is no place of an instrument: then it is a drift of the base."""
+        centre = self._centre({term.name: value for term, value in zip(terms, values, strict=True)})
+        if centre is None or math.hypot(*centre) <= _FARTHEST:
+            return super().implausible(terms, values)
+        return f"{self.name}: its centre {math.hypot(*centre):.2g} m away is implausible: an instrument stands nearer"
+
+    def _centre(self, values: Mapping[str, float]) -> tuple[float, float, float] | None:
+        """Return the point, m, about which the scale drifts; None without drift."""
+        powers = range(1, self.drift + 1)
+        scale = np.array([values.get(f"{self.name}.k{power}", 0.0) for power in powers])
+        size = float(scale @ scale)
+        if size == 0.0:
+            return None
+        shifts = [np.array([values.get(f"{self.name}.{label}{power}", 0.0) for power in powers]) for label in "xyz"]
+        x, y, z = (-float(scale @ shift) / size for shift in shifts)
+        return x, y, z
+
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
         """Return how far a drifting scale ranges, and about which point."""
-        if not self.drift:
+        centre = self._centre(values)
+        if centre is None:
             return None
         powers = np.arange(1, self.drift + 1)
         scale = np.array([values.get(f"{self.name}.k{power}", 0.0) for power in powers])
         curve = scale @ np.linspace(-1, 1, 101)[None] ** powers[:, None]
-        size = float(scale @ scale)
-        if size == 0.0:
-            return None
-        shift = [np.array([values.get(f"{self.name}.{label}{power}", 0.0) for power in powers]) for label in "xyz"]
-        place = ", ".join(f"{-float(scale @ part) / size:.2g}" for part in shift)
+        place = ", ".join(f"{coordinate:.2g}" for coordinate in centre)
         return (
             f"the instrument's scale ranges over {1e6 * float(np.ptp(curve)):.2g} ppm during the poses, about the "
             f"point {place} m: log temperature and pressure of the air, and measure a fixed target between the poses"

@@ -129,6 +129,14 @@ def test_air_that_drifts_is_one_effect_about_the_instrument() -> None:
     np.testing.assert_allclose(place, TRACKER, atol=0.5)
 
 
+def test_a_base_that_drifts_is_no_drift_of_the_scale() -> None:
+    """A drift of the scale about a point far away is one of the base: the simpler name stays."""
+    share = ELAPSED / ELAPSED[-1] - 0.5
+    moved = positions() + np.array([[-2e-4], [3e-4], [1e-4]]) * share
+    (effect,) = found(measured(POSES, moved, NOISE, 6, timed=True))
+    assert effect.name == "frame_drift"
+
+
 def test_a_joint_that_warms_up_is_found_with_its_time_constant() -> None:
     data = measured(POSES, warm(1, 3e-4, 500.0), NOISE, 5, timed=True)
     (effect,) = found(data)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.change_points import is_drift, is_step
+from robacc.effects.change_points import is_drift, looks_like_wander
 from robacc.fitting.fit_repeatability import is_same, significant_components, with_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
@@ -28,7 +28,7 @@ _BETTER = 10.0
 _SCATTER_ROUNDS = 3
 """Largest number of estimates of the scatter of the joints."""
 _LEAST_WORTH = 5.0
-"""Evidence (log Bayes factor) that a step needs beside a wander of the errors (odds of 150 to 1)."""
+"""Least evidence (log Bayes factor) of a step or a drift of the scale beside errors that wander (odds of 150 to 1)."""
 _MANY = 3
 """Named findings from which a correction is tried in place of them even if they leave no structure."""
 SEARCH = Options(tolerance=1e-4, settled=1e-2)
@@ -167,12 +167,13 @@ class _Search:
             rounds.append(last)
 
     def without_wander(self, last: _Round) -> _Round:
-        """Return the round without steps that a slow wander of the errors explains as well (:mod:`.wander`).
+        """Return the round without steps and drifts of the scale that a slow wander explains as well (:mod:`.wander`).
 
-        The weakest step goes first. A drift may come in its place.
+        The weakest goes first. A drift may come in its place.
         """
         while True:
-            worth = {effect: self._worth_beside_wander(last, effect) for effect in last.effects if is_step(effect)}
+            suspected = [effect for effect in last.effects if looks_like_wander(effect)]
+            worth = {effect: self._worth_beside_wander(last, effect) for effect in suspected}
             weakest = min(worth, key=lambda effect: worth[effect], default=None)
             if weakest is None or worth[weakest] >= _LEAST_WORTH:
                 return last
@@ -190,12 +191,12 @@ class _Search:
         selection = candidates.selection(self.all_rows, others)
         return _Round(effects, fitted, candidates, selection, selection)
 
-    def _worth_beside_wander(self, last: _Round, step: Effect) -> float:
-        """Return the evidence for a step if the errors may also wander."""
+    def _worth_beside_wander(self, last: _Round, suspect: Effect) -> float:
+        """Return the evidence for an effect if the errors may also wander."""
         selection = last.selection
-        choice = next(c for c in selection.chosen if c.candidate.effect.search_key() == step.search_key())
+        choice = next(c for c in selection.chosen if c.candidate.effect.search_key() == suspect.search_key())
         evidence = selection.contest(choice)[0].total
-        others = tuple(effect for effect in last.effects if effect != step)
+        others = tuple(effect for effect in last.effects if effect != suspect)
         without = refit(last.fit, (*self.baseline.model.free, *frames_first(others)), self.data, self.options)
         return evidence - explained_by_wander(without, last.fit, self.data)
 

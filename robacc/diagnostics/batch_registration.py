@@ -40,32 +40,17 @@ _GENERATORS = np.array(
 
 
 @dataclass(frozen=True, slots=True)
-class PositionFit:
-    """Registration of positions for each of H hypotheses."""
+class BatchFit:
+    """Registration of positions or of orientations for each of H hypotheses."""
 
     errors: Array
-    """``(H, N)`` length of the remaining error, m."""
+    """``(H, N)`` length (m) or angle (rad) of the remaining error."""
     rotation: Array
     """``(H, 3, 3)`` rotation from the measuring frame to the base."""
 
     @property
     def median(self) -> Array:
-        """Return the median error ``(H,)``, m."""
-        return np.asarray(np.median(self.errors, axis=1))
-
-
-@dataclass(frozen=True, slots=True)
-class OrientationFit:
-    """Registration of orientations for each of H hypotheses."""
-
-    errors: Array
-    """``(H, N)`` angle of the remaining error, rad."""
-    rotation: Array
-    """``(H, 3, 3)`` rotation from the measuring frame to the base."""
-
-    @property
-    def median(self) -> Array:
-        """Return the median error ``(H,)``, rad."""
+        """Return the median error ``(H,)``, m or rad."""
         return np.asarray(np.median(self.errors, axis=1))
 
 
@@ -78,7 +63,7 @@ def register_positions(
     *,
     turn: Array | None = None,
     passes: int = _PASSES,
-) -> PositionFit:
+) -> BatchFit:
     """Register base and targets to measured positions.
 
     Args:
@@ -101,10 +86,10 @@ def register_positions(
         errors = form.errors(fitted)
         typical = np.maximum(np.median(errors, axis=1, keepdims=True), 1e-12)
         weight = 1.0 / (1.0 + np.square(errors / (_CAUCHY * typical)))
-    return PositionFit(errors, fitted)
+    return BatchFit(errors, fitted)
 
 
-def register_orientations(rotation: Array, measured: Array) -> OrientationFit:
+def register_orientations(rotation: Array, measured: Array) -> BatchFit:
     """Register base and target to measured orientations.
 
     Args:
@@ -127,7 +112,7 @@ def register_orientations(rotation: Array, measured: Array) -> OrientationFit:
         errors = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
         typical = np.maximum(np.median(errors, axis=1, keepdims=True), 1e-12)
         weight = 1.0 / (1.0 + np.square(errors / (_CAUCHY * typical)))
-    return OrientationFit(errors, np.swapaxes(base, 1, 2))
+    return BatchFit(errors, np.swapaxes(base, 1, 2))
 
 
 def orientation_errors(rotation: Array, measured: Array, base: Array) -> Array:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.diagnostics.batch_registration import (
-    OrientationFit,
-    PositionFit,
+    BatchFit,
     orientation_errors,
     register_orientations,
     register_positions,
@@ -145,12 +144,12 @@ def _screened(robot: Robot, sample: Sample, q: Array, position: Array, rotation:
     arm_rotation, arm_position = arm_poses(robot, sample.data, q)
     point = position.T[None]
     targets = (sample.target, sample.n_targets)
-    free: PositionFit = register_positions(arm_rotation, arm_position, point, *targets)
+    free: BatchFit = register_positions(arm_rotation, arm_position, point, *targets)
     spread = max(float(np.sqrt(np.var(position, axis=1).sum())), 1e-12)
     if rotation is None:
         return Screen(free.median, free.rotation, None, None, free.median, spread)
     measured = np.moveaxis(rotation, 2, 0)[None]
-    turned: OrientationFit = register_orientations(arm_rotation, measured)
+    turned: BatchFit = register_orientations(arm_rotation, measured)
     common = register_positions(arm_rotation, arm_position, point, *targets, turn=turned.rotation).median
     # Orientations that hardly vary do not show the base, which the positions then show.
     other = orientation_errors(arm_rotation, measured, free.rotation)

@@ -62,6 +62,8 @@ class Effect(abc.ABC):
     """True if it is the base or the tool frame, which registration fits from any start."""
     is_empirical: ClassVar[bool] = False
     """True if it is a smooth correction without a physical cause."""
+    describes_wander: ClassVar[bool] = False
+    """True if a search may take it for errors that wander slowly."""
     is_of_measurement: ClassVar[bool] = False
     """True if it belongs to one measurement, not to the arm: no command to the arm can or should correct it."""
     shares_terms: ClassVar[bool] = False
@@ -175,6 +177,11 @@ class Effect(abc.ABC):
     @property
     def uses_masses(self) -> bool:
         """True if its coefficients multiply torques of the masses as the robot file states them."""
+        return False
+
+    @property
+    def resembles_wander(self) -> bool:
+        """Return whether errors that wander slowly look like it, so that a search tests it beside a wander."""
         return False
 
     @property

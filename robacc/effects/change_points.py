@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.frame_drift import FrameDrift
-from robacc.effects.instrument_scale import InstrumentScale
 from robacc.effects.step import Step, sequence_of
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -49,16 +47,6 @@ def at_place(form: Effect, place: float, data: Measurements) -> Effect:
 def is_step(effect: Effect) -> bool:
     """Return whether an effect is a step, whose place a search finds."""
     return isinstance(effect, Step)
-
-
-def looks_like_wander(effect: Effect) -> bool:
-    """Return whether errors that wander slowly look like the effect: steps, and a scale that drifts."""
-    return is_step(effect) or (isinstance(effect, InstrumentScale) and effect.drift > 0)
-
-
-def is_drift(effect: Effect) -> bool:
-    """Return whether an effect is a continuous drift of the base."""
-    return isinstance(effect, FrameDrift)
 
 
 def place_of(effect: Effect) -> float:

@@ -33,6 +33,7 @@ class FrameDrift(Effect):
     missing_reasons = ("no time_s column that varies",)
     per_joint = False
     is_of_measurement = True
+    describes_wander = True
     about = About(
         summary="the base moves against the instrument: a tripod settles, a pedestal warms, the floor gives",
         equation="base x, y, z (and its turns) + c ((t - t_mid) / span)^p, p = 1 … degree",

@@ -67,6 +67,11 @@ class InstrumentScale(Effect):
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 
     @property
+    def resembles_wander(self) -> bool:
+        """Return whether the scale drifts."""
+        return self.drift > 0
+
+    @property
     def of_campaign(self) -> bool:
         """True: the scale belongs to the instrument on that day."""
         return True

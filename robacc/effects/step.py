@@ -62,6 +62,11 @@ class Step(Effect):
     )
 
     @property
+    def resembles_wander(self) -> bool:
+        """Return True: steps describe a wander piece by piece."""
+        return True
+
+    @property
     def of_campaign(self) -> bool:
         """True: the step happened between two poses of one campaign."""
         return True

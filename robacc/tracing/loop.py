@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.change_points import is_drift, looks_like_wander
 from robacc.fitting.fit_repeatability import is_same, significant_components, with_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
@@ -172,32 +171,35 @@ class _Search:
         The weakest goes first. A drift may come in its place.
         """
         while True:
-            suspected = [effect for effect in last.effects if looks_like_wander(effect)]
-            worth = {effect: self._worth_beside_wander(last, effect) for effect in suspected}
+            suspected = [effect for effect in last.effects if effect.resembles_wander]
+            without = {effect: self._fit_of(last, _others(last, effect)) for effect in suspected}
+            worth = {effect: self._worth_beside_wander(last, effect, fitted) for effect, fitted in without.items()}
             weakest = min(worth, key=lambda effect: worth[effect], default=None)
             if weakest is None or worth[weakest] >= _LEAST_WORTH:
                 return last
             self.steps.append(SelectionStep("drop", f"{weakest}: errors wander", []))
-            last = self._refitted(last, tuple(effect for effect in last.effects if effect != weakest))
-            drifts = [r for r in last.selection.rank() if is_drift(r.candidate.effect)]
+            last = self._round_of(_others(last, weakest), without[weakest])
+            drifts = [r for r in last.selection.rank() if r.candidate.effect.describes_wander]
             if drifts and drifts[0].p_value <= FALSE_ALARM:
-                last = self._refitted(last, (*last.effects, drifts[0].candidate.effect))
+                effects = (*last.effects, drifts[0].candidate.effect)
+                last = self._round_of(effects, self._fit_of(last, effects))
 
-    def _refitted(self, last: _Round, effects: tuple[Effect, ...]) -> _Round:
-        """Return a round of exactly these effects."""
+    def _fit_of(self, last: _Round, effects: tuple[Effect, ...]) -> Fit:
+        """Return the fit of exactly these effects beside the baseline, started at the last one."""
+        return refit(last.fit, (*self.baseline.model.free, *frames_first(effects)), self.data, self.options)
+
+    def _round_of(self, effects: tuple[Effect, ...], fitted: Fit) -> _Round:
+        """Return a round of exactly these effects, of which ``fitted`` is the fit."""
         frames, others = frames_of(effects), [effect for effect in effects if not effect.is_frame]
-        fitted = refit(last.fit, (*self.baseline.model.free, *frames_first(effects)), self.data, self.options)
         candidates = linearise(fitted, self.data, (*self.model.free, *frames), self.only)
         selection = candidates.selection(self.all_rows, others)
         return _Round(effects, fitted, candidates, selection, selection)
 
-    def _worth_beside_wander(self, last: _Round, suspect: Effect) -> float:
-        """Return the evidence for an effect if the errors may also wander."""
+    def _worth_beside_wander(self, last: _Round, suspect: Effect, without: Fit) -> float:
+        """Return the evidence for an effect if the errors may also wander; ``without`` is the fit without it."""
         selection = last.selection
         choice = next(c for c in selection.chosen if c.candidate.effect.search_key() == suspect.search_key())
         evidence = selection.contest(choice)[0].total
-        others = tuple(effect for effect in last.effects if effect != suspect)
-        without = refit(last.fit, (*self.baseline.model.free, *frames_first(others)), self.data, self.options)
         return evidence - explained_by_wander(without, last.fit, self.data)
 
     def update_scatter(self, last: _Round) -> bool:
@@ -213,6 +215,11 @@ class _Search:
         self.baseline = refit(self.baseline, self.baseline.model.free, self.data, self.options)
         self.first = linearise(self.baseline, self.data, self.model.free, self.only)
         return True
+
+
+def _others(last: _Round, effect: Effect) -> tuple[Effect, ...]:
+    """Return the effects of a round but one."""
+    return tuple(other for other in last.effects if other != effect)
 
 
 def _best(rounds: Sequence[_Round]) -> _Round:

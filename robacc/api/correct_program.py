@@ -8,17 +8,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.api.correct import Corrected, correct, load_nominal
 from robacc.api.inputs import StrPath, load_robot
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
+from robacc.programs.configuration import allowed
 from robacc.programs.flange import FlangeTargets, flange_targets, joint_targets, values_at
-from robacc.programs.program import Program
+from robacc.programs.program import Dialect, Program
 from robacc.programs.reading import read_program
 from robacc.programs.writing import with_targets
+from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
+from robacc.robots.inverse_kinematics import inverse_kinematics
+
+_STARTS = 48
+"""Starts of the inverse kinematics: enough for every configuration of an arm with eight, as a rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +50,11 @@ class CorrectedProgram:
         """Warnings about the configuration, the unchanged targets and what the program computes."""
         lines = [f"line {line}: {name} is not corrected: {reason}" for line, name, reason in self.unchanged]
         lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
-        if any(target.kind == "cartesian" for target in self.program.targets):
+        is_read = self.program.dialect in (Dialect.krl, Dialect.rapid)
+        if not is_read and any(target.kind == "cartesian" for target in self.program.targets):
             lines.append(
-                "configurations of Cartesian targets are not read; the joints nearest to the last joint target before "
-                "them are taken, or a solution within the limits where there is none"
+                "configurations of Cartesian targets are not read in this dialect; the joints nearest to the last "
+                "joint target before them are taken, or a solution within the limits where there is none"
             )
         return tuple(lines)
 
@@ -93,7 +101,10 @@ def correct_program(
     if numbers:
         groups.append((numbers, Measurements(np.zeros((3, len(numbers))), q=q)))
     if cartesian.numbers:
-        groups.append((cartesian.numbers, _wanted(program, cartesian)))
+        kept, q_start, refused = _configured(program, cartesian, flange_arm)
+        unchanged += refused
+        if kept.size:
+            groups.append((tuple(cartesian.numbers[i] for i in kept), _wanted(cartesian, kept, q_start)))
     for group, data in groups:
         result = correct(data, model=arm, nominal=flange_arm, frame="base", **options)
         results.append(result)
@@ -111,16 +122,48 @@ def correct_program(
     return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(sorted(unchanged)))
 
 
-def _wanted(program: Program, targets: FlangeTargets) -> Measurements:
+def _wanted(targets: FlangeTargets, kept: NDArray[np.int64], q: Array | None) -> Measurements:
     """Return Cartesian targets as commanded poses, with the joints that choose their configurations."""
-    q = _joints_before(program, targets.numbers)
-    flange = targets.flange
-    return Measurements(
-        np.zeros_like(flange.translation),
-        q=q,
-        commanded_position=flange.translation,
-        commanded_rotation=flange.rotation,
+    position, rotation = targets.flange.translation[:, kept], targets.flange.rotation[..., kept]
+    return Measurements(np.zeros_like(position), q=q, commanded_position=position, commanded_rotation=rotation)
+
+
+def _configured(
+    program: Program, targets: FlangeTargets, flange_arm: Robot
+) -> tuple[NDArray[np.int64], Array | None, list[tuple[int, str, str]]]:
+    """Return the Cartesian targets that keep their configuration, joints ``(J, N)`` in it, and the others.
+
+    Without a configuration that is read, the joints are those of the last joint target before.
+    """
+    before = _joints_before(program, targets.numbers)
+    chosen = [program.targets[i] for i in targets.numbers]
+    arm = Arm.of(dataclasses.replace(flange_arm, base=Frame()))
+    count = len(arm.robot.variables)
+    is_read = np.array(
+        [allowed(program.dialect, target.configuration, np.zeros((count, 1))) is not None for target in chosen]
     )
+    numbers = np.arange(len(chosen))
+    if not is_read.any():
+        return numbers, before, []
+    solutions = inverse_kinematics(arm, targets.flange, starts=_STARTS)
+    result = np.zeros((count, numbers.size))
+    refused, kept = [], []
+    previous = np.zeros(count)
+    for i, target in enumerate(chosen):
+        if before is not None and i < before.shape[1]:
+            previous = before[:, i] if not is_read[i] else previous
+        reached = solutions.converged[i]
+        match = allowed(program.dialect, target.configuration, solutions.q[:, i])
+        usable = reached if match is None else reached & match
+        if not usable.any():
+            reason = f"the nominal robot has no solution in its configuration {target.configuration}"
+            refused.append((target.line, target.name, reason))
+            continue
+        distance = np.sum(np.square(solutions.q[:, i] - previous[:, None]), axis=0)
+        previous = result[:, i] = solutions.q[:, i, int(np.argmin(np.where(usable, distance, np.inf)))]
+        kept.append(i)
+    index = np.array(kept, dtype=np.int64)
+    return index, result[:, index], refused
 
 
 def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:

@@ -10,6 +10,7 @@ import pytest
 
 from robacc.api.correct_program import correct_program
 from robacc.errors import InputError
+from robacc.programs.configuration import allowed
 from robacc.programs.flange import flange_targets
 from robacc.programs.fresh import joint_target, write_program
 from robacc.programs.program import Dialect
@@ -85,7 +86,8 @@ ENDMODULE
         x, y, z, w = Rotation.from_matrix(target[:3, :3]).as_quat()
         place = ",".join(f"{1e3 * value:.6f}" for value in target[:3, 3])
         turn = ",".join(f"{value:.10f}" for value in (w, x, y, z))
-        text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[0,0,0,0],{unused}]")
+        quarters = ",".join(str(int(np.floor(2 * Q[axis, i] / np.pi))) for axis in (0, 3, 5))
+        text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[{quarters},0],{unused}]")
     path = tmp_path / "cell.mod"
     path.write_text(text)
     result = correct_program(path, model=real, nominal=nominal)
@@ -106,6 +108,16 @@ ENDMODULE
     np.testing.assert_allclose(commanded.matrices(), flange(nominal, direct.targets.q), atol=1e-6)
     np.testing.assert_allclose(flange(real, direct.targets.q), flange(nominal, Q[:, 1:]), atol=1e-6)
     assert b"! approach" in result.data
+
+
+def test_the_configuration_of_the_program_decides() -> None:
+    q = np.array([[0.1, -0.5, 1.0, -1.0, 0.3, -0.2], [0.1, 0.5, 1.0, -1.0, 0.3, -0.2]]).T
+    assert allowed(Dialect.krl, "S 2,T 42", q).tolist() == [True, False]
+    assert allowed(Dialect.krl, "S 'B010',T 'B101000'", q).tolist() == [False, True]
+    assert allowed(Dialect.rapid, "[0,-1,-1,0]", q).tolist() == [True, True]
+    assert allowed(Dialect.rapid, "[0,0,-1,0]", q).tolist() == [False, False]
+    assert allowed(Dialect.fanuc, "N U T, 0, 0, 0", q) is None
+    assert allowed(Dialect.krl, "", q) is None
 
 
 def test_targets_without_frames_stay(tmp_path: Path) -> None:

@@ -15,14 +15,14 @@ from robacc.api.inputs import StrPath, load_robot
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
-from robacc.programs.configuration import allowed
+from robacc.programs.configuration import joint_window
 from robacc.programs.flange import FlangeTargets, flange_targets, joint_targets, values_at
-from robacc.programs.program import Dialect, Program
+from robacc.programs.program import Program
 from robacc.programs.reading import read_program
 from robacc.programs.writing import with_targets
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics
+from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
 
 _STARTS = 48
 """Starts of the inverse kinematics: enough for every configuration of an arm with eight, as a rule."""
@@ -50,11 +50,14 @@ class CorrectedProgram:
         """Warnings about the configuration, the unchanged targets and what the program computes."""
         lines = [f"line {line}: {name} is not corrected: {reason}" for line, name, reason in self.unchanged]
         lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
-        is_read = self.program.dialect in (Dialect.krl, Dialect.rapid)
-        if not is_read and any(target.kind == "cartesian" for target in self.program.targets):
+        count = self.corrections[0].targets.q.shape[0]
+        if any(
+            target.kind == "cartesian" and joint_window(self.program.dialect, target.configuration, count) is None
+            for target in self.program.targets
+        ):
             lines.append(
-                "configurations of Cartesian targets are not read in this dialect; the joints nearest to the last "
-                "joint target before them are taken, or a solution within the limits where there is none"
+                "Cartesian targets whose configuration is not read or not given: the joints nearest to the last joint "
+                "target before them are taken, or a solution within the limits where there is none"
             )
         return tuple(lines)
 
@@ -138,29 +141,28 @@ def _configured(
     before = _joints_before(program, targets.numbers)
     chosen = [program.targets[i] for i in targets.numbers]
     arm = Arm.of(dataclasses.replace(flange_arm, base=Frame()))
-    count = len(arm.robot.variables)
-    is_read = np.array(
-        [allowed(program.dialect, target.configuration, np.zeros((count, 1))) is not None for target in chosen]
-    )
-    numbers = np.arange(len(chosen))
-    if not is_read.any():
-        return numbers, before, []
+    variables = arm.robot.variables
+    windows = [joint_window(program.dialect, target.configuration, len(variables)) for target in chosen]
+    if not any(windows):
+        return np.arange(len(chosen)), before, []
+    limits, revolute = joint_ranges(arm), np.array([joint.type == "revolute" for joint in variables])
     solutions = inverse_kinematics(arm, targets.flange, starts=_STARTS)
-    result = np.zeros((count, numbers.size))
+    result = np.zeros((len(variables), len(chosen)))
     refused, kept = [], []
-    previous = np.zeros(count)
-    for i, target in enumerate(chosen):
-        if before is not None and i < before.shape[1]:
-            previous = before[:, i] if not is_read[i] else previous
-        reached = solutions.converged[i]
-        match = allowed(program.dialect, target.configuration, solutions.q[:, i])
-        usable = reached if match is None else reached & match
+    previous = np.zeros(len(variables))
+    for i, (target, window) in enumerate(zip(chosen, windows, strict=True)):
+        q, usable = solutions.q[:, i], solutions.converged[i]
+        if window is not None:
+            q = window.turned(q, limits, revolute)
+            usable = usable & window.allows(q)
+        elif before is not None:
+            previous = before[:, i]
         if not usable.any():
             reason = f"the nominal robot has no solution in its configuration {target.configuration}"
             refused.append((target.line, target.name, reason))
             continue
-        distance = np.sum(np.square(solutions.q[:, i] - previous[:, None]), axis=0)
-        previous = result[:, i] = solutions.q[:, i, int(np.argmin(np.where(usable, distance, np.inf)))]
+        distance = np.sum(np.square(q - previous[:, None]), axis=0)
+        previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
         kept.append(i)
     index = np.array(kept, dtype=np.int64)
     return index, result[:, index], refused

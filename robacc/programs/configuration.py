@@ -9,6 +9,7 @@ on the arm and are not read.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,23 +24,48 @@ _AT_BORDER = 1e-3
 _CF_AXES = (0, 3, 5)
 
 
-def allowed(dialect: Dialect, configuration: str, q: Array) -> NDArray[np.bool_] | None:
-    """Return which joints ``(J, N)``, rad, a configuration allows; None where it is not read, or not given."""
+@dataclass(frozen=True, slots=True)
+class JointWindow:
+    """Range of each joint that a configuration allows, rad; infinite where it says nothing."""
+
+    low: Array
+    """``(J,)``"""
+    high: Array
+
+    def allows(self, q: Array) -> NDArray[np.bool_]:
+        """Return which joints ``(J, N)``, rad, lie in the window."""
+        low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
+        result: NDArray[np.bool_] = np.all((q > low) & (q < high), axis=0)
+        return result
+
+    def turned(self, q: Array, limits: tuple[Array, Array], revolute: NDArray[np.bool_]) -> Array:
+        """Return joints ``(J, N)`` with whole turns added where these bring a revolute joint into the window.
+
+        Args:
+            q: Joints, rad.
+            limits: ``(J,)`` lower and upper joint limits.
+            revolute: ``(J,)``
+        """
+        low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
+        turns = np.maximum(np.ceil((low - q) / (2.0 * np.pi)), 0.0) - np.maximum(
+            np.ceil((q - high) / (2.0 * np.pi)), 0.0
+        )
+        moved = q + 2.0 * np.pi * turns
+        fits = (moved > low) & (moved < high) & (moved >= limits[0][:, None]) & (moved <= limits[1][:, None])
+        return np.where(fits & revolute[:, None], moved, q)
+
+
+def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWindow | None:
+    """Return the joints that a configuration allows; None where it is not given, or not read."""
+    low, high = np.full(n_joints, -np.inf), np.full(n_joints, np.inf)
     if dialect is Dialect.krl and (match := _TURN.search(configuration)):
         text = match[1]
         turn = int(text[1:], 2) if text[0] in "Bb" else int(text)
-        signs = np.array([turn >> i & 1 for i in range(q.shape[0])], dtype=bool)[:, None]
-        fits = np.where(signs, q < _AT_BORDER, q > -_AT_BORDER)
-        result: NDArray[np.bool_] = np.all(fits, axis=0)
-        return result
-    if dialect is Dialect.rapid and q.shape[0] == 6:
-        quarters = [int(number) for number in _NUMBERS.findall(configuration)[:3]]
-        if len(quarters) < 3:
-            return None
-        low = 0.5 * np.pi * np.array(quarters)[:, None]
-        angles = q[_CF_AXES, :]
-        inside: NDArray[np.bool_] = np.all(
-            (angles > low - _AT_BORDER) & (angles < low + np.pi / 2 + _AT_BORDER), axis=0
-        )
-        return inside
+        is_negative = np.array([turn >> i & 1 for i in range(n_joints)], dtype=bool)
+        return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
+    quarters = [int(number) for number in _NUMBERS.findall(configuration)[:3]]
+    if dialect is Dialect.rapid and n_joints == 6 and len(quarters) == 3:
+        low[list(_CF_AXES)] = 0.5 * np.pi * np.array(quarters)
+        high[list(_CF_AXES)] = 0.5 * np.pi * (np.array(quarters) + 1)
+        return JointWindow(low, high)
     return None

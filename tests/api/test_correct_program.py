@@ -7,16 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from robacc.api.correct_program import correct_program
 from robacc.errors import InputError
-from robacc.programs.configuration import allowed
+from robacc.geometry import Poses
+from robacc.programs.configuration import joint_window
 from robacc.programs.flange import flange_targets
 from robacc.programs.fresh import joint_target, write_program
 from robacc.programs.program import Dialect
 from robacc.programs.reading import read_program
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
+from robacc.robots.inverse_kinematics import inverse_kinematics
 from robacc.robots.yaml_robot import parse_robot
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,8 +78,6 @@ PROC main()
 ENDPROC
 ENDMODULE
 """
-    from scipy.spatial.transform import Rotation
-
     base = np.eye(4)
     base[:3, :3], base[:3, 3] = Rotation.from_euler("z", 90, degrees=True).as_matrix(), (0.4, -0.1, 0.05)
     tool = np.eye(4)
@@ -112,12 +113,63 @@ ENDMODULE
 
 def test_the_configuration_of_the_program_decides() -> None:
     q = np.array([[0.1, -0.5, 1.0, -1.0, 0.3, -0.2], [0.1, 0.5, 1.0, -1.0, 0.3, -0.2]]).T
-    assert allowed(Dialect.krl, "S 2,T 42", q).tolist() == [True, False]
-    assert allowed(Dialect.krl, "S 'B010',T 'B101000'", q).tolist() == [False, True]
-    assert allowed(Dialect.rapid, "[0,-1,-1,0]", q).tolist() == [True, True]
-    assert allowed(Dialect.rapid, "[0,0,-1,0]", q).tolist() == [False, False]
-    assert allowed(Dialect.fanuc, "N U T, 0, 0, 0", q) is None
-    assert allowed(Dialect.krl, "", q) is None
+    cases = {
+        (Dialect.krl, "S 2,T 42"): [True, False],
+        (Dialect.krl, "S 'B010',T 'B101000'"): [False, True],
+        (Dialect.rapid, "[0,-1,-1,0]"): [True, True],
+        (Dialect.rapid, "[0,0,-1,0]"): [False, False],
+    }
+    for (dialect, text), expected in cases.items():
+        window = joint_window(dialect, text, 6)
+        assert window is not None
+        assert window.allows(q).tolist() == expected
+    assert joint_window(Dialect.fanuc, "N U T, 0, 0, 0", 6) is None
+    assert joint_window(Dialect.krl, "", 6) is None
+
+
+def test_whole_turns_follow_the_configuration_within_the_limits() -> None:
+    q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
+    limits, revolute = (np.full(6, -6.1), np.full(6, 6.1)), np.ones(6, dtype=bool)
+    window = joint_window(Dialect.krl, "S 0,T 40", 6)  # axes 4 and 6 negative; 0.1 - 2 pi is beyond the limit
+    assert window is not None
+    np.testing.assert_allclose(window.turned(q, limits, revolute)[:, 0], [0.1, 0.2, 0.3, 0.1, 0.2, 0.4 - 2 * np.pi])
+    assert not window.allows(window.turned(q, limits, revolute))[0]
+    wide = (np.full(6, -np.inf), np.full(6, np.inf))
+    window = joint_window(Dialect.rapid, "[0,-4,4,0]", 6)
+    assert window is not None
+    turned = window.turned(q, wide, revolute)
+    np.testing.assert_allclose(turned[[3, 5], 0], [0.1 - 2 * np.pi, 0.4 + 2 * np.pi])
+    assert window.allows(turned)[0]
+
+
+def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:
+    """Two targets of one flange pose differ by S and T alone: each is corrected for its own joints."""
+    nominal, real = arms()
+    nominal, real = (dataclasses.replace(arm, tool=Frame()) for arm in (nominal, real))
+    q = Q[:, 0]
+    pose = flange(nominal, q[:, None])[0]
+    solutions = inverse_kinematics(
+        Arm.of(dataclasses.replace(nominal, base=Frame())), Poses(pose[:3, :3, None], pose[:3, 3:]), starts=48
+    )
+    other = next(
+        s.T for s in solutions.q[:, 0, solutions.converged[0]].T if np.any(np.sign(s) != np.sign(q)) and np.all(s != 0)
+    )
+    a, b, c = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
+    place = ",".join(f"{name} {1e3 * value:.6f}" for name, value in zip("XYZ", pose[:3, 3], strict=True))
+    lines = [
+        f"PTP {{{place},A {a:.8f},B {b:.8f},C {c:.8f},S 0,T {sum(1 << i for i, v in enumerate(joints) if v < 0)}}}"
+        for joints in (q, other)
+    ]
+    text = "DEF two()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n" + "\n".join(lines) + "\nEND\n"
+    path = tmp_path / "two.src"
+    path.write_text(text)
+    result = correct_program(path, model=real, nominal=nominal)
+    assert result.n_corrected == 2
+    np.testing.assert_allclose(result.corrections[0].targets.wanted.q.T, [q, other], atol=1e-6)
+    path.write_text(text.replace("T " + lines[0].split("T ")[-1], "T 63}"))
+    result = correct_program(path, model=real, nominal=nominal)
+    assert result.n_corrected == 1
+    assert "no solution in its configuration" in result.unchanged[0][2]
 
 
 def test_targets_without_frames_stay(tmp_path: Path) -> None:

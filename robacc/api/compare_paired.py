@@ -208,7 +208,8 @@ def _promise(
     bound = Model.of(arm, fit.effects).bind(full[1])
     columns = np.array([bound.names.index(name) for name in fit.coefficients], dtype=np.int64)
     jacobian = bound.linearise(np.zeros(len(bound.names)), columns)[1][:3]
-    separate = model_uncertainty(arm, dataclasses.replace(fit, covariance=0.0 * fit.covariance), full[1]).position
+    alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
+    separate = model_uncertainty(arm, alone, full[1], measured=True).position
     variance = _noise_variance(second, fit.noise[0], noise)
     counts = np.array([index.size for index in second_rows])
     firsts = np.array([index[0] for index in second_rows])

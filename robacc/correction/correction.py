@@ -77,7 +77,7 @@ def correction(
     oriented = targets.wanted.oriented
     position, orientation = None, None
     if fit is not None:
-        spread = model_uncertainty(model, fit, completed(model, fit, None, targets.data, 0))
+        spread = model_uncertainty(model, fit, completed(model, fit, None, targets.data, 0), measured=False)
         position, orientation = spread.position, spread.orientation if spread.is_oriented else None
     before = expected_errors(targets.error_before, position, orientation, scale, oriented)
     after = expected_errors(targets.error_after, position, orientation, scale, oriented)

@@ -38,7 +38,7 @@ def calibrated_accuracy(
         seed: Seed of the directions.
     """
     data = completed(robot, fit, configurations.q if poses is None else None, poses, seed)
-    spread = model_uncertainty(robot, fit, data).in_target_frame()
+    spread = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
     position = predicted_errors("m", spread.position, configurations, scale.statistic)
     orientation = predicted_errors("rad", spread.orientation, configurations, scale.statistic)
     totals = np.sum(spread.shares, axis=0)
@@ -109,7 +109,7 @@ def _notes(robot: Robot, fit: ModelFit, data: Measurements, is_oriented: bool) -
 def coverage_notes(robot: Robot, fit: ModelFit, measured: Measurements, seed: int) -> Sequence[str]:
     """Return how many measured poses lie within their 95 % bound about the model's prediction."""
     data = completed(robot, fit, None, measured, seed)
-    spread = model_uncertainty(robot, fit, data)
+    spread = model_uncertainty(robot, fit, data, measured=True)
     error = residuals(measured, Model.of(absorb_constants(robot)).bind(data).poses(np.zeros(0)))
     notes = []
     for i, (name, covariance) in enumerate((("position", spread.position), ("orientation", spread.orientation))):

@@ -69,14 +69,14 @@ def fit_record(
         if held_out[0] is data:
             finite &= fit.inliers
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(np.flatnonzero(finite)), -1.0
-    spread = model_uncertainty(robot, record, poses)
+    spread = model_uncertainty(robot, record, poses, measured=True)
     noise = _noise_variances(poses, fit, repeatability)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, spread, sign, noise)
     record = dataclasses.replace(record, unexplained=unexplained)
     if held_out is None or poses.n < _FEWEST:
         return record
-    spread = model_uncertainty(robot, record, poses)
+    spread = model_uncertainty(robot, record, poses, measured=True)
     return dataclasses.replace(record, bound_factor=_bound_factors(residual, spread, noise))
 
 

@@ -7,6 +7,9 @@ The error of the calibrated arm against its model has the covariance
 with J the Jacobian of the pose to the fitted coefficients and C their covariance, J_q that to the joints and S the
 variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation. X is
 what effects add beyond the ranges that they were fitted on (:mod:`robacc.prediction.extrapolation`).
+
+Effects of the measurement (a scale of the instrument, a drift of its frame) move measured poses, not the arm. On
+measured poses their columns cancel errors of the arm's coefficients, so J has none of them where the arm's pose counts.
 """
 
 from __future__ import annotations
@@ -54,8 +57,14 @@ class ModelUncertainty:
         return dataclasses.replace(self, position=position, orientation=orientation)
 
 
-def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements) -> ModelUncertainty:
+def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measured: bool) -> ModelUncertainty:
     """Return the uncertainty of the model ``robot`` at the joints and circumstances of ``data``.
+
+    Args:
+        robot: The fitted robot.
+        fit: Record of its fit.
+        data: Poses with their circumstances.
+        measured: The poses are those that the instrument of the fit measures; else those of the arm itself.
 
     Raises:
         UsageError: The poses lack what an effect of the model depends on.
@@ -65,7 +74,7 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements) -> ModelU
     traces = np.zeros((len(SOURCES), 2))
     for start in range(0, data.n, BLOCK):
         block = slice(start, min(start + BLOCK, data.n))
-        parts, turned = _blocks(robot, fit, data.subset(block))
+        parts, turned = _blocks(robot, fit, data.subset(block), measured)
         rotation[..., block] = turned
         # The factors were found within the ranges of the fit.
         within, beyond = np.sum(parts[:3], axis=0), parts[3]
@@ -77,11 +86,14 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements) -> ModelU
     return ModelUncertainty(position, orientation, is_oriented, rotation, traces / max(data.n, 1))
 
 
-def _blocks(robot: Robot, fit: ModelFit, data: Measurements) -> tuple[tuple[Array, ...], Array]:
+def _blocks(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> tuple[tuple[Array, ...], Array]:
     """Return the covariances ``(6, 6, n)`` of the sources, and the predicted rotations."""
-    model = Model.of(robot, fit.effects)
+    effects = tuple(effect for effect in fit.effects if measured or not effect.is_of_measurement)
+    model = Model.of(robot, effects)
+    if not measured:
+        model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.is_of_measurement))
     ranges = {known.effect.key(): known.validity for known in model.known}
-    bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in fit.effects])
+    bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in effects])
     numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
     coefficients_of_fit = _occurrences(fit.coefficients)
     known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]

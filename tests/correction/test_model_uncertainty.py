@@ -19,7 +19,6 @@ from robacc.robots.yaml_writer import robot_to_yaml
 
 ROBOT, TRUTH = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
 FIT = "base_frame,tool_frame,joint_offset[j2,j3,j4,j5],link_geometry[j1,j2,j3,j4],joint_compliance[j2],backlash[j3]"
-UR10 = Path("/work/shared/data/ipa_ur10")
 
 
 @cache
@@ -69,7 +68,7 @@ def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
         fit = model_fit(robot)
         assert fit is not None
         bare = dataclasses.replace(fit, unexplained=0 * fit.unexplained, repeatability={}, bound_factor=(1.0, 1.0))
-        spread = model_uncertainty(robot, bare, poses)
+        spread = model_uncertainty(robot, bare, poses, measured=True)
         error = predict(robot, poses).translation - truth
         inverse = np.linalg.inv(np.moveaxis(spread.position, 2, 0))
         normalised.append(np.einsum("in,nij,jn->n", error, inverse, error).mean() / 3.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Sequence
@@ -10,7 +11,9 @@ from pathlib import PurePath
 from typing import Any, ClassVar
 
 from robacc.api.inputs import PosesSource, StrPath
+from robacc.api.model_use import use_model
 from robacc.api.plan_inputs import (
+    checked_payloads,
     load_already,
     load_candidates,
     load_demands,
@@ -71,13 +74,28 @@ class Planned(Result, CampaignPlan):
 
         write_text(path, self.csv())
 
-    def program(self, path: StrPath) -> str:
-        """Return the visits as a robot program in the language of the suffix of ``path``.
+    def programs(self, path: StrPath) -> dict[str, str]:
+        """Return the visits as robot programs in the language of the suffix of ``path``: text by file name.
 
-        ``.src`` is KRL, ``.mod`` RAPID, ``.ls`` FANUC TP, ``.script`` URScript. The program stops at each pose.
+        ``.src`` is KRL, ``.mod`` RAPID, ``.ls`` FANUC TP, ``.script`` URScript. A program stops at each pose. With
+        several payloads there is a program for each, ``plan_5kg.src`` for ``plan.src``, in the order to run.
 
         Raises:
             UsageError: The suffix is of no language, or the robot has too many joints for it.
+        """
+        if self.payload_kg is None or len(self.payload_blocks) == 1:
+            return {os.fspath(path): self.program(path)}
+        file = PurePath(path)
+        return {
+            str(file.with_name(f"{file.stem}_{block.payload:g}kg{file.suffix}")): self.program(path, block.payload)
+            for block in self.payload_blocks
+        }
+
+    def program(self, path: StrPath, payload: float | None = None) -> str:
+        """Return the visits as a robot program; with ``payload``, those with this payload (kg).
+
+        Raises:
+            UsageError: The suffix is of no language, the robot has too many joints for it, or no visit has the payload.
         """
         from robacc.programs.fresh import SUFFIX, joint_target, write_program
 
@@ -88,8 +106,15 @@ class Planned(Result, CampaignPlan):
         visits = self.visits()
         assert visits.pose is not None
         targets = [joint_target(str(name), q.tolist()) for name, q in zip(visits.pose, self.q.T, strict=True)]
+        name = PurePath(path).stem
+        if payload is not None:
+            masses = () if self.payload_kg is None else self.payload_kg.tolist()
+            targets = [target for target, mass in zip(targets, masses, strict=False) if mass == payload]
+            name = f"{name}_{payload:g}kg"
+            if not targets:
+                raise UsageError(f"`payload`: no visit has a payload of {payload:g} kg")
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
-        return write_program(dialects[suffix], targets, name=PurePath(path).stem, linear=linear)
+        return write_program(dialects[suffix], targets, name=name, linear=linear)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
@@ -125,6 +150,7 @@ def plan(
     model: StrPath | Robot | None = None,
     already: PosesSource | None = None,
     target_error: float | str | None = None,
+    payload: Sequence[float] = (),
     check_every: int = 10,
     repeats: int | None = None,
     validation: int = 0,
@@ -168,6 +194,7 @@ def plan(
         model: Calibrated robot file to start from, in place of ``robot``'s numbers.
         already: CSV of poses measured already; the plan adds to them.
         target_error: Predicted error that is good enough.
+        payload: Payloads, kg, each mounted once; the plan chooses which poses have which.
         check_every: Visits from one drift check to the next; 0 for none.
         repeats: Number of poses visited a second time; by default a tenth.
         validation: Number of validation poses, apart from the calibration poses.
@@ -209,6 +236,9 @@ def plan(
     ):
         check_range(name, value, low, high)
     arm, records = robot_to_plan_for(robot, model, base_link, tip_link)
+    # A drift and other facts of the model's own campaign do not come again.
+    use = use_model(arm, None, campaign="drop")
+    arm = use.robot or arm
     loaded_candidates, n_candidates, candidate_records = load_candidates(candidates, arm)
     loaded_task, task_records = load_planned_poses(task, arm, "task")
     measured, measured_records = load_already(already, arm, ordered)
@@ -243,9 +273,11 @@ def plan(
         demands=demands,
         expected=None if expected is None else size(expected, "length", "`expected`"),
         n_candidates=n_candidates,
+        payloads=checked_payloads(payload),
         seed=seed,
     )
     body = plan_campaign(arm, settings, candidates=loaded_candidates, task=loaded_task, already=measured)
+    body = dataclasses.replace(body, warnings=(*body.warnings, *use.warnings))
     inputs = (*records, *candidate_records, *task_records, *measured_records, *demand_records)
     files = {"model", "candidates", "task", "already", "gate", "scale"}
     options = options_of(plan, arguments)

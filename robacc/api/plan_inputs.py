@@ -28,6 +28,7 @@ from robacc.planning.constraints import Sight, parse_distance, parse_vector
 from robacc.quantities import size
 from robacc.robots.description import Robot
 
+_MOST_PAYLOADS = 5
 _STATISTICS = ("rms", "mean_error", "p95", "max")
 
 
@@ -138,3 +139,19 @@ def load_demands(
         demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], "m", steps.confidence))
         records = (*records, *scale_records)
     return tuple(demands), records
+
+
+def checked_payloads(payloads: Sequence[float]) -> tuple[float, ...]:
+    """Return payloads, kg, in ascending order.
+
+    Raises:
+        UsageError: There are too many, two are equal, or a mass is negative or not finite.
+    """
+    masses = sorted(map(float, payloads))
+    for mass in masses:
+        if not 0 <= mass < math.inf:
+            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
+    if len(set(masses)) < len(masses) or len(masses) > _MOST_PAYLOADS:
+        found = ", ".join(f"{mass:g}" for mass in masses)
+        raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {found}")
+    return tuple(masses)

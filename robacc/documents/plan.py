@@ -29,7 +29,7 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
         "candidates": {
             "source": plan.candidates.source,
             "drawn": plan.candidates.drawn,
-            "feasible": plan.candidates.n,
+            "feasible": plan.candidates.n_poses,
             "excluded": [dataclasses.asdict(entry) for entry in plan.candidates.excluded],
         },
         "noise": {
@@ -46,10 +46,22 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
             "q": rounded(plan.q),
             "direction": visits.direction.T.astype(int),
             "speed": rounded(visits.speed),
+            "payload_kg": plan.payload_kg,
             "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
         },
         "route": _route(plan.route),
-        "validation": None if plan.validation is None else {"q": rounded(plan.validation)},
+        "payloads": [
+            {
+                "payload_kg": block.payload,
+                "first_visit": block.first,
+                "n_visits": block.n_visits,
+                "n_poses": block.n_poses,
+            }
+            for block in plan.payload_blocks
+        ],
+        "validation": None
+        if plan.validation is None
+        else {"q": rounded(plan.validation), "payload_kg": plan.validation_payload},
         "coefficients": [dataclasses.asdict(entry) for entry in plan.coefficients],
         "correlations": [dataclasses.asdict(pair) for pair in plan.correlations],
         "accuracy": None if plan.accuracy is None else _accuracy(plan.accuracy),

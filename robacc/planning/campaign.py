@@ -20,6 +20,7 @@ from robacc.planning.detectability import Detectability
 from robacc.planning.expected import (
     ExpectedAccuracy,
     ExpectedCoefficient,
+    Sufficiency,
     Worth,
 )
 from robacc.planning.linear_model import (
@@ -75,23 +76,22 @@ class CampaignSettings:
     expected: float | None = None
     """Expected true value of the statistic, m, for the number of acceptance poses."""
     n_candidates: int = 5000
+    payloads: tuple[float, ...] = ()
+    """kg; each pose has one of them."""
     seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Sufficiency:
-    """Answer to whether the poses measured so far are enough."""
+class PayloadBlock:
+    """Visits in a row with the same payload."""
 
-    n: int
-    """Poses measured already, or those of the model's fit."""
-    enough: bool
-    why: str
-    now: float | None
-    """Predicted error now, m rms; None where the poses do not identify the model."""
-    later: float | None
-    """Predicted error with the next poses."""
-    of_model: bool = False
-    """The poses are those that the model was fitted to."""
+    payload: float
+    """kg"""
+    first: int
+    """Number of the first visit, from 1."""
+    n_visits: int
+    n_poses: int
+    """Number of different poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +108,8 @@ class CampaignPlan:
     """Name of each pose of the route."""
     validation: Array | None
     """``(J, V)`` joint variables of the validation poses, in the order of their visits."""
+    validation_payload: Array | None
+    """``(V,)`` kg"""
     noise: ExpectedNoise
     repeatability: float
     """At the target along each axis, m rms over the task."""
@@ -129,6 +131,29 @@ class CampaignPlan:
         """``(J, V)`` joint variables of all visits, in order."""
         return self.candidates.q[:, self.chosen[self.route.visits]]
 
+    @property
+    def payload_kg(self) -> Array | None:
+        """``(V,)`` payload of all visits; None where no payload was given."""
+        payload = self.candidates.payload
+        return None if payload is None else payload[self.chosen[self.route.visits]]
+
+    @property
+    def payload_blocks(self) -> tuple[PayloadBlock, ...]:
+        """Visits in a row with one payload, in order; empty where no payload was given."""
+        if self.payload_kg is None:
+            return ()
+        starts = np.flatnonzero(np.diff(self.payload_kg, prepend=np.nan) != 0)
+        ends = [*starts[1:], self.payload_kg.size]
+        return tuple(
+            PayloadBlock(
+                float(self.payload_kg[start]),
+                int(start) + 1,
+                int(end - start),
+                np.unique(self.route.visits[start:end]).size,
+            )
+            for start, end in zip(starts, ends, strict=True)
+        )
+
     def visits(self) -> Measurements:
         """Return the visits as poses to measure, with direction and speed of approach."""
         q = self.q
@@ -140,6 +165,7 @@ class CampaignPlan:
             q=q,
             pose=np.array([self.ids[number] for number in numbers]),
             cycle=np.array(cycle),
+            payload=self.payload_kg,
             direction=direction,
             speed=speed,
             ordered=True,
@@ -160,6 +186,7 @@ class CampaignPlan:
             position=np.zeros((3, n)),
             q=self.validation,
             pose=ids,
+            payload=self.validation_payload,
             direction=direction,
             speed=speed,
             ordered=True,

@@ -41,11 +41,20 @@ class CandidatePoses:
     """Number of candidates before the filters."""
     excluded: tuple[Exclusion, ...]
     source: str
+    payload: Array | None = None
+    """``(N,)`` kg; None where no payload was given."""
+    n_payloads: int = 1
+    """Number of payloads that each pose is a candidate with."""
 
     @property
     def n(self) -> int:
-        """Number of feasible candidates."""
+        """Number of feasible candidates: poses times payloads."""
         return int(self.q.shape[1])
+
+    @property
+    def n_poses(self) -> int:
+        """Number of feasible poses."""
+        return self.n // self.n_payloads
 
 
 def sampled_joints(robot: Robot, margin: float, count: int, skip: int, seed: int) -> Array:

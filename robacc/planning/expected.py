@@ -73,6 +73,22 @@ class Worth:
     verdict: str
 
 
+@dataclass(frozen=True, slots=True)
+class Sufficiency:
+    """Answer to whether the poses measured so far are enough."""
+
+    n: int
+    """Poses measured already, or those of the model's fit."""
+    enough: bool
+    why: str
+    now: float | None
+    """Predicted error now, m rms; None where the poses do not identify the model."""
+    later: float | None
+    """Predicted error with the next poses."""
+    of_model: bool = False
+    """The poses are those that the model was fitted to."""
+
+
 def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> tuple[ExpectedCoefficient, ...]:
     """Return the predicted standard error of every coefficient, in the order of the effects."""
     place = {int(column): i for i, column in enumerate(planned.columns)}
@@ -197,3 +213,30 @@ def worth_of(new: AccuracyPoint | None, repeated: AccuracyPoint | None, readings
         None if readings is None else readings.rms,
         verdict,
     )
+
+
+def sufficiency_of(
+    expectation: Expectation, chosen: NDArray[np.int64], n: int, target: float | None, of_model: bool
+) -> Sufficiency:
+    """Return whether ``n`` known poses are enough, with the next poses ``chosen``.
+
+    Args:
+        expectation: Predicted errors, with the information of the known poses.
+        chosen: Next poses.
+        n: Number of known poses.
+        target: Predicted error that is good enough, m; None to ask what the next poses gain.
+        of_model: The known poses are those that the model was fitted to.
+    """
+    now = expectation.point(expectation.rows[:, :0], 0)
+    later = expectation.point(expectation.rows[:, chosen], chosen.size)
+    totals = [None if point is None else point.total for point in (now, later)]
+    if now is None or later is None:
+        why = "the poses so far do not identify all coefficients"
+        return Sufficiency(n, False, why, totals[0], totals[1], of_model)
+    if target is not None:
+        enough = now.rms <= target
+        why = f"the predicted error of {now.rms * 1e3:.3g} mm {'meets' if enough else 'exceeds'} the target"
+        return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
+    gain = 1.0 - later.total / now.total
+    why = f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
+    return Sufficiency(n, gain < ENOUGH_GAIN, why, totals[0], totals[1], of_model)

@@ -12,13 +12,14 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.campaign import TYPICAL_NOISE, TYPICAL_REPEATABILITY, CampaignPlan, CampaignSettings
+from robacc.planning.conditions import Conditions
 from robacc.planning.design import information_of
 from robacc.planning.linear_model import (
     ExpectedNoise,
     PlannedCoefficients,
     joint_repeatability,
-    planned_data,
     whitened_columns,
+    with_targets,
 )
 from robacc.prediction.model_fit import ModelFit
 
@@ -26,12 +27,14 @@ _TIME_STEP = 20.0
 """s from visit to visit, for the detection limit of a drift; the unit of time cancels."""
 
 
-def expected_noise(model: Model, task: Array, settings: CampaignSettings, record: ModelFit | None) -> ExpectedNoise:
+def expected_noise(
+    model: Model, task: Measurements, settings: CampaignSettings, record: ModelFit | None
+) -> ExpectedNoise:
     """Return the noise to expect: as given, else that of the model's fit, else typical.
 
     Args:
         model: The robot.
-        task: ``(J, T)`` joint variables over which the scatter at the target is meant.
+        task: Poses over which the scatter at the target is meant.
         settings: Given noise.
         record: Record of the robot's fit; None if it has none.
 
@@ -82,10 +85,13 @@ def known_information(
     already: Measurements | None,
     record: ModelFit | None,
 ) -> Array:
-    """Return ``(P, P)`` information of the poses measured ``already``, or else of the model's fit."""
+    """Return ``(P, P)`` information of the poses measured ``already``, or else of the model's fit.
+
+    ``already`` has the commanded part alone.
+    """
     size = planned.columns.size
     if already is not None:
-        columns = whitened_columns(model, as_planned(already), noise)[:, planned.columns]
+        columns = whitened_columns(model, already, noise)[:, planned.columns]
         return information_of(np.moveaxis(columns, 1, 2))
     result = np.zeros((size, size))
     if record is None:
@@ -102,33 +108,49 @@ def known_information(
     return result
 
 
-def planned_visits(plan: CampaignPlan, already: Measurements | None = None) -> Measurements:
-    """Return the planned visits with every target and the time of each, after the poses measured already."""
+def planned_visits(
+    plan: CampaignPlan, conditions: Conditions, already: Measurements | None = None
+) -> tuple[Measurements, Measurements]:
+    """Return the planned visits with every target and the time of each, alone and after the poses measured already.
+
+    ``already`` has the commanded part alone.
+    """
     visits = plan.visits()
     start: Array = np.linspace(0.0, _TIME_STEP * (visits.n - 1), visits.n)
-    timed = dataclasses.replace(visits, pose=None, cycle=None, time=start)
-    data = planned_data(plan.robot, plan.q, timed)
-    if already is None or already.q is None:
-        return data
-    earlier = as_planned(already)
-    motion = earlier.direction is not None and earlier.speed is not None
-    zero = np.zeros_like(already.q)
+    temperature = conditions.constant_temperature(visits.n)
+    timed = dataclasses.replace(visits, pose=None, cycle=None, time=start, temperature=temperature)
+    data = with_targets(plan.robot, timed)
+    return data, data if already is None else _after(already, data)
+
+
+def _after(earlier: Measurements, data: Measurements) -> Measurements:
+    """Return the rows of ``earlier``, then those of ``data``, which have all columns."""
+    assert earlier.q is not None
     assert data.time is not None
     before: Array = np.linspace(-_TIME_STEP * earlier.n, -_TIME_STEP, earlier.n)
     time: Array = np.concatenate((before, data.time))
+    payload = None
+    if data.payload is not None:
+        zero = np.zeros(earlier.n) if earlier.payload is None else earlier.payload
+        payload = np.concatenate((zero, data.payload))
+    temperature = None
+    if data.temperature is not None:
+        temperature = np.full(time.size, data.temperature[0])
     return dataclasses.replace(
         data,
         position=np.concatenate((np.zeros((3, earlier.n)), data.position), axis=1),
-        q=_joined(already.q, data.q),
+        q=_joined(earlier.q, data.q),
         target=None if data.target is None else np.concatenate((_target(earlier, data), data.target)),
         time=time,
-        direction=_joined(earlier.direction if motion and earlier.direction is not None else zero, data.direction),
-        speed=_joined(earlier.speed if motion and earlier.speed is not None else zero, data.speed),
+        temperature=temperature,
+        payload=payload,
+        direction=_joined(earlier.direction, data.direction),
+        speed=_joined(earlier.speed, data.speed),
     )
 
 
-def _joined(first: Array, second: Array | None) -> Array:
-    return first if second is None else np.concatenate((first, second), axis=1)
+def _joined(first: Array | None, second: Array | None) -> Array | None:
+    return second if first is None or second is None else np.concatenate((first, second), axis=1)
 
 
 def _target(earlier: Measurements, data: Measurements) -> NDArray[np.str_]:
@@ -136,8 +158,24 @@ def _target(earlier: Measurements, data: Measurements) -> NDArray[np.str_]:
     return np.full(earlier.n, data.target[0]) if earlier.target is None else earlier.target
 
 
-def as_planned(data: Measurements) -> Measurements:
-    """Return the commanded part of measured poses."""
+def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
+    """Return the commanded part of measured poses; an approach that was not logged is at rest in all joints.
+
+    Raises:
+        UsageError: They have no joint columns.
+    """
     if data.q is None:
         raise UsageError("the poses measured already have no joint columns")
-    return dataclasses.replace(data, position=np.zeros_like(data.position), rotation=None)
+    known = data.direction is not None and data.speed is not None
+    zero = np.zeros_like(data.q)
+    temperature = data.temperature
+    if temperature is None:
+        temperature = conditions.constant_temperature(data.n)
+    return dataclasses.replace(
+        data,
+        position=np.zeros_like(data.position),
+        rotation=None,
+        direction=data.direction if known else zero,
+        speed=data.speed if known else zero,
+        temperature=temperature,
+    )

@@ -85,18 +85,13 @@ class PlannedCoefficients:
         return [self.terms[i].name for i in self.columns]
 
 
-def planned_data(robot: Robot, q: Array, like: Measurements | None = None) -> Measurements:
-    """Return unmeasured poses at ``q`` ``(J, n)``: every target at each pose, poses in order, targets innermost.
-
-    ``like`` gives the other columns, each with an entry for each of the n poses.
-    """
+def with_targets(robot: Robot, poses: Measurements) -> Measurements:
+    """Return unmeasured poses with every target at each pose, poses in order, targets innermost."""
     targets = tuple(robot.targets)
-    base = like if like is not None else Measurements(position=np.zeros((3, q.shape[1])))
-    data = dataclasses.replace(base, q=q)
     if not targets:
-        return data
-    repeated = data.subset(np.repeat(np.arange(q.shape[1]), len(targets)))
-    return dataclasses.replace(repeated, target=np.tile(np.array(targets), q.shape[1]))
+        return poses
+    repeated = poses.subset(np.repeat(np.arange(poses.n), len(targets)))
+    return dataclasses.replace(repeated, target=np.tile(np.array(targets), poses.n))
 
 
 def whitened_columns(model: Model, data: Measurements, noise: ExpectedNoise) -> Array:
@@ -128,16 +123,16 @@ def pose_rows(columns: Array, n_targets: int) -> Array:
     return result
 
 
-def candidate_rows(model: Model, q: Array, noise: ExpectedNoise, like: Measurements | None = None) -> Array:
-    """Return ``(M, N, P)`` whitened rows at joint variables ``(J, N)``; M counts the components of all targets."""
-    data = planned_data(model.arm.robot, q, like)
+def candidate_rows(model: Model, poses: Measurements, noise: ExpectedNoise) -> Array:
+    """Return ``(M, N, P)`` whitened rows of N unmeasured poses; M counts the components of all targets."""
+    data = with_targets(model.arm.robot, poses)
     return pose_rows(whitened_columns(model, data, noise), max(len(model.arm.robot.targets), 1))
 
 
-def region_rows(model: Model, q: Array) -> Array:
+def region_rows(model: Model, task: Measurements) -> Array:
     """Return ``(3, T, P)`` displacement of the target by each coefficient at the task's poses, m; mean of targets."""
     robot = model.arm.robot
-    data = planned_data(robot, q)
+    data = with_targets(robot, task)
     bound = model.bind(data)
     jacobian = bound.linearise(np.zeros(len(bound.terms)))[1][:3]
     n_targets = max(len(robot.targets), 1)
@@ -214,9 +209,9 @@ def _inverse(matrix: Array, scale: Array) -> Array | None:
     return result
 
 
-def joint_repeatability(model: Model, q: Array, size: float) -> Array:
+def joint_repeatability(model: Model, task: Measurements, size: float) -> Array:
     """Return ``(J,)`` equal scatter of all rotary joints that gives the target ``size`` m rms along each axis."""
-    data = planned_data(model.arm.robot, q)
+    data = with_targets(model.arm.robot, task)
     columns = joint_columns(dataclasses.replace(model, free=()), data)[:3]
     revolute = np.array([model.arm.is_revolute(name) for name in model.arm.names])
     if not revolute.any():
@@ -227,9 +222,9 @@ def joint_repeatability(model: Model, q: Array, size: float) -> Array:
     return result
 
 
-def repeatability_at_target(model: Model, q: Array, joints: Array) -> float:
-    """Return the scatter of the target along each axis, m rms, that joints' scatter ``(J,)`` gives over ``q``."""
-    columns = joint_columns(dataclasses.replace(model, free=()), planned_data(model.arm.robot, q))[:3]
+def repeatability_at_target(model: Model, task: Measurements, joints: Array) -> float:
+    """Return the scatter of the target along each axis, m rms, that joints' scatter ``(J,)`` gives over the task."""
+    columns = joint_columns(dataclasses.replace(model, free=()), with_targets(model.arm.robot, task))[:3]
     variance = np.einsum("ijn,j->n", np.square(columns), np.square(joints))
     return float(np.sqrt(np.mean(variance) / 3.0))
 

@@ -20,33 +20,37 @@ from robacc.planning.campaign import (
     DEFAULT_POSES,
     CampaignPlan,
     CampaignSettings,
-    Sufficiency,
 )
 from robacc.planning.candidates import given_candidates, sampled_candidates, task_joints
+from robacc.planning.conditions import conditions_of
 from robacc.planning.design import DesignProblem, choose
 from robacc.planning.detectability import detectability
 from robacc.planning.expected import (
     BATCH,
-    ENOUGH_GAIN,
     Expectation,
     Worth,
     expected_accuracy,
     expected_coefficients,
     expected_correlations,
+    sufficiency_of,
     worth_of,
 )
-from robacc.planning.known import expected_noise, known_information, planned_visits
+from robacc.planning.known import commanded_part, expected_noise, known_information, planned_visits
 from robacc.planning.linear_model import (
     PlannedCoefficients,
     candidate_rows,
     coefficients,
     region_rows,
     repeatability_at_target,
+    whitened_columns,
 )
 from robacc.planning.power_design import PowerProblem, choose_for_power, expected_power, power_problem, random_power
-from robacc.planning.route import Route, route
+from robacc.planning.route import Route, route_by_payload
 from robacc.prediction.model_fit import model_fit
 from robacc.robots.description import Robot
+
+_TASK_STREAM = 6
+"""Random numbers of the task's approaches, apart from those of the candidates."""
 
 
 def plan_campaign(
@@ -85,29 +89,39 @@ class _Planner:
         task: Measurements | None,
         already: Measurements | None,
     ) -> None:
-        self.robot, self.settings, self.already = robot, settings, already
+        self.robot, self.settings = robot, settings
         self.model = Model.of(robot, free_effects(robot, settings.fit or DEFAULT_FIT[settings.purpose]))
+        self.conditions = conditions_of(self.model, settings.payloads, settings.seed)
         constraints, seed = settings.constraints, settings.seed
         if candidates is None:
-            self.candidates = sampled_candidates(self.model, constraints, settings.n_candidates, seed)
+            feasible = sampled_candidates(self.model, constraints, settings.n_candidates, seed)
         else:
-            self.candidates = given_candidates(self.model, constraints, candidates)
-        if task is None:
-            self.task = task_joints(self.model, constraints, settings.region, seed)
-        elif task.q is None:
-            raise UsageError("the poses of the task have no joint columns")
-        else:
-            self.task = task.q
+            feasible = given_candidates(self.model, constraints, candidates)
+        self.candidates = self.conditions.with_payloads(feasible)
+        self.already = None if already is None else commanded_part(already, self.conditions)
+        self.task = self._task(task)
         self.record = model_fit(robot)
         self.noise = expected_noise(self.model, self.task, settings, self.record)
         self.repeatability = repeatability_at_target(self.model, self.task, self.noise.joints)
+
+    def _task(self, given: Measurements | None) -> Measurements:
+        """Return the poses of the task, with their payloads; by default each payload of the plan in turn."""
+        if given is None:
+            q = task_joints(self.model, self.settings.constraints, self.settings.region, self.settings.seed)
+        elif given.q is None:
+            raise UsageError("the poses of the task have no joint columns")
+        else:
+            q = given.q
+        payload = None if given is None else given.payload
+        return self.conditions.at(q, self.conditions.in_turn(q.shape[1]) if payload is None else payload, _TASK_STREAM)
 
     def plan(self) -> CampaignPlan:
         """Return the plan."""
         settings = self.settings
         demands = tuple(needed(demand, settings.expected) for demand in settings.demands)
         count = self._count(demands)
-        rows = candidate_rows(self.model, self.candidates.q, self.noise)
+        self.poses = self.conditions.at(self.candidates.q, self.candidates.payload)
+        rows = candidate_rows(self.model, self.poses, self.noise)
         planned = coefficients(self.model, rows)
         rows = rows[:, :, planned.columns]
         region = region_rows(self.model, self.task)[:, :, planned.columns]
@@ -117,15 +131,16 @@ class _Planner:
         powers = None
         if isinstance(problem, PowerProblem):
             powers = expected_power(problem, chosen), random_power(problem, count, settings.seed)
-        path = self._route(chosen)
+        validation, validation_payload = self._validation()
         plan = CampaignPlan(
             self.robot,
             dataclasses.replace(settings, poses=count),
             self.candidates,
             chosen,
-            path,
+            self._route(chosen),
             self._ids(chosen),
-            self._validation(),
+            validation,
+            validation_payload,
             self.noise,
             self.repeatability,
             needed=demands,
@@ -167,7 +182,7 @@ class _Planner:
     ) -> DesignProblem | PowerProblem:
         """Return the problem of choice, in units of the priors."""
         if self.settings.purpose == "trace":
-            return power_problem(self.model, self.candidates.q, self.noise, self.already, self.settings.seed)
+            return power_problem(self.model, self.poses, self.noise, self.already)
         scale = planned.prior_std
         scaled = information * scale[:, None] * scale + np.eye(scale.size)
         interest = None
@@ -181,32 +196,41 @@ class _Planner:
     def _choose(self, problem: DesignProblem | PowerProblem, count: int) -> NDArray[np.int64]:
         settings = self.settings
         if settings.purpose == "acceptance":
-            allowed = np.arange(self.candidates.n)
-            if settings.region is not None:
-                allowed = np.flatnonzero(settings.region.contains(self.candidates.position))
-            if allowed.size < count:
-                raise UsageError(
-                    f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
-                    "give a larger region or more `candidates`"
-                )
-            position, q = self.candidates.position[:, allowed], self.candidates.q[:, allowed]
-            return allowed[spread_poses(position, q, count, settings.seed)]
+            return self._spread(count)
         if isinstance(problem, PowerProblem):
             return choose_for_power(problem, count, settings.seed)
         return choose(problem, count)
 
+    def _spread(self, count: int) -> NDArray[np.int64]:
+        """Return poses that represent the task, with the payloads in turn."""
+        settings, n = self.settings, self.candidates.n_poses
+        position, q = self.candidates.position[:, :n], self.candidates.q[:, :n]
+        allowed = np.arange(n)
+        if settings.region is not None:
+            allowed = np.flatnonzero(settings.region.contains(position))
+        if allowed.size < count:
+            raise UsageError(
+                f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
+                "give a larger region or more `candidates`"
+            )
+        chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)]
+        # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
+        return chosen + n * (np.arange(count) % self.candidates.n_payloads)
+
     def _route(self, chosen: NDArray[np.int64]) -> Route:
-        settings, q = self.settings, self.candidates.q[:, chosen]
-        check = None
-        if settings.check_every and self.already is None and chosen.size > 2:
-            middle = np.median(q, axis=1, keepdims=True)
-            span = np.maximum(np.ptp(q, axis=1, keepdims=True), 1e-9)
-            check = int(np.argmin(np.sum(np.square((q - middle) / span), axis=0)))
+        settings = self.settings
         default = chosen.size if settings.purpose == "health" else chosen.size // 10
         repeats = default if settings.repeats is None else settings.repeats
         if settings.repeats is None and self.already is not None:
             repeats = 0
-        return route(q, repeats, check, max(settings.check_every, 1), settings.seed)
+        payload = self.candidates.payload
+        return route_by_payload(
+            self.candidates.q[:, chosen],
+            None if payload is None else payload[chosen],
+            repeats,
+            0 if self.already is not None else settings.check_every,
+            settings.seed,
+        )
 
     def _ids(self, chosen: NDArray[np.int64]) -> tuple[str, ...]:
         if self.candidates.ids is not None:
@@ -215,16 +239,19 @@ class _Planner:
         digits = len(str(first + chosen.size))
         return tuple(f"P{first + i:0{digits}d}" for i in range(chosen.size))
 
-    def _validation(self) -> Array | None:
+    def _validation(self) -> tuple[Array | None, Array | None]:
+        """Return joint variables and payloads of the validation poses, in the order of their visits."""
         settings = self.settings
         if not settings.validation:
-            return None
+            return None, None
         constraints = dataclasses.replace(settings.constraints, inside=settings.region or settings.constraints.inside)
         pool = sampled_candidates(self.model, constraints, 10 * settings.validation, settings.seed + 2)
         if pool.n < settings.validation:
             raise UsageError(f"only {pool.n} of {settings.validation} validation poses are feasible")
         q = pool.q[:, : settings.validation]
-        return q[:, route(q, 0, None, 1, settings.seed).visits]
+        payload = self.conditions.in_turn(settings.validation)
+        visits = route_by_payload(q, payload, 0, 0, settings.seed).visits
+        return q[:, visits], None if payload is None else payload[visits]
 
     def _with_expectation(
         self, plan: CampaignPlan, rows: Array, region: Array, planned: PlannedCoefficients, information: Array
@@ -233,10 +260,10 @@ class _Planner:
         settings = self.settings
         noise_at_target = np.hypot(self.repeatability, self.noise.unexplained)
         expectation = Expectation(rows, region, planned, information, float(np.sqrt(3.0)) * float(noise_at_target))
-        # Repeats and checks are measurements too.
-        visited = rows[:, plan.chosen[plan.route.visits]]
-        covariance = expectation.covariance(visited)
-        data = planned_visits(plan, self.already)
+        # Repeats and checks are measurements too, and the order gives the approaches.
+        new, data = planned_visits(plan, self.conditions, self.already)
+        columns = whitened_columns(self.model, new, self.noise)[:, planned.columns]
+        covariance = expectation.covariance(np.moveaxis(columns, 1, 2))
         accuracy = worth = None
         if settings.purpose == "calibrate":
             scale = planned.prior_std
@@ -251,7 +278,9 @@ class _Planner:
             accuracy=accuracy,
             worth=worth,
             detectability=None if settings.purpose == "acceptance" else detectability(self.model, data, self.noise),
-            sufficiency=self._sufficiency(expectation, plan) if self._n_known else None,
+            sufficiency=sufficiency_of(expectation, plan.chosen, self._n_known, settings.target, self.already is None)
+            if self._n_known
+            else None,
         )
 
     def _worth(
@@ -261,7 +290,7 @@ class _Planner:
         count = chosen.size
         new = choose(problem, min(2 * count, self.candidates.n), exchanged=200, passes=1)
         repeated, readings = (
-            candidate_rows(self.model, self.candidates.q[:, chosen], self.noise.reduced(*times))[:, :, planned.columns]
+            candidate_rows(self.model, self.poses.subset(chosen), self.noise.reduced(*times))[:, :, planned.columns]
             for times in ((2, 1), (1, 2))
         )
         return worth_of(
@@ -269,25 +298,6 @@ class _Planner:
             expectation.point(repeated, count),
             expectation.point(readings, count),
         )
-
-    def _sufficiency(self, expectation: Expectation, plan: CampaignPlan) -> Sufficiency:
-        now = expectation.point(expectation.rows[:, :0], 0)
-        later = expectation.point(expectation.rows[:, plan.chosen], plan.chosen.size)
-        n, target = self._n_known, self.settings.target
-        of_model = self.already is None
-        totals = [None if point is None else point.total for point in (now, later)]
-        if now is None or later is None:
-            return Sufficiency(
-                n, False, "the poses so far do not identify all coefficients", totals[0], totals[1], of_model
-            )
-        if target is not None:
-            enough = now.rms <= target
-            why = f"the predicted error of {now.rms * 1e3:.3g} mm {'meets' if enough else 'exceeds'} the target"
-            return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
-        gain = 1.0 - later.total / now.total
-        enough = gain < ENOUGH_GAIN
-        why = f"{plan.chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-        return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
 
 
 def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:

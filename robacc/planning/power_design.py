@@ -23,7 +23,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.detectability import FOLDS, usual_size
-from robacc.planning.linear_model import ExpectedNoise, coefficients, planned_data, pose_rows, whitened
+from robacc.planning.linear_model import ExpectedNoise, coefficients, pose_rows, whitened, with_targets
 from robacc.tracing.candidates import named_candidates
 from robacc.tracing.detection import noncentrality_at_limit
 from robacc.tracing.rivals import RIVAL
@@ -221,16 +221,13 @@ class _PowerSearch:
 
 
 def power_problem(
-    model: Model, q: Array, noise: ExpectedNoise, already: Measurements | None, seed: int
+    model: Model, candidates: Measurements, noise: ExpectedNoise, already: Measurements | None
 ) -> PowerProblem:
-    """Return the problem for candidates ``q`` ``(J, N)``.
+    """Return the problem for ``candidates``, whose directions and speeds of approach are known or random.
 
-    Directions and speeds of approach are random: the order of the visits, which is found later, gives each joint both.
+    ``already`` has the commanded part of the poses measured already.
     """
-    generator = np.random.default_rng([seed, 4])
-    speed = generator.uniform(-1.0, 1.0, q.shape)
-    motion = Measurements(position=np.zeros((3, q.shape[1])), direction=np.sign(speed), speed=speed)
-    data = planned_data(model.arm.robot, q, motion)
+    data = with_targets(model.arm.robot, candidates)
     terms, sizes, log_priors = _terms(model, data)
     rows = pose_rows(_columns(model, data, noise, terms), max(len(model.arm.robot.targets), 1))
     count = rows.shape[2] - len(terms)
@@ -241,11 +238,7 @@ def power_problem(
     n_already = 0
     if already is not None and already.q is not None:
         n_already = already.n
-        earlier = dataclasses.replace(already, position=np.zeros_like(already.position), rotation=None)
-        if earlier.direction is None or earlier.speed is None:
-            zero = np.zeros_like(already.q)
-            earlier = dataclasses.replace(earlier, direction=zero, speed=zero)
-        columns = np.moveaxis(_columns(model, earlier, noise, _terms_like(model, earlier, terms)), 1, 2)
+        columns = np.moveaxis(_columns(model, already, noise, _terms_like(model, already, terms)), 1, 2)
         measured = (columns[:, :, planned.columns] * planned.prior_std).reshape(-1, planned.columns.size)
         shown = (columns[:, :, count:] * sizes).reshape(-1, sizes.size)
         information, cross = information + measured.T @ measured, measured.T @ shown

@@ -73,12 +73,50 @@ def route(q: Array, repeats: int, check: int | None, every: int, seed: int) -> R
             best = cost, order, passes
     assert best is not None
     visits = _with_checks(best[1], check, every)
+    return _described(q, visits, _roles(visits, check), best[2], seed)
+
+
+def route_by_payload(q: Array, payload: Array | None, repeats: int, every: int, seed: int) -> Route:
+    """Return the order of visits to poses ``(J, n)`` in which each payload ``(n,)`` is mounted once.
+
+    Args:
+        q: Joint variables, rad or m.
+        payload: Payload of each pose, kg; None for no payload.
+        repeats: Number of poses that are visited a second time, shared by the payloads.
+        every: Visits from one check to the next; 0 for no check. Each payload has its own check pose.
+        seed: Seed of the local search.
+    """
+    levels = [None] if payload is None else np.unique(payload).tolist()
+    visits: list[NDArray[np.int64]] = []
+    roles: list[Role] = []
+    passes = 0
+    for number, level in enumerate(levels):
+        at = np.arange(q.shape[1]) if payload is None else np.flatnonzero(payload == level)
+        share = repeats // len(levels) + (number < repeats % len(levels))
+        check = middle_pose(q[:, at]) if every and at.size > 2 else None
+        part = route(q[:, at], share, check, max(every, 1), seed)
+        visits.append(at[part.visits])
+        roles += part.roles
+        passes = max(passes, part.passes)
+    return _described(q, np.concatenate(visits), tuple(roles), passes, seed)
+
+
+def middle_pose(q: Array) -> int:
+    """Return the pose ``(J, n)`` nearest to the middle of all, each joint scaled by its range."""
+    middle = np.median(q, axis=1, keepdims=True)
+    span = np.maximum(np.ptp(q, axis=1, keepdims=True), 1e-9)
+    return int(np.argmin(np.sum(np.square((q - middle) / span), axis=0)))
+
+
+def _described(q: Array, visits: NDArray[np.int64], roles: tuple[Role, ...], passes: int, seed: int) -> Route:
+    """Return the route with its figures."""
+    scaled = q / np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
     direction, speed = motion_between_rows(q[:, visits])
     generator = np.random.default_rng([seed, 1])
     return Route(
         visits,
-        _roles(visits, check),
-        best[2],
+        roles,
+        passes,
         _length(scaled[:, visits]),
         _length(scaled[:, generator.permutation(visits)]),
         direction_shares(direction),

@@ -184,7 +184,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         cycle = np.repeat(np.arange(1, plan.cycles + 1), cycle_length).astype(str)
     pose = pose_of_visit[visit]
     masses = np.array(plan.payloads)
-    payload = None
+    payload = None if planned is None else planned.payload
     if masses.size:
         groups = np.arange(cycle_length) if planned is None else planned.groups()
         payload = _stream(plan, "payload").choice(masses, size=int(groups.max()) + 1)[groups]

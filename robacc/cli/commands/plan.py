@@ -122,6 +122,12 @@ def plan(
     target_error: Annotated[
         str | None, typer.Option("--target-error", metavar="SIZE", help="Predicted error that is good enough.")
     ] = None,
+    payload: Annotated[
+        str | None,
+        typer.Option(
+            "--payload", metavar="KG,…", help="Payloads, each mounted once; the plan chooses the poses of each."
+        ),
+    ] = None,
     check_every: Annotated[
         int, typer.Option("--check-every", metavar="K", min=0, help="Visits between drift checks; 0 for none.")
     ] = 10,
@@ -164,6 +170,7 @@ def plan(
     """
     from robacc.api.plan import plan as run_plan
     from robacc.cli.call_checks import refuse_json_beside_csv
+    from robacc.cli.number_lists import numbers_of
     from robacc.errors import UsageError
 
     refuse_json_beside_csv(form, output)
@@ -195,6 +202,7 @@ def plan(
         model=model,
         already=already,
         target_error=target_error,
+        payload=() if payload is None else numbers_of(payload, ",", "--payload"),
         check_every=check_every,
         repeats=repeats,
         validation=validation,
@@ -220,11 +228,11 @@ def _write(result: Planned, form: PlainFormat, output: str, validation_output: s
     from robacc.render.text.plan import draw_plan
 
     say_warnings(result.warnings)
-    text = None if program is None else result.program(program)
+    programs = {} if program is None else result.programs(program)
     if validation_output is not None:
         write_text(validation_output, result.validation_csv())
-    if program is not None and text is not None:
-        write_text(program, text)
+    for path, text in programs.items():
+        write_text(path, text)
     if output == "-":
         sys.stdout.write(result.csv())
         sys.stdout.flush()

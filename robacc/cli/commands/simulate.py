@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from enum import StrEnum
 from typing import Annotated
 
@@ -146,32 +145,18 @@ def simulate(
 
 
 def _temperature(text: str | None) -> tuple[float, float] | None:
+    from robacc.cli.number_lists import numbers_of
     from robacc.errors import UsageError
 
     if text is None:
         return None
-    ends = _numbers(text, ":", "--temperature")
+    ends = numbers_of(text, ":", "--temperature")
     if len(ends) > 2:
         raise UsageError(f"--temperature: expected a number, or two such as 22:28, found {text!r}")
     return ends[0], ends[-1]
 
 
 def _payloads(text: str | None) -> tuple[float, ...]:
-    return () if text is None else _numbers(text, ",", "--payload")
+    from robacc.cli.number_lists import numbers_of
 
-
-def _numbers(text: str, separator: str, option: str) -> tuple[float, ...]:
-    """Return the finite numbers of a list.
-
-    Raises:
-        UsageError: a part of the list is not a finite number.
-    """
-    from robacc.errors import UsageError
-
-    try:
-        values = tuple(float(part) for part in text.split(separator))
-    except ValueError:
-        values = (math.nan,)
-    if not all(map(math.isfinite, values)):
-        raise UsageError(f"{option}: expected numbers separated by {separator!r}, found {text!r}")
-    return values
+    return () if text is None else numbers_of(text, ",", "--payload")

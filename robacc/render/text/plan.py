@@ -27,13 +27,16 @@ _PURPOSES = {
 
 def plan_comments(plan: CampaignPlan) -> list[str]:
     """Return the comment lines above the columns of the visits."""
-    return [
+    comments = [
         f"Planned by robacc plan for {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
         f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
         "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those of "
         "the moves from row to row.",
         "Check every pose for collisions before you send it.",
     ]
+    if plan.payload_blocks:
+        comments.insert(1, f"Payloads, each mounted once: {_payloads(plan)}.")
+    return comments
 
 
 def validation_comments(plan: CampaignPlan) -> list[str]:
@@ -84,7 +87,8 @@ def _title(plan: CampaignPlan) -> str:
 
 def _facts(plan: CampaignPlan) -> list[str]:
     route, noise = plan.route, plan.noise
-    facts = [f"chosen from {plan.candidates.n} feasible poses of {plan.candidates.source}"]
+    with_each = " with each payload" if plan.candidates.n_payloads > 1 else ""
+    facts = [f"chosen from {plan.candidates.n_poses} feasible poses of {plan.candidates.source}{with_each}"]
     orientation = "" if noise.orientation is None else f", {math.degrees(noise.orientation):.3g}° about each axis"
     facts.append(
         f"instrument {three_digits(noise.position * _IN_MM)} mm along each axis{orientation}, repeatability "
@@ -101,9 +105,19 @@ def _facts(plan: CampaignPlan) -> list[str]:
         + "".join(f"{text}; " for text in extra if text)
         + f"each joint is approached from its rarer direction in at least {100 * least:.0f} % of its moves"
     )
+    if plan.payload_blocks:
+        facts.append(f"payloads: {_payloads(plan)}")
     if plan.validation is not None:
         facts.append(f"{plan.validation.shape[1]} validation poses apart")
     return facts
+
+
+def _payloads(plan: CampaignPlan) -> str:
+    """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``."""
+    return ", ".join(
+        f"{block.payload:g} kg (visits {block.first} to {block.first + block.n_visits - 1}, {block.n_poses} poses)"
+        for block in plan.payload_blocks
+    )
 
 
 def _needed(plan: CampaignPlan) -> Iterator[TextLine]:

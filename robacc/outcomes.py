@@ -42,6 +42,8 @@ class FileOutcome:
     gate: GateOutcome | None = None
     written: str | None = None
     """Name of the file in the folder of results."""
+    seconds: float = 0.0
+    """Elapsed time of the work on this file."""
 
     @property
     def failed(self) -> bool:

@@ -57,14 +57,15 @@ class FitResult(Result):
         """Return whether the reported fit converged."""
 
     def model_yaml(self) -> str:
-        """Return the robot file of the fitted robot; its first line names the command and the poses."""
-        from robacc.robots.yaml_writer import robot_to_yaml
+        """Return the robot file of the fitted robot; its first line names the command and the poses.
+
+        It has the units, comments and order of the robot file that was fitted; m and rad for a URDF.
+        """
+        from robacc.modelling.model_file import model_text
 
         source = self.fit_inputs.names["poses"]
         origin = "arrays" if source is None else PurePath(source).name
-        return robot_to_yaml(
-            self.robot, (f"written by robacc {__version__} {self.command} from {origin}",), rounded=True
-        )
+        return model_text(self.robot, (f"written by robacc {__version__} {self.command} from {origin}",))
 
     def write_model(self, path: StrPath) -> None:
         """Write :meth:`model_yaml` to a file, which every call and command reads as a robot.

@@ -51,15 +51,16 @@ def load_robot(
     if isinstance(source, Robot):
         if base_link is not None or tip_link is not None:
             raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
+        from robacc.effects.entry_units import with_effect_units
         from robacc.robots.yaml_writer import robot_to_yaml
 
-        text = robot_to_yaml(with_si_effects(source))
-        return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot")
+        text = robot_to_yaml(with_effect_units(source))
+        return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot", identity=source.identity)
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import read_robot, robot_path
 
     robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _joint_columns(poses))
-    return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), "robot")
+    return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), "robot", robot.identity)
 
 
 def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
@@ -100,26 +101,6 @@ def load_optional_robot(
         return None, ()
     robot, record = load_robot(source, base_link, tip_link, poses)
     return robot, (record,)
-
-
-def with_si_effects(robot: Robot) -> Robot:
-    """Return the robot with its effects in m and rad.
-
-    Raises:
-        InputError: Its effects cannot be read.
-    """
-    campaign = robot.campaign
-    if not (robot.effects or (campaign and campaign.effects)) or robot.effect_units == (1.0, 1.0):
-        return robot
-    from robacc.effects.specification import entry_of, known_effects
-
-    def converted(effects: Sequence[Mapping[str, Any]]) -> tuple[Mapping[str, Any], ...]:
-        entries = known_effects(dataclasses.replace(robot, effects=tuple(effects)))
-        return tuple(entry_of(known.effect, known.values, known.validity) for known in entries)
-
-    if campaign is not None:
-        campaign = dataclasses.replace(campaign, effects=converted(campaign.effects))
-    return dataclasses.replace(robot, effects=converted(robot.effects), effect_units=(1.0, 1.0), campaign=campaign)
 
 
 def load_poses(

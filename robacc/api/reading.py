@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robacc.api.arrays import checked_poses
-from robacc.api.inputs import StrPath, load_poses, with_si_effects
+from robacc.api.inputs import StrPath, load_poses
 from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
@@ -88,10 +88,11 @@ def write_robot(path: StrPath, robot: Robot) -> None:
     Raises:
         InputError: The robot's effects cannot be read, or the file cannot be written.
     """
+    from robacc.effects.entry_units import with_effect_units
     from robacc.io.files import write_text
     from robacc.robots.yaml_writer import robot_to_yaml
 
-    write_text(path, robot_to_yaml(with_si_effects(robot)))
+    write_text(path, robot_to_yaml(with_effect_units(robot)))
 
 
 def read_result(path: StrPath) -> StoredResult:

@@ -120,19 +120,19 @@ class Result(ABC):
 
         Args:
             path: File to write.
-            identity: What was tested: a YAML file, or texts by the keys of such a file (``serial_number`` …).
+            identity: What was tested: a YAML file, or texts by the keys of such a file (``serial_number`` …). They
+                replace those under ``identity`` of the robot file.
 
         Raises:
             InputError: A file cannot be read or written.
             UsageError: The extra ``report`` is not installed, or a key of the identity is unknown.
         """
-        from robacc.documents.identity import IDENTITY, read_identity
+        from robacc.documents.identity import read_identity
         from robacc.io.files import write_text
         from robacc.render.html.page import render
 
         pairs = () if identity is None else (identity,) if isinstance(identity, str) else _pairs(identity)
-        tested = [(IDENTITY[key], text) for key, text in read_identity(pairs).items()]
-        write_text(path, render([self._plain()], [self.command], tested))
+        write_text(path, render([self._plain()], [self.command], read_identity(pairs)))
 
     def plot(self, kind: str | None = None, number: int = 1, *, path: str | os.PathLike[str] | None = None) -> Figure:
         """Return a chart of the report as a matplotlib figure, and write it if ``path`` is given.

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from robacc.cli import clock
 from robacc.cli.reading import POSE_PARAMETERS, with_reading_options
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.render.text.console import say_error, say_interrupted
@@ -87,6 +88,7 @@ class CheckedCommand(TyperCommand):
         """Run the command, unless it would overwrite an input or its options contradict each other."""
         from robacc.cli.call_checks import check_call
 
+        clock.start()
         check_call(ctx.params)
         return super().invoke(ctx)
 

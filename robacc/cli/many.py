@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, TextIO
 
+from robacc.cli import clock
 from robacc.cli.many_work import EstimateOptions, FileTask, estimate_file
 from robacc.cli.options import Format
 from robacc.cli.output import Outlets
@@ -216,7 +217,7 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     if outlets.junit is not None:
         from robacc.render.text.junit import junit_of_files
 
-        write_text(outlets.junit, junit_of_files("estimate", outcomes))
+        write_text(outlets.junit, junit_of_files("estimate", outcomes, clock.started()))
     if outlets.report is not None and not all(outcome.failed for outcome in outcomes):
         write_text(outlets.report, _page(outcomes, tasks))
     output = outlets.output if folder is None else "-"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
@@ -62,6 +64,11 @@ class FileTask(NamedTuple):
 
 def estimate_file(task: FileTask) -> FileOutcome:
     """Estimate a file and write its results; an error in the file becomes part of the outcome."""
+    started = time.perf_counter()
+    return replace(_outcome_of(task), seconds=time.perf_counter() - started)
+
+
+def _outcome_of(task: FileTask) -> FileOutcome:
     from robacc.api.estimate import estimate
 
     try:

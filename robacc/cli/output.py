@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
+from robacc.cli import clock
 from robacc.cli.options import Format, PlainFormat
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def conclude(
         from robacc.io.files import write_text
         from robacc.render.text.junit import junit
 
-        write_text(outlets.junit, junit(command, outcome))
+        write_text(outlets.junit, junit(command, outcome, clock.started(), clock.elapsed()))
     write_result(
         outlets,
         command,

@@ -16,7 +16,6 @@ def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str]
         InputError: a result does not follow the schema of its command.
         UsageError: the extra ``report`` is not installed.
     """
-    from robacc.documents.identity import IDENTITY
     from robacc.documents.read_result import understood
     from robacc.render.html.page import page_of, result_of
 
@@ -25,8 +24,7 @@ def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str]
         with understood(result.name, result.command):
             sections.append(result_of(result.document, number))
     names = [result.record.name for result in results]
-    labelled = [(IDENTITY[key], text) for key, text in (identity or {}).items()]
-    return page_of(sections, [result.document for result in results], _unique(names), labelled)
+    return page_of(sections, [result.document for result in results], _unique(names), identity or {})
 
 
 def page_of_document(document: Mapping[str, Any]) -> str:

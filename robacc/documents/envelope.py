@@ -27,17 +27,20 @@ class InputFile:
     """``poses``, ``robot``, ``scale`` …"""
     reading: Mapping[str, Any] | None = None
     """Statements of the user on names of the file, such as units."""
+    identity: Mapping[str, str] | None = None
+    """Identity of the arm that a robot file states."""
 
     @classmethod
-    def at(cls, path: str, sha256: str, kind: str) -> InputFile:
+    def at(cls, path: str, sha256: str, kind: str, identity: Mapping[str, str] | None = None) -> InputFile:
         """Return the record of the file at ``path``."""
         reading = path.reading.document() if isinstance(path, PoseFile) else None
-        return cls(str(path) if path == "-" else PurePath(path).name, sha256, kind, reading)
+        return cls(str(path) if path == "-" else PurePath(path).name, sha256, kind, reading, identity)
 
     def document(self) -> dict[str, Any]:
         """Return the record as it stands in a result."""
         reading = {"reading": dict(self.reading)} if self.reading else {}
-        return {"name": self.name, "sha256": self.sha256, "kind": self.kind, **reading}
+        identity = {"identity": dict(self.identity)} if self.identity else {}
+        return {"name": self.name, "sha256": self.sha256, "kind": self.kind, **reading, **identity}
 
 
 def schema_version(command: str) -> int:

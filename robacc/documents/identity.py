@@ -6,22 +6,8 @@ import os
 from collections.abc import Sequence
 
 from robacc.errors import InputError, Problem, UsageError
-
-IDENTITY = {
-    "customer": "Customer",
-    "order": "Order",
-    "robot": "Robot",
-    "serial_number": "Serial number",
-    "controller": "Controller",
-    "instrument": "Instrument",
-    "instrument_serial": "Serial number of the instrument",
-    "certificate": "Calibration certificate",
-    "operator": "Operator",
-    "place": "Place",
-    "date": "Date of the measurement",
-    "remarks": "Remarks",
-}
-"""Keys of an identity and their labels on a page, in the order of the page."""
+from robacc.robots.identity import IDENTITY
+from robacc.robots.identity import read_identity as read_section
 
 
 def read_identity(sources: Sequence[str]) -> dict[str, str]:
@@ -58,13 +44,7 @@ def _file(path: str) -> dict[str, str]:
 
     source = Source(path)
     top = source.section(compose(read_text(path), path), "", tuple(IDENTITY))
-    identity = {}
-    if top is not None:
-        for key in IDENTITY:
-            node = top.get(key)
-            text = None if node is None else source.text(node, key)
-            if text is not None:
-                identity[key] = text
+    identity = {} if top is None else read_section(top)
     source.finish()
     if not identity:
         fix = f"write at least one of {', '.join(IDENTITY)}"

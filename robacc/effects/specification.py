@@ -122,7 +122,7 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
             raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"values.{key} must be a finite number, found {value!r}")
-        values[name] = value * _unit_size(terms[name], *arm.robot.effect_units)
+        values[name] = value * unit_size(terms[name], *arm.robot.effect_units)
         if terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi:
             raise ValueError(f"values.{key} is more than a turn; expected a small angle, found {value:g}")
     if "validity" not in entry:
@@ -169,7 +169,8 @@ def every_column(arm: Arm) -> Measurements:
     )
 
 
-def _unit_size(term: Term, length: float, angle: float) -> float:
+def unit_size(term: Term, length: float, angle: float) -> float:
+    """Return the size of a value of a coefficient in a file with units of ``length`` m and ``angle`` rad."""
     leading = term.unit.split("/")[0].split()[0]
     return {"rad": angle, "m": length}.get(leading, 1.0)
 

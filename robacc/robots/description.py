@@ -128,6 +128,10 @@ class Robot:
     """Relative standard deviation of each link's mass; None if it is not stated."""
     fit: Mapping[str, Any] | None = None
     """Part ``fit:`` of a model file, unchanged; :mod:`robacc.prediction.model_fit` reads it."""
+    identity: Mapping[str, str] = field(default_factory=dict)
+    """What was tested, by the keys of :data:`robacc.robots.identity.IDENTITY`."""
+    file_text: str | None = field(default=None, compare=False, repr=False)
+    """Text of the robot file that the robot was read from, whose comments and units a fitted model keeps."""
 
     @property
     def variables(self) -> tuple[Joint, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,6 +22,7 @@ from robacc.robots.description import (
     Vector,
     effect_key,
 )
+from robacc.robots.identity import IDENTITY, read_identity
 from robacc.robots.yaml_joint import read_joint, resolve_couplings, resolve_mimics
 from robacc.robots.yaml_units import Units, check_likely_units
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -47,6 +49,7 @@ _TOP_KEYS = (
     "campaign",
     "mass_uncertainty",
     "fit",
+    "identity",
 )
 _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
 _DIGEST = re.compile("[0-9a-f]{64}")
@@ -75,11 +78,17 @@ def parse_robot(document_text: str, file: str) -> Robot:
     if units is None or convention is None:
         # Without them the other keys cannot be checked; any problem reported would be false.
         source.finish()
-    robot = _read_robot(top, cast(Units, units), cast(Convention, convention))
+    robot = replace(_read_robot(top, cast(Units, units), cast(Convention, convention)), file_text=document_text)
     if not source.problems:
         check_likely_units(robot, cast(Units, units), top)
     source.finish()
     return robot
+
+
+def file_units(document_text: str, file: str) -> Units:
+    """Return the units of a robot file that :func:`parse_robot` has read before."""
+    top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
+    return cast(Units, top and _read_units(top))
 
 
 def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot:
@@ -104,6 +113,7 @@ def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot
         campaign=_read_campaign(top, units),
         mass_uncertainty=_read_mass_uncertainty(top),
         fit=_read_fit(top),
+        identity=_read_identity(top),
     )
 
 
@@ -222,6 +232,12 @@ def _read_digests(top: YamlSection, key: str) -> tuple[str, ...]:
             top.source.report(item, f"{top.at(key)}[{i}]", message, "`write_model` writes it; do not change it")
         digests.append(digest)
     return tuple(digests)
+
+
+def _read_identity(top: YamlSection) -> dict[str, str]:
+    node = top.get("identity")
+    section = node and top.source.section(node, "identity", tuple(IDENTITY))
+    return read_identity(section) if section else {}
 
 
 def _read_fit(top: YamlSection) -> Mapping[str, Any] | None:

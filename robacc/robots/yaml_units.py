@@ -43,6 +43,16 @@ class Units:
         """Return the units with the file's names."""
         return cls(_LENGTHS[length], _ANGLES[angle])
 
+    @property
+    def names(self) -> tuple[str, str]:
+        """Names of the unit of length and of angle in a file."""
+        lengths, angles = ({size: name for name, size in sizes.items()} for sizes in (_LENGTHS, _ANGLES))
+        return lengths[self.length], angles[self.angle]
+
+    def of_joint(self, joint_type: str) -> float:
+        """Return the unit of a joint's variable."""
+        return self.length if joint_type == "prismatic" else self.angle
+
     def parameter(self, source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
         """Return a length in m or an angle in rad; report a value that is too large, with the likely cause."""
         value = source.number(node, path)
@@ -105,6 +115,10 @@ class Units:
             elif value is not None:
                 result[name] = value
         return result
+
+
+SI = Units(1.0, 1.0)
+"""m and rad."""
 
 
 def check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import robacc
 from robacc.cli.main import app
+from robacc.effects.entry_units import with_effect_units
 from robacc.errors import InputError
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
@@ -52,6 +53,7 @@ def test_the_model_names_its_poses(model: Path, others: Path) -> None:
     digest = hashlib.sha256(Path(POSES).read_bytes()).hexdigest()
     robot = robacc.read_robot(model)
     assert robot.fitted_to == (digest,)
+    robot = with_effect_units(robot)
     assert parse_robot(robot_to_yaml(robot), "again.yaml") == robot
     assert document("show", str(model))["robot"]["fitted_to"] == [digest]
     assert f"fitted   to the poses of SHA-256 {digest[:16]}…" in run("show", str(model))

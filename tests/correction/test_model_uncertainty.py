@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import robacc
+from robacc.effects.entry_units import with_effect_units
 from robacc.modelling.model import predict
 from robacc.prediction.model_fit import model_fit
 from robacc.prediction.model_uncertainty import model_uncertainty
@@ -42,6 +43,7 @@ def test_model_file_keeps_the_record() -> None:
     columns = [result.fit.names.index(name) for name in read.coefficients]
     np.testing.assert_allclose(read.covariance, result.fit.covariance[np.ix_(columns, columns)], rtol=1e-10)
     # The writer writes what it read, byte for byte, and other commands do not mind the part.
+    robot = with_effect_units(robot)
     assert robot_to_yaml(parse_robot(robot_to_yaml(robot), "again.yaml")) == robot_to_yaml(robot)
     assert robacc.simulate(robot, poses=3).data.n == 3
 

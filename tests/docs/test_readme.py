@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ EXAMPLE = [shown for block in blocks(README) for shown in commands(block.text)]
 
 
 def test_it_is_short() -> None:
-    assert len(README.splitlines()) <= 165
+    assert len(README.splitlines()) <= 150
     assert sum(len(shown.output) for shown in EXAMPLE) <= 45
     assert README.count("](docs/pictures/") == 1
 
@@ -49,6 +50,12 @@ def test_one_command_runs_the_main_job_and_one_the_tests() -> None:
     assert main_job.count("\n") == tests.count("\n") == 1
     assert f".venv/bin/{EXAMPLE[1].command}\n" in main_job
     assert "pytest" in tests
+
+
+def test_every_extra_for_users_is_named() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (line,) = [line for line in README.splitlines() if line.startswith("Extras: ")]
+    assert set(re.findall(r"`(\w+)`", line)) == extras.keys() - {"docs", "dev"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)

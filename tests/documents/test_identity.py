@@ -6,8 +6,12 @@ from pathlib import Path
 
 import pytest
 
+import robacc
 from robacc.documents.identity import IDENTITY, read_identity
 from robacc.errors import InputError, UsageError
+from robacc.render.html.identity import identity_rows
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 
 
 def test_later_sources_replace_keys_and_the_order_is_that_of_the_page(tmp_path: Path) -> None:
@@ -40,3 +44,32 @@ def test_mistakes(tmp_path: Path) -> None:
         read_identity(["place="])
     with pytest.raises(InputError, match="there is no such file"):
         read_identity([str(tmp_path / "nowhere.yaml")])
+
+
+def test_a_robot_file_states_the_identity_of_its_arm(tmp_path: Path) -> None:
+    path = tmp_path / "arm.yaml"
+    text = (SAMPLE / "robot.yaml").read_text(encoding="utf-8")
+    path.write_text(text + "identity:\n  serial_number: 007\n  place: hall 4\n", encoding="utf-8")
+    document = robacc.estimate(SAMPLE / "poses.csv", robot=path).document()
+    (record,) = [record for record in document["inputs"] if record["kind"] == "robot"]
+    assert record["identity"] == {"serial_number": "007", "place": "hall 4"}
+    assert identity_rows([document], ["a"], {}) == [("Serial number", "007"), ("Place", "hall 4")]
+    given = {"place": "hall 5", "operator": "N. N."}
+    expected = [("Serial number", "007"), ("Operator", "N. N."), ("Place", "hall 5")]
+    assert identity_rows([document], ["a"], given) == expected
+
+    path.write_text(text + "identity: {serial: 7}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="identity\\.serial: unknown key; did you mean 'serial_number'"):
+        robacc.read_robot(path)
+
+
+def test_two_arms_on_a_page_have_their_own_numbers() -> None:
+    documents = [
+        {"inputs": [{"kind": "poses"}, {"kind": "robot", "identity": {"serial_number": number, "place": "hall 4"}}]}
+        for number in ("7", "8")
+    ]
+    assert identity_rows(documents, ["first.json", "second.json"], {}) == [
+        ("Serial number", "first.json: 7; second.json: 8"),
+        ("Place", "hall 4"),
+    ]
+    assert identity_rows([{"inputs": []}], ["a"], {}) == []

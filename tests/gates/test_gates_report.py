@@ -234,6 +234,16 @@ def test_junit_is_valid_by_the_schemas_in_use(outcome: GateOutcome) -> None:
     assert text == junit("estimate", outcome)
 
 
+def test_junit_has_the_start_and_the_elapsed_time_shared_by_the_cases() -> None:
+    text = junit("estimate", ALL, started=86400.0 * 365, seconds=6.0)
+    root = ElementTree.fromstring(text.encode())
+    assert faults(root) == []
+    (suite,) = root
+    assert (suite.get("timestamp"), suite.get("time")) == ("1971-01-01T00:00:00", "6.000")
+    cases = suite.findall("testcase")
+    assert [case.get("time") for case in cases] == [f"{6 / len(cases):.3f}"] * len(cases)
+
+
 def test_the_schemas_rules_see_faults() -> None:
     good = junit("estimate", ALL)
     for wrong, fault in (

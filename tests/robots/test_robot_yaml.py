@@ -217,5 +217,5 @@ def test_numpy_numbers_and_shared_lists_are_written_plainly() -> None:
 def test_effects_in_other_units_are_not_written_as_if_they_were_si() -> None:
     robot = replace(parse_robot(MINIMAL, "x"), effect_units=(1e-3, 1.0))
     assert "effects" not in robot_to_yaml(robot)
-    with pytest.raises(ValueError, match="convert effects to m and rad"):
+    with pytest.raises(ValueError, match="convert effects to the units of the file"):
         robot_to_yaml(replace(robot, effects=({"effect": "backlash"},)))

@@ -17,7 +17,8 @@ def report(
         typer.Option(
             "--identity",
             metavar="FILE|KEY=TEXT",
-            help="What was tested, as a YAML file or as serial_number=12345, customer=…; may be repeated.",
+            help="What was tested, as a YAML file or as serial_number=12345, customer=…; may be repeated. "
+            "It replaces what the robot file states under identity.",
         ),
     ] = None,
     *,

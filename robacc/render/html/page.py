@@ -6,8 +6,9 @@ import gzip
 import hashlib
 import json
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from robacc.render.html.blocks import Listing, ReportHeadline, ReportSection
@@ -17,6 +18,7 @@ from robacc.render.html.estimate_sections import estimate_sections
 from robacc.render.html.fit_sections import fit_sections, outliers
 from robacc.render.html.gate_section import gate_section
 from robacc.render.html.headline import headline_of
+from robacc.render.html.identity import identity_rows
 from robacc.render.html.iso9283_sections import iso9283_sections
 from robacc.render.html.predict_sections import predict_sections
 from robacc.render.html.reproduce import reproduce
@@ -73,13 +75,15 @@ class ResultSection:
     reproduce: ReportSection
 
 
-def render(documents: Sequence[Document], names: Sequence[str], identity: Sequence[tuple[str, str]] = ()) -> str:
+def render(
+    documents: Sequence[Document], names: Sequence[str], identity: Mapping[str, str] = MappingProxyType({})
+) -> str:
     """Return the page of results from their JSON documents.
 
     Args:
         documents: One document per result.
         names: Labels of the results, used if there are several.
-        identity: Labels and texts that say what was tested.
+        identity: Texts by the keys of an identity; they replace those of the results.
 
     Raises:
         UsageError: the extra ``report`` is not installed.
@@ -92,7 +96,7 @@ def page_of(
     results: Sequence[ResultSection],
     documents: Sequence[Document],
     names: Sequence[str],
-    identity: Sequence[tuple[str, str]] = (),
+    identity: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """Return the page of results that :func:`result_of` has laid out."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -110,7 +114,7 @@ def page_of(
         title=f"{len(results)} results side by side" if is_multiple else results[0].headline.title,
         results=results,
         names=names,
-        identity=identity,
+        identity=identity_rows(documents, names, identity),
         overview=side_by_side(documents, [result.headline for result in results], names) if is_multiple else None,
         library=b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode() if interactive else "",
         script=script,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -10,33 +11,43 @@ import numpy as np
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
 from robacc.effects.driver import torque_driver
+from robacc.geometry import Array
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 _LEAST_LEVER = 1e-3
 """Lever of the arm's whole weight, m, below which gravity's torque presses against no flank."""
+_FRICTION_SHARES = (0.01, 0.02, 0.04, 0.08, 0.16)
+"""Friction that a search tries, over the largest torque of gravity on the joint."""
 
 
 @register
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """Joint variable shifted by half the gap, by the direction of approach or of gravity's torque."""
+    """Joint variable shifted by half the gap, by the direction of approach or of gravity's torque.
+
+    By gravity with friction, a torque below the friction does not move the joint off the flank of its approach.
+    """
 
     by: Literal["approach", "gravity"] = "approach"
+    friction: float = 0.0
+    """Friction that gravity's torque must overcome, N m (N for a prismatic joint); only by gravity."""
 
     name = "backlash"
     extrapolates = "backlash has two values, one for each direction of approach"
     missing_reasons = ("no dir_q columns, `ordered` is not set, and no masses in the robot file",)
     about = About(
         summary="play in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
-        equation="theta_j + c sign(approach_j), or with by: gravity the sign of the gravity torque",
+        equation="theta_j + c sign(approach_j); with by: gravity, c sign(tau_j + friction approach_j), tau_j the moment "
+        "of gravity about the axis",
         unit="rad (m for a prismatic joint), half the gap",
         usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
         usual_range=(1e-05, 0.0005),
         needs="dir_q1 … dir_qN, or `ordered`; by gravity: masses, and a torque that changes sign",
         confused_with="approach_lag where all speeds are similar, joint_compliance where gravity decides",
-        source="a parameter times a regressor, as every effect here; Ruderman, Hoffmann, Bertram 2009 for the shape",
+        source="Ruderman, Hoffmann, Bertram 2009 for the shape; Nordin and Gutman, Automatica 38 (2002) 1633, for the "
+        "flank of a loaded gear",
         example="{effect: backlash, joints: [j2], values: {j2: -1e-4}}",
     )
 
@@ -56,15 +67,31 @@ class Backlash(Effect):
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield one joint at a time: by the approach if it is known, and by gravity if its torque changes sign."""
-        changes = np.zeros(len(arm.names), dtype=bool)
+        torque = np.zeros((len(arm.names), 1))
         if arm.chain.bodies:
             torque = gravity_torques(arm, commanded(data, cls.name))
-            changes = (torque.min(axis=1) < 0) & (torque.max(axis=1) > 0)
-        for joint in arm.names:
+        for joint, moment in zip(arm.names, torque, strict=True):
             if varies(data.direction):
                 yield cls((joint,))
-            if changes[arm.number(joint)]:
+            if moment.min() < 0 < moment.max():
                 yield cls((joint,), "gravity")
+                yield from cls._with_friction(joint, moment, data)
+
+    @classmethod
+    def _with_friction(cls, joint: str, torque: Array, data: Measurements) -> Iterator[Effect]:
+        """Yield the effect by gravity with each friction that changes the flank of some of the poses."""
+        if not varies(data.direction):
+            return
+        largest = float(np.abs(torque).max())
+        for share in _FRICTION_SHARES:
+            friction = float(f"{share * largest:.2g}")
+            if np.any(np.abs(torque) < friction):
+                yield cls((joint,), "gravity", friction)
+
+    @property
+    def follows_approach(self) -> bool:
+        """True unless gravity alone decides the flank."""
+        return self.by == "approach" or self.friction > 0.0
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
         """Return none: a direction has no range."""
@@ -86,6 +113,8 @@ class Backlash(Effect):
         else:
             loads = weight_needed(arm, f"{self.name} by gravity")
             torque = gravity_torques(arm, commanded(data, self.name))
+            if self.friction > 0.0:
+                torque = torque + self.friction * needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
             weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
             # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
             sign = np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
@@ -100,14 +129,30 @@ class Backlash(Effect):
         )
 
     def settings(self) -> dict[str, Any]:
-        """Return the cause that decides the flank, if it is not the approach."""
-        return {} if self.by == "approach" else {"by": self.by}
+        """Return the cause that decides the flank, if it is not the approach, and the friction."""
+        values: dict[str, Any] = {} if self.by == "approach" else {"by": self.by}
+        return values | ({"friction_nm": self.friction} if self.friction > 0.0 else {})
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``by: approach`` or ``by: gravity``."""
+        """Read ``by: approach`` or ``by: gravity``, the latter with ``friction_nm``."""
         unknown = dict(settings)
-        by = unknown.pop("by", "approach")
+        by, friction = unknown.pop("by", "approach"), unknown.pop("friction_nm", 0.0)
         if unknown or by not in ("approach", "gravity"):
             raise ValueError(f"{cls.name} knows the setting by: approach or gravity, found {dict(settings)!r}")
-        return cls(joints=joints, by=by)
+        if isinstance(friction, bool) or not isinstance(friction, int | float) or not 0 <= friction < math.inf:
+            raise ValueError(f"{cls.name}: friction_nm must be a number of at least 0, found {friction!r}")
+        if friction and by != "gravity":
+            raise ValueError(f"{cls.name}: friction_nm belongs to by: gravity")
+        return cls(joints, by, float(friction))
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return that the load decides the flank, if it does."""
+        if self.by == "approach":
+            return None
+        friction = f"; below {self.friction:.3g} N m it stays on the flank of its approach" if self.friction else ""
+        return (
+            f"the gear rests on the flank that gravity presses it to{friction}: it jumps where the torque changes sign"
+        )

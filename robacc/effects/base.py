@@ -185,6 +185,11 @@ class Effect(abc.ABC):
         return False
 
     @property
+    def follows_approach(self) -> bool:
+        """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
+        return False
+
+    @property
     def of_campaign(self) -> bool:
         """True if it is a fact of one measuring campaign: of its time, or of its instrument."""
         return False

@@ -40,6 +40,11 @@ class FrictionWindup(Effect):
         """True: the torque is that of the file's masses."""
         return True
 
+    @property
+    def follows_approach(self) -> bool:
+        """True: friction acts against the approach."""
+        return True
+
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Return the reason if there is no direction of approach, or no mass."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robacc.diagnostics.approach_memory import memory_of_play
 from robacc.diagnostics.residual_correlation import residual_correlations
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.fit_repeatability import Repeatability
@@ -94,6 +95,19 @@ def _size_hints(loop: SearchResult, noise: LackOfFit, repeatability: Repeatabili
         )
 
 
+def _memory_hints(loop: SearchResult, final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
+    """Yield p-value and hint on each joint whose play remembers the visit before."""
+    playing = {joint: effect for effect in loop.effects if effect.follows_approach for joint in effect.joints}
+    p_values = memory_of_play(final, data, tuple(playing))
+    for joint, p_value in p_values.items():
+        if p_value * len(p_values) <= FALSE_ALARM:
+            yield (
+                p_value * len(p_values),
+                f"beside {playing[joint]} the errors of {joint} follow the change of its torque since the visit "
+                "before: its play has a memory (hysteresis), which the direction of approach alone does not describe",
+            )
+
+
 def remaining_error(
     loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements, repeatability: Repeatability | None
 ) -> Unexplained:
@@ -105,6 +119,9 @@ def remaining_error(
     for correlation in residual_correlations(final, data):
         p_values.append(correlation.p_value)
         hints.append(correlation.text)
+    for p_value, hint in _memory_hints(loop, final, data):
+        p_values.append(p_value)
+        hints.append(hint)
     residual = final.residual[:3, final.inliers]
     rms = float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
     hints.extend(_scatter_hints(repeatability))

@@ -308,6 +308,8 @@ WRONG = {
     "{effect: backlash, joints: [j2], values: {j2: true}}": "values.j2 must be a finite number",
     "{effect: backlash, joints: [j2], values: 3}": "values must be a mapping of name to number, found 3",
     "{effect: backlash, joints: [j2], by: luck}": "backlash knows the setting by: approach or gravity",
+    "{effect: backlash, joints: [j2], by: gravity, friction_nm: -1}": "friction_nm must be a number of at least 0",
+    "{effect: backlash, joints: [j2], friction_nm: 1}": "friction_nm belongs to by: gravity",
     "{effect: gear_ratio, joints: [j2], tooth: 3}": "gear_ratio has no setting 'tooth'",
     "{effect: link_geometry, joints: [j2], tooth: 3}": "link_geometry has no setting 'tooth'",
     "{effect: link_geometry, joints: [j2], labels: [b]}": "link_geometry: labels must be a list of",

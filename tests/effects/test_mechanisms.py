@@ -80,6 +80,20 @@ def test_backlash_whose_flank_gravity_decides_is_found_although_the_approach_is_
     assert coefficients(data, [effect])["backlash.j2"] == pytest.approx(1.5e-4, rel=0.05)
 
 
+def test_friction_keeps_a_lightly_loaded_gear_on_the_flank_of_its_approach() -> None:
+    friction = 0.1 * float(np.abs(TORQUES[1]).max())
+    loaded = np.abs(TORQUES[1]) > friction
+    turn = 1.5e-4 * np.where(loaded, np.sign(TORQUES[1]), POSES.direction[1])
+    data = measured(POSES, positions(turn), NOISE, 7, directed=True)
+    (effect,) = found(data)
+    assert (effect.name, effect.joints, effect.settings()["by"]) == ("backlash", ("j2",), "gravity")
+    assert effect.settings()["friction_nm"] == pytest.approx(friction, rel=0.5)
+    assert coefficients(data, [effect])["backlash.j2"] == pytest.approx(1.5e-4, rel=0.05)
+    statement = effect.statement(ARM, {})
+    assert statement is not None
+    assert "flank of its approach" in statement
+
+
 def test_one_delay_is_common_to_all_joints() -> None:
     """All joints are read 12 ms late, at speeds of up to 0.02 rad/s that rise to the move's largest: one number."""
     rng = np.random.default_rng(5)
@@ -126,3 +140,5 @@ def test_the_poses_cover_both_signs_of_the_torque() -> None:
     assert isinstance(POSES, Run)
     assert len(LIMITS) == 6
     assert TORQUES[1].min() < 0 < TORQUES[1].max()
+    light = np.abs(TORQUES[1]) < 0.1 * np.abs(TORQUES[1]).max()
+    assert np.any(light & (np.sign(TORQUES[1]) != POSES.direction[1]))

@@ -1,0 +1,65 @@
+"""Play with a memory (hysteresis) is noticed in the residual; play without one, and chance, are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from independent_arm import DECLARED, LIMITS, Run, measured, robot, target, torques
+
+from robacc.diagnostics.approach_memory import memory_of_play, previous_visit
+from robacc.effects.base import effect_class
+from robacc.effects.request import build, parse_requests
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
+from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
+
+ARM = Arm.of(robot())
+N = 120
+
+
+def sequence(seed: int) -> Run:
+    """Poses that follow each other; the direction is that of the move."""
+    rng = np.random.default_rng(seed)
+    low, high = np.array(LIMITS).T[..., None]
+    q = rng.uniform(low, high, (6, N))
+    return Run(q, np.sign(np.diff(q, axis=1, prepend=0.0)), 30.0 * np.arange(N))
+
+
+def memory_p_value(poses: Run, memory: float, seed: int) -> float:
+    """Return the p-value for joint 3 with play of 0.2 mrad and a share of it that follows the torque's change."""
+    torque = np.array([torques(q)[2] for q in poses.q.T])
+    change = np.sign(np.diff(torque, prepend=torque[0]))
+    moved = poses.q.copy()
+    moved[2] += 2e-4 * ((1 - memory) * poses.direction[2] + memory * change)
+    position = np.array([target(q) for q in moved.T]).T
+    data = measured(poses, position, 2e-5, seed, timed=True, directed=True)
+    declared = build(parse_requests(DECLARED), ARM, data)
+    play = effect_class("backlash").from_settings(("j3",), {})
+    fitted = fit(Model(ARM, free=(*declared, play)), data, Options())
+    return memory_of_play(fitted, data, ["j3"])["j3"]
+
+
+def test_a_memory_is_noticed() -> None:
+    assert memory_p_value(sequence(1), 0.25, 1) < 1e-4
+
+
+def test_play_alone_has_none() -> None:
+    """Twelve arms: the smallest of twelve uniform p-values is below 0.002 in one of forty runs; the seeds are fixed."""
+    p_values = [memory_p_value(sequence(seed), 0.0, seed) for seed in range(2, 8)]
+    assert min(p_values) > 0.002
+    assert max(p_values) > 0.2
+
+
+def test_rows_of_a_visit_have_the_same_visit_before() -> None:
+    q = np.array([[0.0, 0.0, 1.0, 1.0, 2.0, 0.0]])
+    assert previous_visit(q).tolist() == [-1, -1, 1, 1, 3, 4]
+
+
+def test_without_joints_there_is_nothing_to_test() -> None:
+    poses = sequence(1)
+    position = np.array([target(q) for q in poses.q.T]).T
+    data = measured(poses, position, 2e-5, 1, timed=True)
+    fitted = fit(Model(ARM, free=build(parse_requests("base_frame"), ARM, data)), data)
+    assert memory_of_play(fitted, data, []) == {}
+    assert memory_of_play(fitted, data, ["j2"]) == {"j2": pytest.approx(0.5, abs=0.5)}

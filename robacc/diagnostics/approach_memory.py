@@ -35,7 +35,8 @@ _LARGEST = 7.0
 def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[str, float]:
     """Return, for each joint with play, the p-value of a memory in the residual.
 
-    Outliers count with a bounded size, since a memory may be what makes them. The result is empty without masses, without joint variables, or with fewer than 30 visits that follow another visit.
+    Outliers count with a bounded size, since a memory may be what makes them. The result is empty without masses,
+    without joint variables, or with fewer than 30 visits that follow another visit.
     """
     if not joints or data.q is None or not fit.model.arm.chain.bodies:
         return {}

@@ -89,14 +89,14 @@ class Predicted(Result, Prediction):
         Raises:
             UsageError: The edge is no length above zero.
         """
-        from robacc.prediction.warranty_map import warranty_map_csv
+        from robacc.prediction.warranty_map import warranty_map
         from robacc.robots.assembly import build_chain
 
         edge = size(voxel, "length", "`voxel`")
         if edge <= 0:
             raise UsageError("`voxel`: expected a length above zero")
         poses = build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n)
-        return warranty_map_csv(self, poses.translation, edge)
+        return warranty_map(self, poses.translation, edge).csv()
 
 
 def predict(

@@ -15,6 +15,7 @@ from robacc.prediction.comparison import MeasuredComparison
 from robacc.prediction.components import VarianceComponents
 from robacc.prediction.consistency import ChiSquare
 from robacc.prediction.predicting import PredictedErrors, Prediction, Share
+from robacc.prediction.warranty_map import WarrantyMap, warranty_map
 from robacc.quantities import number_text
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Robot
@@ -51,13 +52,26 @@ def pose_payload(prediction: Prediction, robot: Robot) -> dict[str, Any]:
     """Return the keys for charts: the robot's outline, and the poses of the prediction."""
     configurations = prediction.configurations
     reached = build_chain(robot).poses(configurations.scalars, configurations.n)
+    voxels = warranty_map(prediction, reached.translation) if prediction.is_calibrated else None
     return {
+        "warranty_map": None if voxels is None else _voxels(voxels),
         "robot": robot_document(robot, configurations.q),
         "poses": {
             "label": [configurations.label(i) for i in range(configurations.n)],
             "q": rounded(configurations.q),
             "commanded_m": rounded(reached.translation),
         },
+    }
+
+
+def _voxels(voxels: WarrantyMap) -> dict[str, Any]:
+    return {
+        "voxel_m": voxels.edge,
+        "centre_m": rounded(voxels.centre),
+        "configurations": voxels.count,
+        "bound95_m": voxels.bound[0],
+        "bound95_rad": voxels.bound[1],
+        "grade": voxels.grades,
     }
 
 

@@ -60,6 +60,7 @@ def calibrated_accuracy(
         grade=predicted_grade(position, orientation, scale),
         meaning=MEANING,
         notes=tuple(notes),
+        is_calibrated=True,
     )
 
 

@@ -25,6 +25,8 @@ _DOUBT = 2.6
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
 _ROUNDS = 20
+_LEAST_SURPLUS = 0.2
+"""Least surplus of measured values over coefficients in a fold, as a share of all values, that its inflation uses."""
 _FEWEST = 20
 """Smallest number of held-out poses from which a factor of the bounds is taken."""
 
@@ -36,6 +38,7 @@ def fit_record(
     data: Measurements,
     held_out: tuple[Measurements, Array] | None,
     repeatability: Repeatability | None,
+    n_folds: int = 0,
 ) -> ModelFit:
     """Return the record of a fit.
 
@@ -46,6 +49,7 @@ def fit_record(
         data: Poses of the fit.
         held_out: Poses that were held out and their residuals ``(M, N)``; None without any.
         repeatability: Scatter of the joints, if it is significant.
+        n_folds: Number of folds of the poses ``data`` that were held out; 0 for poses of their own.
     """
     columns = fit.identifiability.columns
     known = np.array([i for i in columns if np.all(np.isfinite(fit.covariance[i, columns]))], dtype=np.int64)
@@ -69,15 +73,38 @@ def fit_record(
         if held_out[0] is data:
             finite &= fit.inliers
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(np.flatnonzero(finite)), -1.0
-    spread = model_uncertainty(robot, record, poses, measured=True)
+    # The residuals of folds have the errors of fits to fewer poses.
+    of_folds = _fold_inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
+    compared = dataclasses.replace(record, covariance=of_folds * record.covariance)
     noise = _noise_variances(poses, fit, repeatability)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
-    unexplained = _unexplained(residual, spread, sign, noise)
+    unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)
     record = dataclasses.replace(record, unexplained=unexplained)
     if held_out is None or poses.n < _FEWEST:
         return record
-    spread = model_uncertainty(robot, record, poses, measured=True)
-    return dataclasses.replace(record, bound_factor=_bound_factors(residual, spread, noise))
+    compared = dataclasses.replace(compared, unexplained=unexplained)
+    factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True), noise)
+    return dataclasses.replace(record, bound_factor=factors)
+
+
+def _fold_inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
+    """Return the mean variance of a fold's predictions at its held-out poses over that of the fit to all poses.
+
+    With p coefficients, n measured values and the share s = 1 - 1/K of them in a fold's fit, random poses are predicted
+    with p / (s n - p) of the noise variance, and poses of the fit with p / n (for random regressors, L. Breiman and
+    D. Freedman, JASA 78, 1983). Repeats of a pose are in the same fold and count once.
+    """
+    if n_folds < 2:
+        return 1.0
+    share = 1.0 - 1.0 / n_folds
+    rows = fit.residual.shape[0]
+    coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
+    visited = data.groups()[fit.inliers]
+    if data.target is not None:
+        targets = np.unique(data.target[fit.inliers], return_inverse=True)[1]
+        visited = np.unique(np.stack((visited, targets)), axis=1, return_inverse=True)[1].ravel()
+    effective = float(coefficients) / (np.unique(visited).size * rows)
+    return float(1.0 / max(share - effective, _LEAST_SURPLUS))
 
 
 def nominal_robot(robot: Robot, record: ModelFit) -> Robot:

@@ -133,6 +133,8 @@ class Prediction:
     meaning: str
     """Conversion of a tolerance into a variance, as text."""
     notes: tuple[str, ...]
+    is_calibrated: bool = False
+    """The prediction is that of one calibrated arm, from the fit of its model."""
 
 
 def predict_accuracy(

@@ -2,45 +2,77 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.accuracy.grade_scale import Scale
 from robacc.geometry import Array
 from robacc.prediction.predicting import Prediction
 from robacc.quantities import number_text
 
+_ACROSS = 10
+"""Voxels along the longest side of the workspace, about, where no edge is given."""
 
-def warranty_map_csv(prediction: Prediction, position: Array, voxel: float) -> str:
-    """Return a CSV with a row for each voxel that has a configuration.
 
-    Columns: centre of the voxel (m), number of configurations, RMS and largest 95 % bound of position (m) and of
-    orientation (rad), and the grade that every configuration there meets.
+@dataclass(frozen=True, slots=True)
+class WarrantyMap:
+    """Predicted errors of the V voxels that have a configuration."""
+
+    edge: float
+    """m"""
+    centre: Array
+    """``(3, V)`` measuring frame, m."""
+    count: NDArray[np.int64]
+    """``(V,)`` configurations in each voxel."""
+    rms: tuple[Array, Array]
+    """``(V,)`` RMS of position (m) and of orientation (rad)."""
+    bound: tuple[Array, Array]
+    """``(V,)`` largest 95 % bound of position (m) and of orientation (rad)."""
+    grades: tuple[str, ...]
+    """``(V,)`` grade that every configuration of the voxel meets."""
+
+    def csv(self) -> str:
+        """Return a CSV with a row for each voxel; lengths in m, angles in rad."""
+        rows = ["x_m,y_m,z_m,configurations,rms_m,bound95_m,rms_rad,bound95_rad,grade"]
+        columns = (self.rms[0], self.bound[0], self.rms[1], self.bound[1])
+        for i, centre in enumerate(self.centre.T.tolist()):
+            numbers = [number_text(float(value)) for value in (*centre, *(column[i] for column in columns))]
+            rows.append(",".join((*numbers[:3], str(int(self.count[i])), *numbers[3:], self.grades[i])))
+        return "\n".join(rows) + "\n"
+
+
+def warranty_map(prediction: Prediction, position: Array, edge: float | None = None) -> WarrantyMap:
+    """Return the map of predicted errors.
 
     Args:
         prediction: Predicted errors of N configurations.
         position: ``(3, N)`` position of the target, measuring frame, m.
-        voxel: Edge of a voxel, m.
+        edge: Edge of a voxel, m; None for a round length that gives about ten voxels along the workspace.
     """
-    index = np.floor(position / voxel).astype(np.int64)
+    edge = _round_edge(position) if edge is None else edge
+    index = np.floor(position / edge).astype(np.int64)
     voxels, number = np.unique(index, axis=1, return_inverse=True)
     number = number.ravel()
     count = np.bincount(number)
-    rows = ["x_m,y_m,z_m,configurations,rms_m,bound95_m,rms_rad,bound95_rad,grade"]
-    columns = []
-    for errors in (prediction.position, prediction.orientation):
-        columns += [
-            np.sqrt(np.bincount(number, np.square(errors.pose_rms)) / count),
-            _largest(errors.pose_radius95, number, count.size),
-        ]
+    parts = (prediction.position, prediction.orientation)
+    rms: list[Array] = [np.sqrt(np.bincount(number, np.square(errors.pose_rms)) / count) for errors in parts]
+    bound = [_largest(errors.pose_radius95, number, count.size) for errors in parts]
     scale = prediction.grade.scale
-    for i, centre in enumerate(((voxels + 0.5) * voxel).T):
-        numbers = [number_text(float(value)) for value in (*centre, *(column[i] for column in columns))]
-        grade = _grade(scale, float(columns[1][i]), float(columns[3][i]))
-        rows.append(",".join((*numbers[:3], str(int(count[i])), *numbers[3:], grade)))
-    return "\n".join(rows) + "\n"
+    grades = tuple(_grade(scale, float(p), float(r)) for p, r in zip(*bound, strict=True))
+    return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, (rms[0], rms[1]), (bound[0], bound[1]), grades)
 
 
-def _largest(values: Array, number: np.ndarray, count: int) -> Array:
+def _round_edge(position: Array) -> float:
+    """Return 1, 2 or 5 times a power of ten, m."""
+    wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
+
+
+def _largest(values: Array, number: NDArray[np.int64], count: int) -> Array:
     result = np.zeros(count)
     np.maximum.at(result, number, values)
     return result

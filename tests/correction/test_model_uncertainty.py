@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from functools import cache
 from pathlib import Path
 
@@ -11,8 +12,9 @@ import pytest
 
 import robacc
 from robacc.effects.entry_units import with_effect_units
-from robacc.modelling.model import predict
-from robacc.prediction.model_fit import model_fit
+from robacc.fitting.apply_fit import absorb_constants
+from robacc.modelling.model import Model, predict
+from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import model_uncertainty
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot
@@ -121,6 +123,74 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     assert any("lie within the 95 % bound of position" in note for note in notes)
     with pytest.raises(robacc.InputError, match="tolerance"):
         robacc.predict(ROBOT)
+
+
+def test_warranty_map_is_in_the_result_and_drawn(tmp_path: Path) -> None:
+    from robacc.render.plots.canvas import as_part
+    from robacc.render.plots.catalogue import chart_of
+
+    prediction = robacc.predict(calibrated(1).robot, samples=120)
+    voxels = json.loads(prediction.to_json())["warranty_map"]
+    csv = [row.split(",") for row in prediction.map_csv(voxels["voxel_m"]).splitlines()[1:]]
+    assert [row[-1] for row in csv] == voxels["grade"]
+    assert [int(row[3]) for row in csv] == voxels["configurations"]
+    # The grade of a voxel is that of its worst configuration.
+    centre, edge = np.array(voxels["centre_m"]).T, voxels["voxel_m"]
+    poses = predict(dataclasses.replace(prediction.robot, effects=()), prediction_poses(prediction)).translation
+    bound = prediction.position.pose_radius95
+    for i in range(centre.shape[1]):
+        inside = np.all(np.abs(poses - centre[:, [i]]) < 0.5 * edge, axis=0)
+        assert np.count_nonzero(inside) == voxels["configurations"][i]
+        assert bound[inside].max() == pytest.approx(voxels["bound95_m"][i], rel=1e-9)
+    chart = chart_of(json.loads(prediction.to_json()), "warranty")
+    assert chart.scene is not None
+    assert sum(len(trace["x"]) for trace in chart.scene.traces) == len(voxels["grade"])
+    assert f"of {len(voxels['grade'])} voxels" in chart.caption
+    assert "grade" in as_part(chart.draw, chart.size, "x")
+
+
+def prediction_poses(prediction: robacc.Predicted) -> robacc.Measurements:
+    q = prediction.configurations.q
+    return robacc.Measurements(position=np.zeros((3, q.shape[1])), q=q)
+
+
+def test_errors_of_the_measurement_do_not_hide_errors_of_the_arm() -> None:
+    """An unknown scale of the instrument leaves measured poses certain and the arm's own poses uncertain."""
+    noise = {"noise": "0.05mm", "position_only": True, "sigma": True}
+    data = robacc.simulate(ROBOT, poses=60, seed=3, **noise).data
+    fit = "base_frame,tool_frame,joint_offset[j2,j3],instrument_scale"
+    result = robacc.calibrate(data, robot=ROBOT, fit=fit, folds=2)
+    record = model_fit(result.robot)
+    assert record is not None
+    bare = dataclasses.replace(record, unexplained=0 * record.unexplained, bound_factor=(1.0, 1.0))
+    poses = robacc.simulate(ROBOT, poses=40, seed=9).data
+    of_arm, of_measured = (
+        model_uncertainty(result.robot, bare, poses, measured=flag).position for flag in (False, True)
+    )
+    # Independent: propagate the coefficients, with the scale's column p dp/ds = position where it is measured.
+    names = list(record.coefficients)
+    scale = names.index("instrument_scale")
+    others = [i for i in range(len(names)) if i != scale]
+    draws = np.random.default_rng(0).multivariate_normal(np.zeros(len(names)), record.covariance, 4000)
+    jacobian = differences(result.robot, record, poses)[:, others]
+    moved = np.einsum("ipn,dp->din", jacobian, draws[:, others])
+    expected = np.einsum("din,din->n", moved, moved) / len(draws)
+    np.testing.assert_allclose(np.einsum("iin->n", of_arm), expected, rtol=0.12)
+    moved += draws[:, scale, None, None] * predict(result.robot, poses).translation
+    expected = np.einsum("din,din->n", moved, moved) / len(draws)
+    np.testing.assert_allclose(np.einsum("iin->n", of_measured), expected, rtol=0.12)
+    assert not np.allclose(np.einsum("iin->n", of_arm), np.einsum("iin->n", of_measured), rtol=0.12, atol=0.0)
+
+
+def differences(robot: Robot, record: ModelFit, poses: robacc.Measurements) -> np.ndarray:
+    """Derivative (3, P, N) of the predicted positions to the coefficients, by differences."""
+    bound = Model.of(absorb_constants(robot), record.effects).bind(poses)
+    columns = []
+    for name in record.coefficients:
+        step = np.zeros(len(bound.names))
+        step[bound.names.index(name)] = 1e-6
+        columns.append((bound.poses(step).translation - bound.poses(-step).translation) / 2e-6)
+    return np.stack(columns, axis=1)
 
 
 def test_records_that_were_changed_are_refused() -> None:

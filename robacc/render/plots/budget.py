@@ -26,7 +26,7 @@ def budget_charts(document: Document) -> Iterator[Chart]:
     ):
         shares = document.get(key) or ()
         if shares:
-            yield _chart(kind, shares, name, label)
+            yield _chart(kind, shares, name, label if shares[0].get("sd") is not None or name == "name" else "source")
 
 
 def _chart(kind: str, shares: Sequence[Mapping[str, Any]], name: str, label: str) -> Chart:

@@ -16,6 +16,7 @@ from robacc.render.plots.ellipsoids import ellipsoid_charts
 from robacc.render.plots.error_over_time import error_over_time_charts
 from robacc.render.plots.gate import operating_curve_charts
 from robacc.render.plots.iso9283 import iso9283_charts
+from robacc.render.plots.warranty import warranty_charts
 from robacc.render.plots.workspace import workspace_charts
 from robacc.render.plots.workspace_3d import workspace_3d_charts
 
@@ -28,6 +29,7 @@ _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
     candidate_charts,
     workspace_3d_charts,
     correction_charts,
+    warranty_charts,
     ellipsoid_charts,
     budget_charts,
     error_over_time_charts,

@@ -100,5 +100,5 @@ def _table(at: Array, voxels: Mapping[str, Any], present: Sequence[str], text: A
         for i in map(int, order)
     ]
     header = ("grade", "x, m", "y, m", "z, m", "configurations", "95 % bound")
-    note = f"The {len(order)} voxels with the largest bounds of {len(at)}; `--warranty-map` writes all of them."
+    note = f"The {len(order)} voxels with the largest bounds of {len(at)}; the JSON result has all of them."
     return ChartTable(header, rows, note if len(order) < len(at) else "Sorted by bound, the largest first.")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robacc.effects import REGISTRY
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
@@ -30,6 +31,12 @@ def arm(name: str) -> Arm:
     if kind == "targets":
         robot = dataclasses.replace(robot, tool=Frame(), targets={"a": TOOL, "b": Frame((0.0, -0.06, 0.12))})
     return Arm.of(robot)
+
+
+def suited(effect: str, one: Arm) -> Arm:
+    """Return ``one``, or the arm with a slide where the effect cannot act on any joint of it."""
+    cls = REGISTRY[effect]
+    return arm("stanford") if cls.per_joint and not cls.possible_joints(one) else one
 
 
 def circumstances(robot: Robot, n: int, seed: int = 0) -> Measurements:

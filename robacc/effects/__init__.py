@@ -21,6 +21,7 @@ from robacc.effects import (  # noqa: I001  the order is the catalogue's
     payload_compliance as payload_compliance,
     base_compliance as base_compliance,
     axis_wobble as axis_wobble,
+    rail_errors as rail_errors,
     thermal_expansion as thermal_expansion,
     joint_warmup as joint_warmup,
     frame_drift as frame_drift,

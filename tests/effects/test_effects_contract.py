@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from arms import arm, circumstances
+from arms import arm, circumstances, suited
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
@@ -41,15 +41,14 @@ OTHER_FORMS = {
 
 def example(name: str) -> dict[str, object]:
     """The entry that the catalogue shows, as a robot file's reader sees it."""
-    return parse_robot(f"{robot_to_yaml(arm('puma560').robot)}effects: [{REGISTRY[name].about.example}]", name).effects[
-        0
-    ]
+    robot = suited(name, arm("puma560")).robot
+    return parse_robot(f"{robot_to_yaml(robot)}effects: [{REGISTRY[name].about.example}]", name).effects[0]
 
 
 def forms(name: str, one: Arm, data: Measurements) -> list[Effect]:
     """As it is fitted by default, as its example has it where the arm is the example's, and as a trace tries it."""
     found = [REGISTRY[name].default(one, data)]
-    if one.robot == arm("puma560").robot:
+    if one.robot == suited(name, arm("puma560")).robot:
         found.append(known_effects(dataclasses.replace(one.robot, effects=(example(name),)))[0].effect)
     cls = REGISTRY[name]
     found += [cls.from_settings(cls.possible_joints(one)[1:2], settings) for settings in OTHER_FORMS.get(name, ())]
@@ -74,9 +73,10 @@ def test_the_example_is_of_the_effect_and_does_something(name: str) -> None:
     entry = example(name)
     assert entry["effect"] == name
     assert entry["values"]
-    robot = dataclasses.replace(arm("puma560").robot, effects=(entry,))
+    one = suited(name, arm("puma560"))
+    robot = dataclasses.replace(one.robot, effects=(entry,))
     data = circumstances(robot, N)
-    there, nominal = predict(robot, data), arm("puma560").chain.forward(data.q)
+    there, nominal = predict(robot, data), one.chain.forward(data.q)
     moved = np.linalg.norm(there.translation - nominal.translation, axis=0).max()
     assert 1e-7 < moved < 0.02, "an example of usual size moves the target by micrometres to millimetres"
 
@@ -93,6 +93,7 @@ def test_the_catalogue_says_everything_of_it(name: str) -> None:
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_terms_have_unique_names_units_and_regressors_of_one_number_a_pose(name: str, one: Arm) -> None:
+    one = suited(name, one)
     data = circumstances(one.robot, N)
     assert REGISTRY[name].missing(one, data) is None
     for effect in forms(name, one, data):
@@ -113,6 +114,7 @@ def test_terms_have_unique_names_units_and_regressors_of_one_number_a_pose(name:
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_zero_is_nominal_bit_for_bit(name: str, one: Arm) -> None:
+    one = suited(name, one)
     data = circumstances(one.robot, N)
     nominal = Model(one).bind(data).poses(np.zeros(0))
     if not one.robot.targets:
@@ -153,6 +155,7 @@ def assert_jacobian(model: Model, data: Measurements) -> None:
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_jacobian_against_complex_step(name: str, one: Arm) -> None:
+    one = suited(name, one)
     data = circumstances(one.robot, N)
     for effect in forms(name, one, data):
         assert_jacobian(Model(one, free=(effect,)), data)
@@ -162,7 +165,7 @@ def test_jacobian_against_complex_step(name: str, one: Arm) -> None:
 @pytest.mark.parametrize("arm_name", ["puma560", "urdf:puma560"])
 def test_jacobian_of_an_arm_that_sags_and_is_measured_to_scale(name: str, arm_name: str) -> None:
     # Deflections answer every coefficient: the arm's posture changes the torque, the torque the posture.
-    one = arm(arm_name)
+    one = suited(name, arm(arm_name))
     data = circumstances(one.robot, N)
     sag = REGISTRY["joint_compliance"].default(one, data)
     bend = REGISTRY["lateral_compliance"].default(one, data)
@@ -190,6 +193,7 @@ def test_jacobian_of_an_arm_with_deflections_of_both_forms(name: str, arm_name: 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_order_and_number_of_poses_do_not_matter(name: str, one: Arm) -> None:
+    one = suited(name, one)
     data = circumstances(one.robot, 40)
     effect = REGISTRY[name].default(one, data)
     bound = Model(one, free=(effect,)).bind(data)
@@ -210,6 +214,7 @@ def test_order_and_number_of_poses_do_not_matter(name: str, one: Arm) -> None:
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_settings_and_robot_file_bring_it_back(name: str, one: Arm) -> None:
+    one = suited(name, one)
     data = circumstances(one.robot, N)
     for effect in forms(name, one, data):
         again = type(effect).from_settings(effect.joints, yaml.safe_load(yaml.safe_dump(effect.settings())))
@@ -227,7 +232,7 @@ def test_settings_and_robot_file_bring_it_back(name: str, one: Arm) -> None:
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_file_in_mm_and_degrees_says_the_same(name: str) -> None:
-    one = arm("puma560")
+    one = suited(name, arm("puma560"))
     data = circumstances(one.robot, N)
     effect = known_effects(dataclasses.replace(one.robot, effects=(example(name),)))[0].effect
     terms = effect.terms(one, data)
@@ -237,6 +242,8 @@ def test_a_file_in_mm_and_degrees_says_the_same(name: str) -> None:
     entry = entry_of(effect, other)
     if name == "joint_correction":
         entry["range"] = [[end * 180 / np.pi for end in pair] for pair in entry["range"]]
+    if name == "rail_errors":
+        entry |= {end: 1e3 * entry[end] for end in ("from", "to")}
     if "instrument" in entry:
         entry["instrument"] = [1e3 * coordinate for coordinate in entry["instrument"]]
     robot = dataclasses.replace(one.robot, effects=(entry,), effect_units=(1e-3, np.pi / 180))
@@ -247,6 +254,8 @@ def test_a_file_in_mm_and_degrees_says_the_same(name: str) -> None:
 BARE = Measurements(position=np.zeros((3, 2)), q=np.array([[0.1, 0.2]] * 6))
 NEEDY = tuple(name for name, cls in REGISTRY.items() if cls.missing_reasons)
 """Effects that ask for a column or for masses."""
+SLIDING = ("rail_errors",)
+"""Effects that need a slide, not a column or a mass."""
 PAST = ("step",)
 """Effects that lie in the past of poses without a time or a line, and so need neither in a robot file."""
 
@@ -280,7 +289,7 @@ def test_payloads_that_are_all_zero_show_nothing() -> None:
     assert REGISTRY["payload_compliance"].missing(arm("puma560"), data) == "payload_kg is zero throughout"
 
 
-@pytest.mark.parametrize("name", [name for name in NEEDY if name not in PAST])
+@pytest.mark.parametrize("name", [name for name in NEEDY if name not in PAST + SLIDING])
 def test_an_effect_of_the_robot_file_whose_need_is_missing_is_an_error(name: str) -> None:
     robot = dataclasses.replace(weightless().robot, effects=(example(name),))
     with pytest.raises((UsageError, InputError), match=r"needs (the column|mass and com)"):

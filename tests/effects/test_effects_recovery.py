@@ -114,7 +114,7 @@ HAS_IT_NOT = {
     (effect, name)
     for effect in ("friction_windup", "joint_hardening")
     for name in ("irb1600", "scara")  # their masses are not published
-}
+} | {("rail_errors", name) for name in ("irb1600", "panda", "puma560", "ur10")}  # no joint slides
 
 
 SIX = ("joint_compliance", "backlash", "transmission_error", "thermal_expansion", "frame_drift", "gear_ratio")

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arms import arm, circumstances
+from arms import arm, circumstances, suited
 
 import robacc
 from robacc.effects import REGISTRY
@@ -20,10 +20,13 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
-HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", "joint_hardening", "joint_warmup"}
+HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", "joint_hardening", "joint_warmup"} | {
+    "rail_errors"
+}
 """Effects that stop at the end of a narrow range; the others follow a physical law, or have no driver."""
 
 
@@ -36,16 +39,17 @@ def narrow(robot: Robot, n: int, seed: int = 0) -> Measurements:
 
 
 def entry(effect: Effect, robot: Robot, data: Measurements, size: float = 1e-4) -> dict[str, object]:
-    terms = effect.terms(arm("puma560"), data)
-    return entry_of(effect, {term.name: size for term in terms}, effect.validity(arm("puma560"), data))
+    one = Arm.of(robot)
+    terms = effect.terms(one, data)
+    return entry_of(effect, {term.name: size for term in terms}, effect.validity(one, data))
 
 
 @pytest.mark.parametrize("name", tuple(REGISTRY))
 def test_every_effect_keeps_its_range_and_stops_or_extrapolates_as_it_says(name: str) -> None:
-    one = arm("puma560")
+    one = suited(name, arm("puma560"))
     inside, wide = narrow(one.robot, 40), circumstances(one.robot, 60, 2)
     cls = REGISTRY[name]
-    effect = cls.default(one, inside, cls.possible_joints(one)[1:2] or None)
+    effect = cls.default(one, inside, cls.possible_joints(one)[1:2] or cls.possible_joints(one) or None)
     robot = dataclasses.replace(one.robot, effects=(entry(effect, one.robot, inside),))
     robot = parse_robot(robot_to_yaml(robot), "model.yaml")
     known = known_effects(robot)[0]

@@ -1,0 +1,141 @@
+"""Rails that are not straight: a slide's carriage shifts and turns along its travel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.chain import BASE
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
+from robacc.effects.base_frame import FRAME_LABELS
+from robacc.effects.driver import joint_driver
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+_DEGREE = 8
+"""Highest degree of the Chebyshev polynomials along the travel."""
+_ROW_LABELS = {"a": "x", "d": "z", "alpha": "roll", "beta": "pitch", "theta": "yaw"}
+"""Motions of a table's row that stand for those of the carriage."""
+
+
+@register
+@dataclass(frozen=True)
+class RailErrors(Effect):
+    """Shifts and turns of the carriage, each a smooth curve over the travel.
+
+    The curves are Chebyshev polynomials whose coefficients share a prior, smaller with the square of the degree, so
+    that a curve is as smooth as the poses allow. Of a rail that carries the arm they move the base; of another slide of
+    a DH table only those motions that its row has.
+    """
+
+    low: float = 0.0
+    """Beginning of the travel, m."""
+    high: float = 1.0
+    """End of the travel, m."""
+
+    name = "rail_errors"
+    missing_reasons = ("no prismatic joint",)
+    about = About(
+        summary="the rail is bent or twisted: its carriage shifts across the travel and turns along it",
+        equation="shifts and turns of the carriage + sum of c_p T_p(u), u the travel from -1 to 1, p = 1 (turns) "
+        "or 2 (shifts) to 8",
+        unit="m, rad",
+        usual_size="1e-5 to 1e-3 m, 1e-5 to 5e-4 rad",
+        usual_range=(1e-5, 1e-3),
+        needs="poses along the whole travel, several at each place",
+        confused_with="link_geometry where the rail is straight but askew, frame_drift where travel rises with time",
+        source="ISO 230-1:2012, 3.4 and 8: straightness, pitch, yaw and roll of linear motion",
+        example="{effect: rail_errors, joints: [j3], from: 0, to: 0.5, values: {j3.x2: 5e-5, j3.yaw1: 1e-4}}",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Return the reason if no joint is prismatic."""
+        return None if cls.possible_joints(arm) else cls.missing_reasons[0]
+
+    @classmethod
+    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
+        """Return the joints that slide."""
+        return tuple(joint for joint in arm.names if not arm.is_revolute(joint))
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return the curves over the travel of these poses."""
+        chosen = tuple(joints) if joints is not None else cls.possible_joints(arm)
+        travel = commanded(data, cls.name)[[arm.number(joint) for joint in chosen]]
+        low, high = (float(travel.min()), float(travel.max())) if travel.size else (0.0, 1.0)
+        return cls(chosen, low, high if high > low else low + 1.0)
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield each slide that carries the arm: those before the first rotary joint."""
+        for joint in arm.names:
+            if arm.is_revolute(joint):
+                return
+            yield cls.default(arm, data, (joint,))
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other`` has the same slide, over any travel."""
+        return isinstance(other, RailErrors) and self.joints == other.joints
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key without the travel, which depends on the poses."""
+        return (self.name, self.joints)
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the slide's travel."""
+        return None if joint is None else joint_driver(arm, data, joint, is_only=False)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return the coefficients of each curve, in a group for each joint."""
+        q = commanded(data, self.name)
+        terms = []
+        for joint in self.joints:
+            u = 2 * (q[arm.number(joint)] - self.low) / (self.high - self.low) - 1
+            curves = np.polynomial.chebyshev.chebvander(u, _DEGREE).T
+            for label, motion in _carriage(arm, joint).items():
+                is_shift = label in "xyz"
+                for degree in range(2 if is_shift else 1, _DEGREE + 1):
+                    name = f"{self.name}.{joint}.{label}{degree}"
+                    part = Part(motion, curves[degree])
+                    group = f"{self.name}.{joint}"
+                    terms.append(Term(name, "m" if is_shift else "rad", 1e-4, (part,), group, 1 / degree**2))
+        return tuple(terms)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the ends of the travel."""
+        return {"from": self.low, "to": self.high}
+
+    def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
+        """Return the effect with its travel in m."""
+        return RailErrors(self.joints, self.low * length, self.high * length)
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``from`` and ``to``."""
+        other_settings = dict(settings)
+        low, high = other_settings.pop("from", 0.0), other_settings.pop("to", 1.0)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        for value in (low, high):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"{cls.name}: from and to must be numbers, found {value!r}")
+        if not low < high:
+            raise ValueError(f"{cls.name}: from must be below to, found {low!r} and {high!r}")
+        return cls(joints, float(low), float(high))
+
+
+def _carriage(arm: Arm, joint: str) -> dict[str, int]:
+    """Return the motions of a slide's carriage, by label: shifts x, y, z and turns."""
+    owner = arm.owners[arm.number(joint)]
+    if arm.robot.convention == "urdf":
+        motions = {label: arm.chain.find(owner, motion) for label, motion in FRAME_LABELS.items()}
+    elif owner == 0:
+        motions = {label: arm.chain.find(BASE, motion) for label, motion in FRAME_LABELS.items()}
+    else:
+        motions = {label: arm.chain.find(owner, motion) for motion, label in _ROW_LABELS.items()}
+    return {label: motion for label, motion in motions.items() if motion is not None}

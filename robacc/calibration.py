@@ -206,8 +206,8 @@ class _Plan:
         effects = build(fixed, model.arm, data)
         if searched:
             build(searched, model.arm, data)
-            loop = search(Model.of(self.robot, effects), data, only=[request.name for request in searched])
-            effects = (*effects, *loop.effects)
+            search_result = search(Model.of(self.robot, effects), data, only=[request.name for request in searched])
+            effects = (*effects, *search_result.effects)
         return effects
 
     def with_priors(self, options: Options, effects: Sequence[Effect], data: Measurements) -> Options:

@@ -28,7 +28,7 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
         "fit": plan.settings.fit,
         "candidates": {
             "source": plan.candidates.source,
-            "drawn": plan.candidates.drawn,
+            "drawn": plan.candidates.n_drawn,
             "feasible": plan.candidates.n_poses,
             "excluded": [dataclasses.asdict(entry) for entry in plan.candidates.excluded],
         },
@@ -147,10 +147,10 @@ def _power(plan: CampaignPlan) -> dict[str, float] | None:
     if plan.power is None or plan.random_power is None:
         return None
     return {
-        "found": plan.power.found,
-        "separated": plan.power.apart,
-        "random_found": plan.random_power.found,
-        "random_separated": plan.random_power.apart,
+        "found": plan.power.detected,
+        "separated": plan.power.separated,
+        "random_found": plan.random_power.detected,
+        "random_separated": plan.random_power.separated,
     }
 
 

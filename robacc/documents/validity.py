@@ -23,7 +23,7 @@ def outside_document(outside: OutsideValidity | None) -> dict[str, Any]:
                 "high": item.high,
                 "n_poses": item.n_poses,
                 "largest_excess": item.excess,
-                "rule": "held" if item.held else "extrapolated",
+                "rule": "held" if item.is_held else "extrapolated",
             }
             for item in outside.ranges
         ],

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
-from robacc.effects.validity import Validity, held, is_outside, read_validity
+from robacc.effects.validity import Validity, clip_drivers, is_outside, read_validity
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -35,7 +35,7 @@ class Known:
     validity: Validity = field(default_factory=dict)
     """Range of each driver over the poses that the values were fitted to; empty if unknown."""
 
-    def held(self, arm: Arm, data: Measurements) -> Measurements:
+    def clip_drivers(self, arm: Arm, data: Measurements) -> Measurements:
         """Return the poses with the drivers that the effect does not extrapolate held at the ends of their ranges."""
         return held_at_ends(self.effect, arm, data, self.validity)
 
@@ -49,7 +49,7 @@ def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validit
     """Return the poses with the drivers that ``effect`` does not extrapolate held at the ends of their ranges."""
     if not validity:
         return data
-    return held(arm, data, {name: validity[name] for name in effect.held_drivers(arm, validity)})
+    return clip_drivers(arm, data, {name: validity[name] for name in effect.held_drivers(arm, validity)})
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:

@@ -83,7 +83,7 @@ def united(first: Validity, second: Validity) -> dict[str, tuple[float, float]]:
     return result
 
 
-def held(arm: Arm, data: Measurements, limits: Validity) -> Measurements:
+def clip_drivers(arm: Arm, data: Measurements, limits: Validity) -> Measurements:
     """Return the poses with each driver of ``limits`` held at the end of its range; drivers that are absent stay so."""
     changes: dict[str, Any] = {}
     for name, (low, high) in limits.items():

@@ -60,13 +60,13 @@ def inlier_mask(
     return mask if mask.sum() >= max(_LEAST_INLIERS * n, coefficients / rows + 1) else inliers
 
 
-def noise_of(data: Measurements, misfit: tuple[float, float], given: bool) -> Noise:
+def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) -> Noise:
     """Return known noise and misfit together, and the source of the figure."""
     position = 0.0 if data.sigma_position is None else float(np.mean(np.square(data.sigma_position)))
     orientation = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
     turned = None if data.rotation is None else float(np.sqrt(orientation + misfit[1] ** 2))
     source: NoiseSource
-    if given:
+    if is_given:
         source = "given"
     elif data.sigma_position is None:
         source = "residual"

@@ -48,8 +48,8 @@ _INNER = 0.1
 class Priors:
     """Precision of every coefficient's prior; the groups' standard deviations are improved in place."""
 
-    def __init__(self, terms: Sequence[Term], given: Array | None, start: Mapping[str, float]) -> None:
-        """``given`` ``(P,)`` are standard deviations, inf or NaN for none.
+    def __init__(self, terms: Sequence[Term], prior_stds: Array | None, start: Mapping[str, float]) -> None:
+        """``prior_stds`` ``(P,)`` are standard deviations, inf or NaN for none.
 
         A group starts at its standard deviation in ``start``, or at its terms' usual size.
         """
@@ -65,9 +65,9 @@ class Priors:
         """Standard deviation of each group, in units of its terms' weights."""
         sizes = [start.get(t.group, t.typical) * t.weight if t.group else np.inf for t in terms]
         self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
-        if given is not None:
-            known = np.isfinite(given) & (given > 0)
-            self.precision[known] = 1.0 / np.square(given[known])
+        if prior_stds is not None:
+            known = np.isfinite(prior_stds) & (prior_stds > 0)
+            self.precision[known] = 1.0 / np.square(prior_stds[known])
 
     def add_kind(self, kind: str, members: Sequence[int], usual: float, start: float | None = None) -> None:
         """Put the constants ``members`` under a common prior; those with a prior already keep theirs.

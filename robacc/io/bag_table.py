@@ -45,18 +45,18 @@ def bag_table(path: str, options: TableOptions) -> ColumnTable:
     tracks = _tracks(recording, options.bag, origin)
     times = (measured.times(options.bag.clock) - origin) / 1e9
     stands = _stands(times, tracks)
-    rest = _use_rest(path, stands, options.bag)
-    groups = _groups(stands) if rest else [np.array([i]) for i in range(times.size)]
+    are_stands = _use_rest(path, stands, options.bag)
+    groups = _groups(stands) if are_stands else [np.array([i]) for i in range(times.size)]
     columns = _columns(measured, tracks, times, groups)
     columns += _time_columns(origin, times, groups)
-    if not rest and stands.size and stands.min() >= 0 and np.unique(stands).size < stands.size:
+    if not are_stands and stands.size and stands.min() >= 0 and np.unique(stands).size < stands.size:
         columns.append(("visit", (stands + 1).astype(str)))
     return ColumnTable(
         columns,
         path,
         options,
         _digest(path),
-        _remark(recording, len(groups), int(np.sum(stands >= 0)), times.size, rest),
+        _remark(recording, len(groups), int(np.sum(stands >= 0)), times.size, are_stands),
     )
 
 
@@ -69,12 +69,12 @@ class _Track:
     """``(M,)`` s, ascending."""
     values: Array
     """``(K, M)``"""
-    held: bool
+    repeats_last: bool
     """A command is valid until the next; a joint moves from sample to sample."""
 
     def at(self, times: Array) -> Array:
         """Return the values ``(K, N)`` at ``times``, NaN where the recording does not show them."""
-        if self.held:
+        if self.repeats_last:
             before = np.searchsorted(self.times, times, side="right") - 1
             return np.where(before >= 0, self.values[:, np.maximum(before, 0)], np.nan)
         result = np.array([np.interp(times, self.times, row) for row in self.values])
@@ -88,7 +88,7 @@ class _Track:
 
     def change(self, times: Array) -> Array:
         """Return the largest change ``(N,)`` of a value around ``times``."""
-        rows = self.values[:3] if self.held else self.values
+        rows = self.values[:3] if self.repeats_last else self.values
         sides = [
             np.array([np.interp(times + shift, self.times, row) for row in rows]) for shift in (-_WINDOW, 0.0, _WINDOW)
         ]
@@ -100,12 +100,12 @@ def _tracks(recording: Recording, options: BagOptions, origin: int) -> list[_Tra
     tracks = []
     for name, samples in recording.joints.items():
         times, values = _sorted(samples, options, origin)
-        tracks.append(_Track((f"{samples.topic}/{name}/position",), times, np.unwrap(values), held=False))
+        tracks.append(_Track((f"{samples.topic}/{name}/position",), times, np.unwrap(values), repeats_last=False))
     if recording.commanded is not None and recording.commanded.values:
         times, values = _sorted(recording.commanded, options, origin)
         n = 7 if np.isfinite(values[3:7]).all() else 3
         names = tuple(f"commanded/{name}" for name in _POSE[:n])
-        tracks.append(_Track(names, times, values[:n], held=True))
+        tracks.append(_Track(names, times, values[:n], repeats_last=True))
     return tracks
 
 
@@ -225,7 +225,7 @@ def _file_digest(path: str) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, rest: bool) -> str:
+def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, are_stands: bool) -> str:
     measured = recording.measured
     frame = f" in frame {measured.frame}" if measured.frame else ""
     parts = [f"measured poses of {measured.topic}{frame}"]
@@ -234,6 +234,6 @@ def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, 
         parts.append(f"joints of {topic}, interpolated to their times, as commanded")
     if recording.commanded is not None:
         parts.append(f"commands of {recording.commanded.topic}")
-    if rest:
+    if are_stands:
         parts.append(f"{n_standing} of {n_samples} samples in {n_rows} stands, one pose each")
     return "; ".join(parts)

@@ -98,11 +98,11 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
         digests: SHA-256 of the pose files of the campaign.
     """
     earlier = before.campaign if before.campaign is not None else Campaign(())
-    own = {known.effect.key() for known in known_effects(before)} if not earlier.kept else set()
+    own_effects = {known.effect.key() for known in known_effects(before)} if not earlier.kept else set()
     effects: list[Mapping[str, Any]] = []
     facts: list[Mapping[str, Any]] = []
     for entry, known in zip(robot.effects, known_effects(robot), strict=True):
-        is_fact = known.effect.of_campaign and known.effect.key() not in own
+        is_fact = known.effect.of_campaign and known.effect.key() not in own_effects
         (facts if is_fact else effects).append(entry)
     return dataclasses.replace(
         robot,

@@ -60,7 +60,7 @@ class Model:
         fixed: list[Term] = []
         values: list[float] = []
         for known in self.known:
-            terms = known.effect.terms(self.arm, self._held(known, data, validity))
+            terms = known.effect.terms(self.arm, self._clip_drivers(known, data, validity))
             fixed.extend(terms)
             values.extend(known.values.get(term.name, 0.0) for term in terms)
         limits = validity if validity is not None else ({},) * len(self.free)
@@ -79,11 +79,11 @@ class Model:
             tuple(i for i, terms in enumerate(free) for _ in terms),
         )
 
-    def _held(self, known: Known, data: Measurements, validity: Sequence[Validity] | None) -> Measurements:
+    def _clip_drivers(self, known: Known, data: Measurements, validity: Sequence[Validity] | None) -> Measurements:
         """Return the poses that a known effect is evaluated at."""
         number = next((i for i, effect in enumerate(self.free) if effect.key() == known.effect.key()), None)
         if number is None:
-            return known.held(self.arm, data)
+            return known.clip_drivers(self.arm, data)
         if validity is None:
             return data
         return held_at_ends(known.effect, self.arm, data, united(known.validity, validity[number]))

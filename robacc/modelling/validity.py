@@ -37,7 +37,7 @@ class OutsideRange:
     """Largest distance of a pose from the range."""
     first_row: int
     """Index of the first such pose."""
-    held: bool
+    is_held: bool
     """True if the effect keeps its value at the end of the range, False if it extrapolates."""
 
 
@@ -94,7 +94,7 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
     items: list[OutsideRange] = []
     for effect in known:
         share = np.zeros(data.n)
-        held = effect.effect.held_drivers(arm, effect.validity)
+        held_drivers = effect.effect.held_drivers(arm, effect.validity)
         for driver, (low, high) in effect.validity.items():
             values = driver_values(arm, data, driver)
             if values is None:
@@ -104,9 +104,9 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
             if not is_outside.any():
                 continue
             outside |= is_outside
-            if driver in held:
+            if driver in held_drivers:
                 share = np.maximum(share, is_outside * excess / max(high - low, _ROUNDING))
-            items.append(_outside_range(arm, effect, driver, excess, is_outside, driver in held))
+            items.append(_outside_range(arm, effect, driver, excess, is_outside, driver in held_drivers))
         if share.any():
             position_var += _growth(share) ** 2 * _mean_square_size(arm, effect, data)
     ranked = tuple(sorted(items, key=lambda item: (-item.n_poses, item.effect, item.driver)))
@@ -127,7 +127,7 @@ def _outside_range(
         n_poses=int(np.count_nonzero(is_outside)),
         excess=float(excess.max()),
         first_row=int(np.argmax(is_outside)),
-        held=is_held,
+        is_held=is_held,
     )
 
 
@@ -152,7 +152,7 @@ def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
 
 def _sentence(item: OutsideRange) -> str:
     poses = "1 pose" if item.n_poses == 1 else f"{item.n_poses} poses"
-    rule = "held at the end" if item.held else "extrapolated"
+    rule = "held at the end" if item.is_held else "extrapolated"
     return (
         f"{item.effect} {rule} by {item.driver}, {poses} up to {item.excess:.3g} {item.unit} beyond "
         f"[{item.low:.4g}, {item.high:.4g}]"

@@ -37,7 +37,7 @@ class CandidatePoses:
     """``(3, N)`` target in the base frame, m."""
     ids: NDArray[np.str_] | None
     """``(N,)`` names of given candidates; None for sampled ones."""
-    drawn: int
+    n_drawn: int
     """Number of candidates before the filters."""
     excluded: tuple[Exclusion, ...]
     source: str
@@ -92,15 +92,15 @@ def sampled_candidates(model: Model, constraints: Constraints, count: int, seed:
     """
     robot = model.arm.robot
     parts: list[tuple[Array, Filtered]] = []
-    n_feasible = drawn = 0
-    while n_feasible < count and drawn < _MOST_DRAWS * count:
-        q = sampled_joints(robot, constraints.margin, count, drawn, seed)
+    n_feasible = n_drawn = 0
+    while n_feasible < count and n_drawn < _MOST_DRAWS * count:
+        q = sampled_joints(robot, constraints.margin, count, n_drawn, seed)
         outcome = filtered(model, q, constraints)
-        drawn += count
+        n_drawn += count
         n_feasible += int(np.count_nonzero(outcome.feasible))
         parts.append((q, outcome))
-    source = f"{drawn} samples within the joint limits"
-    return _collected(parts, None, drawn, source, count)
+    source = f"{n_drawn} samples within the joint limits"
+    return _collected(parts, None, n_drawn, source, count)
 
 
 def given_candidates(model: Model, constraints: Constraints, data: Measurements) -> CandidatePoses:
@@ -120,29 +120,29 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
 
 
 def _collected(
-    parts: list[tuple[Array, Filtered]], ids: NDArray[np.str_] | None, drawn: int, source: str, count: int
+    parts: list[tuple[Array, Filtered]], ids: NDArray[np.str_] | None, n_drawn: int, source: str, count: int
 ) -> CandidatePoses:
     reasons = exclusions([outcome for _, outcome in parts])
     mask = np.concatenate([outcome.feasible for _, outcome in parts])
     if not mask.any():
-        raise UsageError(infeasible("no pose is feasible", drawn, reasons))
+        raise UsageError(infeasible("no pose is feasible", n_drawn, reasons))
     at = np.flatnonzero(mask)[:count]
     return CandidatePoses(
         np.concatenate([q for q, _ in parts], axis=1)[:, at],
         np.concatenate([outcome.position for _, outcome in parts], axis=1)[:, at],
         None if ids is None else ids[at],
-        drawn,
+        n_drawn,
         tuple(entry for entry in reasons if entry.count),
         source,
     )
 
 
-def infeasible(message: str, drawn: int, reasons: tuple[Exclusion, ...]) -> str:
+def infeasible(message: str, n_drawn: int, reasons: tuple[Exclusion, ...]) -> str:
     """Return the message of demands that cannot be met, with the reason that excludes most."""
     if not reasons or reasons[0].count == 0:
         return message
     largest = reasons[0]
-    text = f"{message}: of {drawn} poses, {largest.count} are excluded by: {largest.reason}"
+    text = f"{message}: of {n_drawn} poses, {largest.count} are excluded by: {largest.reason}"
     others = [f"{entry.count} by: {entry.reason}" for entry in reasons[1:] if entry.count]
     if others:
         text += f"; {'; '.join(others)}"
@@ -161,17 +161,17 @@ def task_joints(
     """
     without_sight = dataclasses.replace(constraints, sight=None, inside=region or constraints.inside)
     parts: list[tuple[Array, Filtered]] = []
-    n_places = drawn = 0
-    while n_places < count and drawn < 10 * _MOST_DRAWS * count:
+    n_places = n_drawn = 0
+    while n_places < count and n_drawn < 10 * _MOST_DRAWS * count:
         step = 5 * count
-        q = sampled_joints(model.arm.robot, constraints.margin, step, _TASK_SKIP + skip + drawn, seed + 1)
+        q = sampled_joints(model.arm.robot, constraints.margin, step, _TASK_SKIP + skip + n_drawn, seed + 1)
         outcome = filtered(model, q, without_sight)
         parts.append((q, outcome))
         n_places += int(np.count_nonzero(outcome.place))
-        drawn += step
+        n_drawn += step
     if n_places == 0:
         raise UsageError(
-            infeasible("no pose of the task is feasible", drawn, exclusions([outcome for _, outcome in parts]))
+            infeasible("no pose of the task is feasible", n_drawn, exclusions([outcome for _, outcome in parts]))
         )
     q = np.concatenate([part[:, outcome.place] for part, outcome in parts], axis=1)
     return q[:, :count]

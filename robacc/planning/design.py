@@ -247,6 +247,6 @@ class _DesignSearch:
 def _outer(first: Array, second: Array) -> Array:
     """Return ``(M, M, N)`` the sum over m of first[m, i] second[m, j], of arrays ``(M, M, N)``."""
     result = np.zeros((first.shape[1], second.shape[1], first.shape[2]))
-    for left, right in zip(first, second, strict=True):
-        result += left[:, None] * right[None]
+    for first_row, second_row in zip(first, second, strict=True):
+        result += first_row[:, None] * second_row[None]
     return result

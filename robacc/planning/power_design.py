@@ -48,7 +48,7 @@ class PowerProblem:
     """``(M, N, K)`` whitened columns of the catalogue's coefficients, in units of their usual size."""
     information: Array
     """``(P, P)`` information on the free effects before the first pose."""
-    cross: Array
+    with_free: Array
     """``(P, K)`` products of the columns of free effects and catalogue over the poses measured already."""
     products: Array
     """``(K, K)`` products of the catalogue's columns over the poses measured already."""
@@ -61,43 +61,44 @@ class PowerProblem:
         """Return the problem with the candidates ``at`` alone."""
         return dataclasses.replace(self, rows=self.rows[:, at], effects=self.effects[:, at])
 
-    def probabilities(self, own: Array, cross: Array) -> tuple[Array, Array]:
+    def probabilities(self, with_itself: Array, with_rival: Array) -> tuple[Array, Array]:
         """Return the probabilities ``(..., K)`` that each coefficient is found, and separated from its rival.
 
-        ``own`` and ``cross`` ``(..., K)`` are products with itself and with its rival, orthogonal to the free effects.
+        ``with_itself`` and ``with_rival`` ``(..., K)`` are products of its column with itself and with its rival's,
+        orthogonal to the free effects.
         """
         from scipy.special import ndtr
 
-        found = ndtr(np.sqrt(np.maximum(own, 0.0)) - np.sqrt(self.even_chance))
-        beside = np.maximum(own - np.square(cross) / np.maximum(own[..., self.rival], 1e-12), 0.0)
-        apart = ndtr(np.sqrt(beside) - np.sqrt(2.0 * RIVAL))
-        return found, np.where(self.rival == np.arange(self.rival.size), 1.0, apart)
+        detected = ndtr(np.sqrt(np.maximum(with_itself, 0.0)) - np.sqrt(self.even_chance))
+        beside = np.maximum(with_itself - np.square(with_rival) / np.maximum(with_itself[..., self.rival], 1e-12), 0.0)
+        separated = ndtr(np.sqrt(beside) - np.sqrt(2.0 * RIVAL))
+        return detected, np.where(self.rival == np.arange(self.rival.size), 1.0, separated)
 
-    def value(self, own: Array, cross: Array) -> Array:
+    def value(self, with_itself: Array, with_rival: Array) -> Array:
         """Return the mean of the probabilities to find a coefficient, and to find it and separate it from its rival."""
-        found, apart = self.probabilities(own, cross)
-        result: Array = np.mean(0.5 * found * (1.0 + apart), axis=-1)
+        detected, separated = self.probabilities(with_itself, with_rival)
+        result: Array = np.mean(0.5 * detected * (1.0 + separated), axis=-1)
         return result
 
     def of(self, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the products of each coefficient with itself and with its rival, for the poses ``chosen``."""
         search = _PowerSearch(self.part(chosen), np.zeros(chosen.size, dtype=bool), everything=True)
-        return search.own, search.to_rival
+        return search.with_itself, search.with_rival
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedPower:
     """Mean probabilities over the catalogue at the usual sizes."""
 
-    found: float
-    apart: float
+    detected: float
+    separated: float
     """That it is found and separated from its nearest rival."""
 
 
 def expected_power(problem: PowerProblem, chosen: NDArray[np.int64]) -> ExpectedPower:
     """Return the mean probabilities for the poses ``chosen``."""
-    found, apart = problem.probabilities(*problem.of(chosen))
-    return ExpectedPower(float(found.mean()), float((found * apart).mean()))
+    detected, separated = problem.probabilities(*problem.of(chosen))
+    return ExpectedPower(float(detected.mean()), float((detected * separated).mean()))
 
 
 def random_power(problem: PowerProblem, count: int, seed: int) -> ExpectedPower:
@@ -107,7 +108,7 @@ def random_power(problem: PowerProblem, count: int, seed: int) -> ExpectedPower:
         expected_power(problem, generator.choice(problem.rows.shape[1], count, replace=False))
         for _ in range(_RANDOM_DRAWS)
     ]
-    return ExpectedPower(float(np.mean([d.found for d in draws])), float(np.mean([d.apart for d in draws])))
+    return ExpectedPower(float(np.mean([d.detected for d in draws])), float(np.mean([d.separated for d in draws])))
 
 
 def choose_for_power(problem: PowerProblem, count: int, seed: int) -> NDArray[np.int64]:
@@ -161,35 +162,35 @@ class _PowerSearch:
     ) -> None:
         self.problem, self.free = problem, free
         at = np.arange(problem.rows.shape[1]) if everything else chosen
-        information, cross = problem.information, problem.cross
-        own = np.diag(problem.products)
-        to_rival = problem.products[np.arange(own.size), problem.rival]
+        information, with_free = problem.information, problem.with_free
+        with_itself = np.diag(problem.products)
+        with_rival = problem.products[np.arange(with_itself.size), problem.rival]
         if at is not None:
             rows = problem.rows[:, at].reshape(-1, problem.rows.shape[2])
             columns = problem.effects[:, at].reshape(-1, problem.effects.shape[2])
-            information, cross = information + rows.T @ rows, cross + rows.T @ columns
-            own = own + np.sum(np.square(columns), axis=0)
-            to_rival = to_rival + np.sum(columns * columns[:, problem.rival], axis=0)
+            information, with_free = information + rows.T @ rows, with_free + rows.T @ columns
+            with_itself = with_itself + np.sum(np.square(columns), axis=0)
+            with_rival = with_rival + np.sum(columns * columns[:, problem.rival], axis=0)
         self.information = information
         self.covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-        self.solution = self.covariance @ cross
-        self.own = own - np.sum(cross * self.solution, axis=0)
-        self.to_rival = to_rival - np.sum(cross * self.solution[:, problem.rival], axis=0)
+        self.solution = self.covariance @ with_free
+        self.with_itself = with_itself - np.sum(with_free * self.solution, axis=0)
+        self.with_rival = with_rival - np.sum(with_free * self.solution[:, problem.rival], axis=0)
         if not everything:
             self.residual = problem.effects - problem.rows @ self.solution
 
     @property
     def value(self) -> float:
         """Return the criterion of the present design."""
-        return float(self.problem.value(self.own, self.to_rival))
+        return float(self.problem.value(self.with_itself, self.with_rival))
 
     def state(self) -> tuple[Array, ...]:
         """Return the state without the free candidates."""
-        return self.information, self.covariance, self.solution, self.own, self.to_rival, self.residual
+        return self.information, self.covariance, self.solution, self.with_itself, self.with_rival, self.residual
 
     def restore(self, state: tuple[Array, ...]) -> None:
         """Return to a state."""
-        self.information, self.covariance, self.solution, self.own, self.to_rival, self.residual = state
+        self.information, self.covariance, self.solution, self.with_itself, self.with_rival, self.residual = state
 
     def change(self, index: int, sign: float) -> None:
         """Add (``sign`` 1) or remove (-1) a pose."""
@@ -197,8 +198,8 @@ class _PowerSearch:
         span = self.covariance @ rows.T
         inverse = sign * np.linalg.inv(np.eye(rows.shape[0]) + sign * rows @ span)
         gained = inverse @ residual
-        self.own = self.own + np.sum(residual * gained, axis=0)
-        self.to_rival = self.to_rival + np.sum(residual * gained[:, self.problem.rival], axis=0)
+        self.with_itself = self.with_itself + np.sum(residual * gained, axis=0)
+        self.with_rival = self.with_rival + np.sum(residual * gained[:, self.problem.rival], axis=0)
         self.solution = self.solution + span @ gained
         # Anew, as rounding in updates of a covariance adds up.
         self.information = self.information + sign * rows.T @ rows
@@ -212,9 +213,9 @@ class _PowerSearch:
         gain = np.einsum("inp,jnp->nij", rows @ self.covariance, rows)
         factor = np.linalg.inv(np.linalg.cholesky(np.eye(rows.shape[0]) + gain))
         white = np.einsum("nij,jnk->ink", factor, residual)
-        own = self.own + np.sum(np.square(white), axis=0)
-        to_rival = self.to_rival + np.sum(white * white[:, :, self.problem.rival], axis=0)
-        best = int(at[np.argmax(self.problem.value(own, to_rival))])
+        with_itself = self.with_itself + np.sum(np.square(white), axis=0)
+        with_rival = self.with_rival + np.sum(white * white[:, :, self.problem.rival], axis=0)
+        best = int(at[np.argmax(self.problem.value(with_itself, with_rival))])
         self.free[best] = False
         self.change(best, 1.0)
         return best
@@ -234,19 +235,19 @@ def power_problem(
     planned = coefficients(model, rows[:, :, :count])
     free, effects = rows[:, :, planned.columns] * planned.prior_std, rows[:, :, count:] * sizes
     products = np.zeros((sizes.size, sizes.size))
-    information, cross = np.eye(planned.columns.size), np.zeros((planned.columns.size, sizes.size))
+    information, with_free = np.eye(planned.columns.size), np.zeros((planned.columns.size, sizes.size))
     n_already = 0
     if already is not None and already.q is not None:
         n_already = already.n
         columns = np.moveaxis(_columns(model, already, noise, _terms_like(model, already, terms)), 1, 2)
         measured = (columns[:, :, planned.columns] * planned.prior_std).reshape(-1, planned.columns.size)
         shown = (columns[:, :, count:] * sizes).reshape(-1, sizes.size)
-        information, cross = information + measured.T @ measured, measured.T @ shown
+        information, with_free = information + measured.T @ measured, measured.T @ shown
         products = shown.T @ shown
     dof = float(rows.shape[0] * max(n_already + 30, 60) - planned.columns.size)
     chance = {value: noncentrality_at_limit(1, dof, value, 1.0 - 1.0 / FOLDS) for value in set(log_priors)}
     even_chance = np.array([chance[value] for value in log_priors])
-    return PowerProblem(free, effects, information, cross, products, even_chance, _rivals(free, effects))
+    return PowerProblem(free, effects, information, with_free, products, even_chance, _rivals(free, effects))
 
 
 def _rivals(free: Array, effects: Array) -> NDArray[np.int64]:

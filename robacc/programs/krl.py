@@ -35,16 +35,16 @@ def parse_krl(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Pr
     Raises:
         InputError: The text is no KRL, or is truncated.
     """
-    own = read_krl(source)
-    _check_complete(own)
-    readings = [own, *(read_krl(other) for other in others)]
+    program = read_krl(source)
+    _check_complete(program)
+    readings = [program, *(read_krl(other) for other in others)]
     draft = Draft(source, Dialect.krl)
     frames = collect_frames(readings, draft)
     names = _Names(readings)
-    targets = _declared_targets(own, names, draft)
+    targets = _declared_targets(program, names, draft)
     dropped: dict[int, str] = {}
     for reading in readings:
-        _add_motions(reading, own, names, frames, targets, draft)
+        _add_motions(reading, program, names, frames, targets, draft)
     used_as_base = {text.strip().upper() for reading in readings for _, _, text in reading.statements}
     moved = {move.target for move in draft.moves}
     for name, index in targets.items():
@@ -132,7 +132,7 @@ def _add_target(draft: Draft, name: str, aggregate: Aggregate) -> int | None:
 
 
 def _add_motions(
-    reading: KrlReading, own: KrlReading, names: _Names, frames: KrlFrames, targets: dict[str, int], draft: Draft
+    reading: KrlReading, program: KrlReading, names: _Names, frames: KrlFrames, targets: dict[str, int], draft: Draft
 ) -> None:
     """Add the motions of a file to targets of the program, and notes on those computed at run time."""
     tools = timeline(frame_events(reading, frames, "TOOL"))
@@ -149,7 +149,7 @@ def _add_motions(
         for start, end in places[: 2 if motion == "circular" else 1]:
             part = reading.masked[start:end]
             if match[2]:
-                if reading is own:
+                if reading is program:
                     draft.note(line.start, line.end, "a relative motion has no target of its own")
                 continue
             reference = _REFERENCE.match(part)
@@ -157,7 +157,7 @@ def _add_motions(
             if name in targets:
                 draft.move(start, targets[name], motion, tool, base)
                 continue
-            if reading is not own:
+            if reading is not program:
                 continue
             if reference and names.literals(name) and names.type_of(name):
                 elsewhere.setdefault(name, start)

@@ -87,7 +87,7 @@ def parse_rapid(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> 
     draft = Draft(source, Dialect.rapid)
     scope = _Scope({}, {"tool0": ProgramFrame("tool0", _ORIGIN), "wobj0": ProgramFrame("wobj0", _ORIGIN)})
     for other in [*(_module(other) for other in others), module]:
-        _declare(other, scope, draft, own=other is module)
+        _declare(other, scope, draft, is_program=other is module)
     dropped: dict[int, str] = {}
     for key, indices in scope.targets.items():
         position = _change_of(module, key)
@@ -150,7 +150,7 @@ def _change_of(module: _Module, key: tuple[int, str]) -> int | None:
     return min(places, default=None)
 
 
-def _declare(module: _Module, scope: _Scope, draft: Draft, own: bool) -> None:
+def _declare(module: _Module, scope: _Scope, draft: Draft, is_program: bool) -> None:
     """Add the data that a module declares; targets only of the program itself."""
     for match in DECLARATION.finditer(module.masked):
         kind, name = match[2].lower(), match[3]
@@ -163,7 +163,7 @@ def _declare(module: _Module, scope: _Scope, draft: Draft, own: bool) -> None:
             scope.frames[name.lower()] = ProgramFrame(name, frame)
             if frame is not None:
                 (draft.tools if kind == "tooldata" else draft.bases)[name] = frame
-        elif own:
+        elif is_program:
             key = (module.routine(match.start()), name.lower())
             elements = [value] if match[4] is None or value is None else list(value.parts or ())
             scope.targets[key] = [

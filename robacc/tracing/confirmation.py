@@ -17,27 +17,27 @@ _LEAST_GAIN = 1.645
 """Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""
 
 
-def reproduced(loop: SearchResult, validation: CrossValidation | None, data: Measurements) -> SearchResult:
+def reproduced(search_result: SearchResult, validation: CrossValidation | None, data: Measurements) -> SearchResult:
     """Return the search without findings that recur in fewer than half of the folds.
 
     Such findings are accidental, or would increase the error of other poses. In their place come effects that at least
     half of the folds chose instead. Findings that are superfluous among the others go too.
     """
-    effects, selection = loop.effects, dataclasses.replace(loop.selection, steps=[])
+    effects, selection = search_result.effects, dataclasses.replace(search_result.selection, steps=[])
     if validation is not None and validation.folds:
         recurring = tuple(effect for effect in effects if 2 * validation.chosen[effect.key()] >= validation.folds)
         if recurring != effects:
-            effects = (*recurring, *_chosen_instead(loop.effects, validation))
+            effects = (*recurring, *_chosen_instead(search_result.effects, validation))
             start = [effect for effect in effects if not effect.is_frame]
-            selection = loop.final_candidates.selection(np.ones(data.n, dtype=bool), start)
+            selection = search_result.final_candidates.selection(np.ones(data.n, dtype=bool), start)
     selection.chosen = list(selection.chosen)
     selection.prune()
     keys = {choice.candidate.effect.search_key() for choice in selection.chosen}
     effects = tuple(effect for effect in effects if effect.is_frame or effect.search_key() in keys)
-    if effects == loop.effects:
-        return loop
-    steps = (*loop.steps, *selection.steps)
-    return _with_effects(dataclasses.replace(loop, selection=selection, steps=steps), effects, data)
+    if effects == search_result.effects:
+        return search_result
+    steps = (*search_result.steps, *selection.steps)
+    return _with_effects(dataclasses.replace(search_result, selection=selection, steps=steps), effects, data)
 
 
 def _chosen_instead(findings: Sequence[Effect], validation: CrossValidation) -> tuple[Effect, ...]:
@@ -53,7 +53,7 @@ def _chosen_instead(findings: Sequence[Effect], validation: CrossValidation) -> 
 
 
 def with_held_out_gain(
-    loop: SearchResult,
+    search_result: SearchResult,
     validation: CrossValidation | None,
     data: Measurements,
     holdout: Measurements | None,
@@ -67,26 +67,26 @@ def with_held_out_gain(
     """
     withdrawn: list[str] = []
     judged = data if holdout is None else holdout
-    while validation is not None and loop.effects:
-        weight = loop.final.weight if holdout is None else None
+    while validation is not None and search_result.effects:
+        weight = search_result.final.weight if holdout is None else None
         scores = {
             effect: gain_score(validation.without[effect.key()], validation.after, judged, weight)
-            for effect in loop.effects
+            for effect in search_result.effects
             if effect.key() in validation.without
         }
         weakest = min(scores, key=lambda effect: scores[effect], default=None)
         if weakest is not None and scores[weakest] < _LEAST_GAIN:
-            effects: tuple[Effect, ...] = tuple(effect for effect in loop.effects if effect != weakest)
+            effects: tuple[Effect, ...] = tuple(effect for effect in search_result.effects if effect != weakest)
             withdrawn.append(str(weakest))
         elif gain_score(validation.before, validation.after, judged, weight) < _LEAST_GAIN:
             effects = ()
-            withdrawn.extend(str(effect) for effect in loop.effects)
+            withdrawn.extend(str(effect) for effect in search_result.effects)
         else:
             break
-        remaining_search = _with_effects(loop, effects, data)
-        validation = reduced(validation, loop, remaining_search, data, holdout, n_folds, seed)
-        loop = remaining_search
-    return loop, validation, tuple(withdrawn)
+        remaining_search = _with_effects(search_result, effects, data)
+        validation = reduced(validation, search_result, remaining_search, data, holdout, n_folds, seed)
+        search_result = remaining_search
+    return search_result, validation, tuple(withdrawn)
 
 
 def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
@@ -108,14 +108,14 @@ def gain_score(without: Array, after: Array, data: Measurements, weight: Array |
     return float(mean / error)
 
 
-def _with_effects(loop: SearchResult, effects: tuple[Effect, ...], data: Measurements) -> SearchResult:
+def _with_effects(search_result: SearchResult, effects: tuple[Effect, ...], data: Measurements) -> SearchResult:
     """Return the search with only ``effects`` of its findings, fitted together."""
     keys = {effect.search_key() for effect in effects}
-    chosen = [choice for choice in loop.selection.chosen if choice.candidate.effect.search_key() in keys]
-    selection = dataclasses.replace(loop.selection, chosen=chosen, steps=[])
-    free = (*loop.declared.model.free, *frames_first(effects))
-    final = refit(loop.final, free, data, loop.options) if effects else loop.declared
-    return dataclasses.replace(loop, effects=effects, final=final, selection=selection)
+    chosen = [choice for choice in search_result.selection.chosen if choice.candidate.effect.search_key() in keys]
+    selection = dataclasses.replace(search_result.selection, chosen=chosen, steps=[])
+    free = (*search_result.declared.model.free, *frames_first(effects))
+    final = refit(search_result.final, free, data, search_result.options) if effects else search_result.declared
+    return dataclasses.replace(search_result, effects=effects, final=final, selection=selection)
 
 
 def withdrawn_warning(withdrawn: Sequence[str]) -> tuple[str, ...]:

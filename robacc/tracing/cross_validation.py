@@ -71,14 +71,14 @@ class _Fold:
 class _Work:
     """Input that all folds share."""
 
-    loop: SearchResult
+    search_result: SearchResult
     data: Measurements
     assigned: NDArray[np.int64]
     empirical: bool
 
 
 def cross_validate(
-    loop: SearchResult,
+    search_result: SearchResult,
     data: Measurements,
     holdout: Measurements | None,
     n_folds: int,
@@ -88,19 +88,19 @@ def cross_validate(
 ) -> CrossValidation | None:
     """Return held-out residuals by cross-validation, or of ``holdout``; None if there are too few poses."""
     if holdout is not None:
-        return _from_holdout(loop, data, holdout)
+        return _from_holdout(search_result, data, holdout)
     assigned = folds(data, n_folds, seed)
     if assigned is None:
         return None
     masks = [test_rows for _, test_rows in parts(assigned)]
     try:
-        work = functools.partial(_fold, _Work(loop, data, assigned, empirical))
+        work = functools.partial(_fold, _Work(search_result, data, assigned, empirical))
         done = _in_parallel(work, range(len(masks)), data.n)
         results = [_reported(fold, number, len(masks), progress) for number, fold in enumerate(done)]
     except InputError:
         # The rows without a fold are too few for the fitted coefficients.
         return None
-    return _joined(loop.effects, masks, results, loop.final.residual.shape)
+    return _joined(search_result.effects, masks, results, search_result.final.residual.shape)
 
 
 def _joined(
@@ -191,32 +191,36 @@ def _in_parallel(work: Callable[[int], _Fold], numbers: Sequence[int], n: int) -
 
 
 def _fold(work: _Work, number: int) -> _Fold:
-    loop, data = work.loop, work.data
-    train, test = _parts(loop, data, work.assigned, number)
-    selection = choose(loop.candidates, work.assigned != number, empirical=work.empirical, max_poses=_FOLD_POSES)
+    search_result, data = work.search_result, work.data
+    train, test = _parts(search_result, data, work.assigned, number)
+    selection = choose(
+        search_result.candidates, work.assigned != number, empirical=work.empirical, max_poses=_FOLD_POSES
+    )
     chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
     effects = frames_first(effect for _, effect in chosen)
-    like = loop.declared
+    like = search_result.declared
     declared = refit(like, like.model.free, train, fold_options(like))
     declared, _ = choose_form(declared, like.model, train, fold_options(like))
-    complete = _completed(loop, effects, train) if effects else declared
-    by_finding = _matching_effects(loop.effects, selection, chosen)
+    complete = _completed(search_result, effects, train) if effects else declared
+    by_finding = _matching_effects(search_result.effects, selection, chosen)
     return _judged(complete, effects, held_out(declared, test), by_finding, train, test)
 
 
 def _parts(
-    loop: SearchResult, data: Measurements, assigned: NDArray[np.int64], number: int
+    search_result: SearchResult, data: Measurements, assigned: NDArray[np.int64], number: int
 ) -> tuple[Measurements, Measurements]:
     """Return the training rows of a fold, without outliers, and its test rows."""
-    learn = (assigned != number) & loop.final.inliers
+    learn = (assigned != number) & search_result.final.inliers
     return data.subset(np.flatnonzero(learn)), data.subset(np.flatnonzero(assigned == number))
 
 
-def _completed(loop: SearchResult, effects: Sequence[Effect], train: Measurements) -> Fit:
+def _completed(search_result: SearchResult, effects: Sequence[Effect], train: Measurements) -> Fit:
     """Return the fit of the declared effects and ``effects`` to a fold's training rows."""
-    model = loop.declared.model.with_free(*effects)
-    complete = refit(loop.final, model.free, train, fold_options(loop.final))
-    return complete if complete.group_stds else choose_form(complete, model, train, fold_options(loop.final))[0]
+    model = search_result.declared.model.with_free(*effects)
+    complete = refit(search_result.final, model.free, train, fold_options(search_result.final))
+    return (
+        complete if complete.group_stds else choose_form(complete, model, train, fold_options(search_result.final))[0]
+    )
 
 
 def _judged(
@@ -252,11 +256,17 @@ def _matching_effects(
     ]
 
 
-def _from_holdout(loop: SearchResult, data: Measurements, holdout: Measurements) -> CrossValidation:
+def _from_holdout(search_result: SearchResult, data: Measurements, holdout: Measurements) -> CrossValidation:
     """Return residuals of ``holdout`` with the models fitted to all other poses."""
-    declared = choose_deflection(loop.declared, loop.declared.model, data, SEARCH)[0]
-    final = loop.final if loop.final.group_stds else choose_deflection(loop.final, loop.final.model, data, SEARCH)[0]
+    declared = choose_deflection(search_result.declared, search_result.declared.model, data, SEARCH)[0]
+    final = (
+        search_result.final
+        if search_result.final.group_stds
+        else choose_deflection(search_result.final, search_result.final.model, data, SEARCH)[0]
+    )
     options = fold_options(final)
-    lacking = {effect.key(): residuals_without(final, [effect], data, holdout, options) for effect in loop.effects}
+    lacking = {
+        effect.key(): residuals_without(final, [effect], data, holdout, options) for effect in search_result.effects
+    }
     without = {key: residual for key, residual in lacking.items() if residual is not None}
     return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)

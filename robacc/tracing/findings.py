@@ -79,7 +79,7 @@ class Finding:
 
 
 def describe_finding(
-    loop: SearchResult,
+    search_result: SearchResult,
     effect: Effect,
     final: Fit,
     all_parameters: Sequence[FittedParameter],
@@ -91,13 +91,15 @@ def describe_finding(
     ``all_parameters`` are the coefficients of ``final``. Candidates are in equilibrium form; the final fit may contain
     the effect in the other form.
     """
-    choice = next((c for c in loop.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None)
+    choice = next(
+        (c for c in search_result.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None
+    )
     if choice is not None:
-        refitted = lag_refitted(loop, choice, effect, data) if final.theta.size <= _MOST_TO_REFIT else None
-        ranked, alternatives = rivals(loop.selection, choice, refitted)
+        refitted = lag_refitted(search_result, choice, effect, data) if final.theta.size <= _MOST_TO_REFIT else None
+        ranked, alternatives = rivals(search_result.selection, choice, refitted)
         p_value, evidence = ranked.p_value, ranked.evidence
     else:
-        p_value, evidence, alternatives = _score_when_added(loop.steps, effect)
+        p_value, evidence, alternatives = _score_when_added(search_result.steps, effect)
     before = after = None
     if validation is not None:
         rows = final.inliers if validation.folds else slice(None)
@@ -109,13 +111,13 @@ def describe_finding(
     columns = [i for i, owner in enumerate(final.owners) if owner == number]
     coefficients = tuple(all_parameters[i] for i in columns)
     folds_chosen = (validation.chosen.get(effect.key(), 0), validation.folds) if validation is not None else (0, 0)
-    change = _change(loop, effect, choice)
+    change = _change(search_result, effect, choice)
     values = {parameter.name: parameter.value for parameter in coefficients}
     between = None
     if change is not None:
         place, low, high = (place_text(at, effect, data) for at in change)
         between = (place, low, high)
-    harmonics = _harmonics(loop, effect, choice, coefficients, final.covariance[np.ix_(columns, columns)])
+    harmonics = _harmonics(search_result, effect, choice, coefficients, final.covariance[np.ix_(columns, columns)])
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     moved = _motion(fitted, final, data)
     return Finding(
@@ -149,20 +151,20 @@ def _score_when_added(steps: Sequence[SelectionStep], effect: Effect) -> tuple[f
     return float("nan"), float("nan"), ()
 
 
-def _change(loop: SearchResult, effect: Effect, choice: Chosen | None) -> tuple[float, float, float] | None:
+def _change(search_result: SearchResult, effect: Effect, choice: Chosen | None) -> tuple[float, float, float] | None:
     """Return the place of a step with its interval, beside all other findings."""
     if not is_step(effect):
         return None
     place = place_of(effect)
     if choice is None:
         return place, place, place
-    scorer = loop.selection.scorer
-    interval = scorer.step_interval(scorer.condition(loop.selection.chosen, without=choice), effect)
+    scorer = search_result.selection.scorer
+    interval = scorer.step_interval(scorer.condition(search_result.selection.chosen, without=choice), effect)
     return (place, place, place) if interval is None else (place, *interval)
 
 
 def _harmonics(
-    loop: SearchResult,
+    search_result: SearchResult,
     effect: Effect,
     choice: Chosen | None,
     coefficients: Sequence[FittedParameter],
@@ -172,10 +174,10 @@ def _harmonics(
     if not orders_of(effect):
         return ()
     if effect.is_profile() and choice is not None:
-        harmonics = profile_harmonics(loop.selection, choice)
+        harmonics = profile_harmonics(search_result.selection, choice)
     else:
         harmonics = fitted_harmonics(effect, coefficients, covariance)
-    return named_harmonics(harmonics, loop.selection, choice, loop.final.model.arm, effect.joints[0])
+    return named_harmonics(harmonics, search_result.selection, choice, search_result.final.model.arm, effect.joints[0])
 
 
 def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:

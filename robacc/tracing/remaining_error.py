@@ -64,10 +64,12 @@ def _scatter_hints(repeatability: Repeatability | None) -> Iterator[str]:
         )
 
 
-def _candidate_hints(loop: SearchResult, best: Ranked) -> Iterator[str]:
+def _candidate_hints(search_result: SearchResult, best: Ranked) -> Iterator[str]:
     """Yield hints on a candidate that the remaining error follows significantly."""
     yield f"the remaining error follows {best.candidate.effect}, which does not explain it"
-    absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in loop.declared.model.free)]
+    absent = [
+        name for name in _OF_EVERY_ARM if all(effect.name != name for effect in search_result.declared.model.free)
+    ]
     if absent:
         yield (
             f"every arm deviates in {' and '.join(absent)} too, which were not declared: "
@@ -85,10 +87,12 @@ def _outlier_hints(final: Fit, data: Measurements) -> Iterator[str]:
         yield f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance"
 
 
-def _size_hints(loop: SearchResult, noise: LackOfFit, repeatability: Repeatability | None, rms: float) -> Iterator[str]:
+def _size_hints(
+    search_result: SearchResult, noise: LackOfFit, repeatability: Repeatability | None, rms: float
+) -> Iterator[str]:
     """Yield a hint if findings leave more than usual noise and nothing confirms that it is noise."""
     unconfirmed = noise.p_value is None and (repeatability is None or repeatability.source == "residual")
-    if unconfirmed and loop.effects and rms > _MOST_PRESUMED:
+    if unconfirmed and search_result.effects and rms > _MOST_PRESUMED:
         yield (
             f"the remaining error, {1e3 * rms:.3g} mm rms, is more than usual instrument noise and repeatability; "
             "neither sigma columns nor repeated poses confirm it, so part of it may have a cause outside the model"
@@ -109,13 +113,13 @@ def _memory_hints(loop: SearchResult, final: Fit, data: Measurements) -> Iterato
 
 
 def remaining_error(
-    loop: SearchResult, final: Fit, noise: LackOfFit, data: Measurements, repeatability: Repeatability | None
+    search_result: SearchResult, final: Fit, noise: LackOfFit, data: Measurements, repeatability: Repeatability | None
 ) -> Unexplained:
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
-    best = next(iter(loop.selection.rank(with_blocks=True)), None)
+    best = next(iter(search_result.selection.rank(with_blocks=True)), None)
     best_p_value = 1.0 if best is None else best.p_value
     p_values = [best_p_value]
-    hints = list(_candidate_hints(loop, best)) if best is not None and best_p_value <= FALSE_ALARM else []
+    hints = list(_candidate_hints(search_result, best)) if best is not None and best_p_value <= FALSE_ALARM else []
     for correlation in residual_correlations(final, data):
         p_values.append(correlation.p_value)
         hints.append(correlation.text)
@@ -127,7 +131,7 @@ def remaining_error(
     hints.extend(_scatter_hints(repeatability))
     hints.extend(suspected_mistakes(final))
     hints.extend(_outlier_hints(final, data))
-    hints.extend(_size_hints(loop, noise, repeatability, rms))
+    hints.extend(_size_hints(search_result, noise, repeatability, rms))
     if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"

@@ -118,17 +118,17 @@ def _similarity(selection: Selection, finding: Chosen, rival: Candidate) -> floa
     return min(max(cosine, -1.0), 1.0)
 
 
-def lag_refitted(loop: SearchResult, finding: Chosen, effect: Effect, data: Measurements) -> Lag:
+def lag_refitted(search_result: SearchResult, finding: Chosen, effect: Effect, data: Measurements) -> Lag:
     """Return the function that fits a rival in the place of ``effect`` and compares the two.
 
     The evidence's likelihood is replaced by that of the two fits; None if the rival cannot be fitted.
     """
-    poses = np.unique(data.groups()[loop.final.inliers], return_inverse=True)[1]
-    final = loop.final
+    poses = np.unique(data.groups()[search_result.final.inliers], return_inverse=True)[1]
+    final = search_result.final
     train = data.subset(np.flatnonzero(final.inliers))
     options = dataclasses.replace(SEARCH, robust=False, misfit=final.misfit, scatter=final.scatter)
-    others = [other for other in loop.effects if other is not effect]
-    conditioned = loop.selection.scorer.condition(loop.selection.chosen, without=finding)
+    others = [other for other in search_result.effects if other is not effect]
+    conditioned = search_result.selection.scorer.condition(search_result.selection.chosen, without=finding)
 
     def linear(ranked: Ranked) -> float:
         return -0.5 * conditioned.dof * math.log1p(-min(ranked.gain / conditioned.cost, 0.999999999))
@@ -136,7 +136,7 @@ def lag_refitted(loop: SearchResult, finding: Chosen, effect: Effect, data: Meas
     def lag(ranked: Ranked, rival: Ranked) -> FittedRival | None:
         free = frames_first((*others, rival.candidate.effect))
         try:
-            fit_with_rival = refit(final, (*loop.declared.model.free, *free), train, options)
+            fit_with_rival = refit(final, (*search_result.declared.model.free, *free), train, options)
         except RobaccError:
             return None
         errors = [

@@ -114,26 +114,33 @@ def trace(
         UsageError: the data lack a quantity that a declared effect needs.
     """
     mistakes = check_data(model.arm.robot, data)
-    search_result = search(
+    first_search = search(
         model,
         data,
         SEARCH,
         empirical=empirical,
         progress=lambda count, n_findings: progress(_search_label(count, n_findings), 0, n_folds + 1),
     )
-    validation = cross_validate(search_result, data, holdout, n_folds, seed, empirical, progress)
-    loop = reproduced(search_result, validation, data)
-    validation = reduced(validation, search_result, loop, data, holdout, n_folds, seed)
-    loop, validation, withdrawn = with_held_out_gain(loop, validation, data, holdout, n_folds, seed)
-    converged = dataclasses.replace(Options(), scatter=loop.options.scatter, misfit=loop.options.misfit)
-    declared, form = choose_form(loop.declared, loop.declared.model, data, converged)
-    final, form = _polished(loop, data, converged) if loop.effects else (declared, form)
+    validation = cross_validate(first_search, data, holdout, n_folds, seed, empirical, progress)
+    search_result = reproduced(first_search, validation, data)
+    validation = reduced(validation, first_search, search_result, data, holdout, n_folds, seed)
+    search_result, validation, withdrawn = with_held_out_gain(search_result, validation, data, holdout, n_folds, seed)
+    converged = dataclasses.replace(
+        Options(), scatter=search_result.options.scatter, misfit=search_result.options.misfit
+    )
+    declared, form = choose_form(search_result.declared, search_result.declared.model, data, converged)
+    final, form = _polished(search_result, data, converged) if search_result.effects else (declared, form)
     noise = lack_of_fit(final, data)
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
-    findings = tuple(describe_finding(loop, effect, final, coefficients, validation, data) for effect in loop.effects)
-    repeatability = None if loop.components is None else repeatability_of(final, loop.components, data)
-    unexplained = remaining_error(loop, final, noise, data, repeatability)
+    findings = tuple(
+        describe_finding(search_result, effect, final, coefficients, validation, data)
+        for effect in search_result.effects
+    )
+    repeatability = (
+        None if search_result.components is None else repeatability_of(final, search_result.components, data)
+    )
+    unexplained = remaining_error(search_result, final, noise, data, repeatability)
     ends = None if validation is None else (validation.before, validation.after)
     stages = before_and_after(model.arm.robot, data, declared, final, ends, holdout, n_folds, seed)
     return Trace(
@@ -155,13 +162,13 @@ def trace(
         unexplained=unexplained,
         repeatability=repeatability,
         explained_share=explained_share(stages.before, stages.after, noise, repeatability),
-        steps=loop.steps,
-        rounds=loop.rounds,
-        settled=loop.settled,
-        missing=loop.candidates.missing,
-        detection=_detection(loop, validation),
+        steps=search_result.steps,
+        rounds=search_result.rounds,
+        settled=search_result.settled,
+        missing=search_result.candidates.missing,
+        detection=_detection(search_result, validation),
         n_folds=0 if validation is None else validation.folds,
-        next_poses=_advice(loop, findings, data, noise.noise.position, seed),
+        next_poses=_advice(search_result, findings, data, noise.noise.position, seed),
         warnings=(
             *mistakes,
             *suspected_mistakes(final),
@@ -188,34 +195,34 @@ def _search_label(count: int, n_findings: int) -> str:
     return f"searching, round {count}{findings}"
 
 
-def _polished(loop: SearchResult, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice | None]:
+def _polished(search_result: SearchResult, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice | None]:
     """Return the final fit at full convergence, with elastic effects in the form that the data support.
 
     A fit with shrunk blocks is returned unchanged.
     """
-    if loop.final.group_stds:
-        return loop.final, None
-    model = loop.declared.model.with_free(*frames_first(loop.effects))
-    fit = refit(loop.final, model.free, data, options)
+    if search_result.final.group_stds:
+        return search_result.final, None
+    model = search_result.declared.model.with_free(*frames_first(search_result.effects))
+    fit = refit(search_result.final, model.free, data, options)
     return choose_form(fit, model, data, options)
 
 
 def _advice(
-    loop: SearchResult, findings: Sequence[Finding], data: Measurements, noise: float, seed: int
+    search_result: SearchResult, findings: Sequence[Finding], data: Measurements, noise: float, seed: int
 ) -> tuple[Advice, ...]:
     advice = []
-    for effect, finding in zip(loop.effects, findings, strict=True):
-        if finding.alternatives and loop.final.theta.size <= _MOST_TO_ADVISE:
+    for effect, finding in zip(search_result.effects, findings, strict=True):
+        if finding.alternatives and search_result.final.theta.size <= _MOST_TO_ADVISE:
             nearest = finding.alternatives[0]
             rival = rival_effect(nearest.effect, nearest.joints, nearest.settings)
-            poses_to_measure = advise(loop.declared, loop.effects, effect, rival, data, noise, seed)
+            poses_to_measure = advise(search_result.declared, search_result.effects, effect, rival, data, noise, seed)
             if poses_to_measure is not None:
                 advice.append(poses_to_measure)
     return tuple(advice)
 
 
-def _detection(loop: SearchResult, validation: CrossValidation | None) -> tuple[DetectionLimit, ...]:
-    rows = loop.selection.scorer.rows
-    share = rows.size / np.count_nonzero(loop.final.inliers)
+def _detection(search_result: SearchResult, validation: CrossValidation | None) -> tuple[DetectionLimit, ...]:
+    rows = search_result.selection.scorer.rows
+    share = rows.size / np.count_nonzero(search_result.final.inliers)
     folds = 0 if validation is None else validation.folds
-    return tuple(detection_limits(loop.selection, loop.final.weight[:, rows], folds, share))
+    return tuple(detection_limits(search_result.selection, search_result.final.weight[:, rows], folds, share))

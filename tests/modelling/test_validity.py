@@ -72,10 +72,10 @@ def test_every_effect_keeps_its_range_and_stops_or_extrapolates_as_it_says(name:
         # A correction without a stored range stops at that of its polynomials.
         assert name == "joint_correction" or np.abs(limited - unlimited).max() > 1e-9
         assert outside.std_max > 0
-        assert all(item.held for item in outside.ranges)
+        assert all(item.is_held for item in outside.ranges)
     else:
         np.testing.assert_array_equal(limited, unlimited)
-        assert outside is None or not any(item.held for item in outside.ranges)
+        assert outside is None or not any(item.is_held for item in outside.ranges)
         assert cls.extrapolates or cls.is_constant or name == "thermal_expansion"
 
 

@@ -66,8 +66,8 @@ def test_backlash_at_three_limits_is_found(plan: CampaignPlan, joint: str) -> No
 def test_trace_poses_show_more_than_random_ones(plan: CampaignPlan) -> None:
     assert plan.power is not None
     assert plan.random_power is not None
-    assert plan.power.found > 1.05 * plan.random_power.found
-    assert plan.power.apart > 1.05 * plan.random_power.apart
+    assert plan.power.detected > 1.05 * plan.random_power.detected
+    assert plan.power.separated > 1.05 * plan.random_power.separated
 
 
 def test_exact_equals_are_named(plan: CampaignPlan) -> None:

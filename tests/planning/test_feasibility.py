@@ -134,7 +134,7 @@ def test_exclusions_are_counted_by_reason() -> None:
     assert set(by_reason) == {"below the minimum height of 0.3 m", "target outside the box x=0.2:1.2"}
     both = sum(entry.count for entry in candidates.excluded) - sum(entry.alone for entry in candidates.excluded)
     excluded = sum(entry.alone for entry in candidates.excluded) + both // 2
-    assert excluded <= candidates.drawn - candidates.n
+    assert excluded <= candidates.n_drawn - candidates.n
 
 
 def test_infeasible_demands_name_the_largest_reason() -> None:

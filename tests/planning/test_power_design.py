@@ -33,12 +33,14 @@ def explained(case: PowerProblem, chosen: np.ndarray, k: int, beside: list[int])
 
 def test_the_value_is_that_of_least_squares() -> None:
     case, chosen = problem(), np.arange(3, 20)
-    found = [stats.norm.cdf(explained(case, chosen, k, []) ** 0.5 - 30**0.5) for k in range(7)]
-    apart = np.ones(7)
+    detected = [stats.norm.cdf(explained(case, chosen, k, []) ** 0.5 - 30**0.5) for k in range(7)]
+    separated = np.ones(7)
     for k in (0, 1):
-        apart[k] = stats.norm.cdf(explained(case, chosen, k, [1 - k]) ** 0.5 - 10**0.5)
+        separated[k] = stats.norm.cdf(explained(case, chosen, k, [1 - k]) ** 0.5 - 10**0.5)
     power = expected_power(case, chosen)
-    np.testing.assert_allclose([power.found, power.apart], [np.mean(found), np.mean(found * apart)], rtol=1e-6)
+    np.testing.assert_allclose(
+        [power.detected, power.separated], [np.mean(detected), np.mean(detected * separated)], rtol=1e-6
+    )
 
 
 def test_updates_keep_the_value() -> None:
@@ -63,4 +65,4 @@ def test_choice_is_never_worse_than_random() -> None:
         rng = np.random.default_rng(seed)
         random = [float(case.value(*case.of(rng.choice(60, 12, replace=False)))) for _ in range(30)]
         assert float(case.value(*case.of(chosen))) > max(random)
-        assert expected_power(case, chosen).found > random_power(case, 12, seed).found
+        assert expected_power(case, chosen).detected > random_power(case, 12, seed).detected

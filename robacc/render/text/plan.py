@@ -192,9 +192,9 @@ def _detectability(
     if power is not None and random_power is not None:
         notes.insert(
             0,
-            f"mean over the catalogue at the usual sizes: found with probability {fixed(power.found, 2)} "
-            f"({fixed(random_power.found, 2)} on random poses), found and separated from the nearest rival with "
-            f"{fixed(power.apart, 2)} ({fixed(random_power.apart, 2)})",
+            f"mean over the catalogue at the usual sizes: found with probability {fixed(power.detected, 2)} "
+            f"({fixed(random_power.detected, 2)} on random poses), found and separated from the nearest rival with "
+            f"{fixed(power.separated, 2)} ({fixed(random_power.separated, 2)})",
         )
     hidden = list(dict.fromkeys(hidden))
     if hidden:

@@ -27,7 +27,7 @@ _SMALL_ANGLE = 1e-4
 
 def cross(a: Array, b: Array) -> Array:
     """Return the cross product of vectors ``(3, ...)`` and ``(3, ...)``."""
-    return np.stack((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
+    return np.array((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
 
 
 def rotate(rotation: Array, vector: Array) -> Array:

@@ -25,6 +25,8 @@ _LEAST_PAIRS = 30
 """Pairs from which the sum is close to Gaussian."""
 _MOST_ROWS = 4000
 """Rows that are searched for neighbours at most."""
+_BLOCK = 256
+"""Rows whose distances to all others are held in memory at a time."""
 _IN_TIME = "the remaining errors of successive poses are correlated: there is a drift or a step change"
 _IN_SPACE = (
     "the remaining errors of neighbouring targets are correlated: they depend on position, and no candidate explains it"
@@ -67,16 +69,20 @@ def time_neighbours(time: Array) -> NDArray[np.int64]:
 
 
 def space_neighbours(position: Array) -> NDArray[np.int64]:
-    """Return ``(2, K)`` pairs: each pose with that of the nearest target, every pair once."""
-    from scipy.spatial import cKDTree
+    """Return ``(2, K)`` pairs: each pose with that of the nearest target, every pair once.
 
-    if position.shape[1] < _LEAST_PAIRS:
+    All distances are compared: for :data:`_MOST_ROWS` poses that is faster than the import of a spatial tree.
+    """
+    n = position.shape[1]
+    if n < _LEAST_PAIRS:
         return np.empty((2, 0), dtype=np.int64)
-    nearest = np.asarray(cKDTree(position.T).query(position.T, 2)[1], dtype=np.int64)
-    # If two targets coincide, either may come first.
-    index = np.arange(position.shape[1])
-    other = np.where(nearest[:, 0] == index, nearest[:, 1], nearest[:, 0])
-    return np.unique(np.sort(np.stack((index, other)), axis=0), axis=1)
+    index, nearest = np.arange(n), np.empty(n, dtype=np.int64)
+    for start in range(0, n, _BLOCK):
+        rows = index[start : start + _BLOCK]
+        square = np.sum(np.square(position[:, rows, None] - position[:, None]), axis=0)
+        square[rows - start, rows] = np.inf
+        nearest[rows] = np.argmin(square, axis=1)
+    return np.unique(np.sort(np.stack((index, nearest)), axis=0), axis=1)
 
 
 def correlation_p_value(residual: Array, pairs: NDArray[np.int64]) -> float:

@@ -3,13 +3,13 @@
 For loads of total mass M and first moment of mass S = sum m_i c_i behind a motion of spatial twist (v, w), the power of
 gravity per unit rate of the motion is
 
-    f = g . (M v + w x S),
+    f = g . (M v + w x S) = M g . v + w . (S x g),
 
-the torque about a rotation's axis or the force along a translation. A motion k in front of it turns (v, w) with the
-chain; a motion k behind it moves only the loads further out. Both derivatives follow from the same twists:
+the torque about a rotation's axis or the force along a translation. A motion k of twist (v_k, w_k) in front of it
+turns the whole force with the chain, p = M v + w x S; a motion k behind it moves only the loads further out:
 
-    k in front:  dv = w_k x v + v_k x w,  dw = w_k x w,  dS = w_k x S + M v_k
-    k behind:    dS = w_k x S_k + M_k v_k   (loads behind k only).
+    k in front:  df = g . (w_k x p) = w_k . (p x g)
+    k behind:    df = (M_k v_k + w_k x S_k) . (g x w)   (loads behind k only).
 
 Source of the twist algebra: R. Featherstone, Rigid Body Dynamics Algorithms (2008), chapter 2.
 """
@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.geometry import Array, Poses, cross, rotate
+from robacc.geometry import Array, Poses, cross
 from robacc.gravity.loads import Load, own_weight
 from robacc.robots.arm import Arm
 
@@ -44,9 +44,9 @@ class Weights:
         first_moments = []
         for load in loads:
             frame = frames[load.after]
-            n = frame.translation.shape[-1]
-            local = np.stack([np.broadcast_to(component, (n,)) for component in load.first_moment])
-            first_moments.append(rotate(frame.rotation, local) + load.mass * frame.translation)
+            x, y, z = load.first_moment
+            turn = frame.rotation
+            first_moments.append(turn[:, 0] * x + turn[:, 1] * y + turn[:, 2] * z + load.mass * frame.translation)
         masses = tuple(np.asarray(load.mass, dtype=float) for load in loads)
         return cls(tuple(load.after for load in loads), masses, tuple(first_moments))
 
@@ -64,8 +64,11 @@ class Weights:
 def force(gravity: Array, weights: Weights, motion: int, linear: NDArray[Any], angular: NDArray[Any]) -> NDArray[Any]:
     """Return the generalised force ``(N,)`` of gravity ``(3,)`` along ``motion`` of spatial twist ``(3, N)`` twice."""
     mass, first_moment = weights.moved_by(motion)
-    power = mass * linear + cross(angular, first_moment + np.zeros_like(angular))
-    result: NDArray[Any] = np.einsum("i,in->n", gravity, power)
+    result: NDArray[Any] = mass * (gravity @ linear)
+    for i, component in enumerate(gravity.tolist()):
+        if component:
+            j, k = (i + 1) % 3, (i + 2) % 3
+            result = result + component * (angular[j] * first_moment[k] - angular[k] * first_moment[j])
     return result
 
 
@@ -77,25 +80,25 @@ def force_derivatives(
     ``linear`` and ``angular`` ``(3, W, N)`` are the twists of the wanted motions, of which ``motion`` must be one.
     """
     slot = list(wanted).index(motion)
-    v, w = linear[:, slot, None], angular[:, slot, None]
-    front = np.array([k < motion for k in wanted])
-    result = np.empty(linear.shape[1:])
-    if front.any():
-        vk, wk = linear[:, front], angular[:, front]
-        mass, first_moment = weights.moved_by(motion)
-        first_moment = first_moment[:, None]
-        moved = (
-            mass * (cross(wk, v) + cross(vk, w)) + cross(cross(wk, w), first_moment) + cross(w, cross(wk, first_moment))
-        )
-        result[front] = np.einsum("i,ikn->kn", gravity, moved + cross(w, mass * vk))
+    v, w = linear[:, slot], angular[:, slot]
+    mass, first_moment = weights.moved_by(motion)
+    across = _cross(mass * v + cross(w, first_moment + np.zeros_like(w)), gravity)
+    result: Array = np.einsum("ikn,in->kn", angular, across)
     # Behind the motion the loads change only where a body is in between, so motions with equal loads are grouped.
     behind = [i for i, k in enumerate(wanted) if k >= motion]
+    lever = -_cross(w, gravity)
     for after in sorted({_next_body(weights, wanted[i]) for i in behind}):
         at = [i for i in behind if _next_body(weights, wanted[i]) == after]
         mass, first_moment = weights.moved_by(wanted[at[0]])
-        moved = cross(w, cross(angular[:, at], first_moment[:, None]) + mass * linear[:, at])
-        result[at] = np.einsum("i,ikn->kn", gravity, moved)
+        turning = cross(first_moment + np.zeros_like(lever), lever)
+        result[at] = mass * np.einsum("ikn,in->kn", linear[:, at], lever)
+        result[at] += np.einsum("ikn,in->kn", angular[:, at], turning)
     return result
+
+
+def _cross(vectors: NDArray[Any], constant: Array) -> NDArray[Any]:
+    """Return the cross product of vectors ``(3, N)`` and a constant vector ``(3,)``."""
+    return cross(vectors, constant[:, None])
 
 
 def _next_body(weights: Weights, motion: int) -> int:

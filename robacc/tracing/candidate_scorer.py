@@ -79,6 +79,7 @@ class CandidateScorer:
     _sights: list[PlaceFamily] = field(default_factory=list)
     _block_families: list[Family] = field(default_factory=list)
     _ranges: dict[str, float] = field(default_factory=dict)
+    _covered: dict[tuple[tuple[object, ...], tuple[object, ...]], bool] = field(default_factory=dict)
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -230,7 +231,10 @@ class CandidateScorer:
 
     def covers(self, present: Candidate, other: Candidate) -> bool:
         """Return whether a candidate in the model makes another candidate redundant."""
-        return present.covers(other, self._ranges)
+        pair = present.key, other.key
+        if pair not in self._covered:
+            self._covered[pair] = present.covers(other, self._ranges)
+        return self._covered[pair]
 
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
         if len(self._block_families) != len(self.blocks):

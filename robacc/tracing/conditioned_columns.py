@@ -184,14 +184,18 @@ class Family:
         self._products = np.zeros((0, basis.shape[0] * basis.shape[1]))
         self._places: dict[int, int] = {}
 
-    def products(self, system: Columns, numbers: NDArray[np.int64]) -> Array:
-        """Return ``(A, B Q)`` products of some columns of the system with every column of the family."""
+    def _add_products(self, system: Columns, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Store the products with columns ``numbers`` ``(A,)`` of the system, and return the rows where they stand."""
         missing = [number for number in numbers.tolist() if number not in self._places]
         if missing:
-            self._places |= {number: len(self._places) + i for i, number in enumerate(missing)}
-            added = self.new_products(system.columns[:, missing])
-            self._products = np.concatenate((self._products, added))
-        return self._products[[self._places[number] for number in numbers.tolist()]]
+            count = len(self._places)
+            self._places |= {number: count + i for i, number in enumerate(missing)}
+            if len(self._places) > self._products.shape[0]:
+                grown = np.zeros((2 * len(self._places), self._products.shape[1]))
+                grown[:count] = self._products[:count]
+                self._products = grown
+            self._products[count : len(self._places)] = self.new_products(system.columns[:, missing])
+        return np.array([self._places[number] for number in numbers.tolist()], dtype=np.int64)
 
     def new_products(self, columns: Array) -> Array:
         """Return ``(A, B Q)`` products of ``columns`` ``(M, A, N)`` with every column of the family."""
@@ -200,7 +204,12 @@ class Family:
 
     def coordinates(self, conditioned: Conditioned) -> Array:
         """Return ``(R, B Q)`` orthonormal coordinates of a model times every column of the family."""
-        return np.asarray(conditioned.root.T @ self.products(conditioned.system, conditioned.active))
+        rows = self._add_products(conditioned.system, conditioned.active)
+        count = len(self._places)
+        # Rows of zeros for columns outside the model cost less than a copy of the products of those in it.
+        root = np.zeros((count, conditioned.root.shape[1]))
+        root[rows] = conditioned.root
+        return np.asarray(root.T @ self._products[:count])
 
     def judge(self, conditioned: Conditioned, best_only: bool = False) -> Scores:
         """Return the scores of all candidates beside a model; with ``best_only`` of those that can be the best."""

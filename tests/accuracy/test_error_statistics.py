@@ -288,6 +288,7 @@ def test_confidence_widens_intervals() -> None:
     assert wide.lower < narrow.lower < narrow.upper < wide.upper
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_percentile_contains_the_percentile() -> None:
     outside = 0
     for seed in range(60):

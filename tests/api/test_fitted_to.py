@@ -89,6 +89,7 @@ def test_arrays_have_a_digest_too(model: Path) -> None:
     assert NOTE not in robacc.estimate(data, robot=found.robot).notes
 
 
+@pytest.mark.slow
 def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
     pages = []
     for name, robot in (("model", str(model)), ("arm", ROBOT)):

@@ -111,6 +111,7 @@ def test_stages_are_before_and_after(files: Path) -> None:
     assert found["gain_m"]["low"] > 0
 
 
+@pytest.mark.slow
 def test_joints_in_brackets_and_without(files: Path) -> None:
     exactly = document(files, "base_frame,joint_offset[j2,j3],gear_ratio[all]")
     names = set(values(exactly))
@@ -136,7 +137,12 @@ def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path
             assert abs(value - before.parameters.get(label, 0.0)) < 0.01
 
 
-@pytest.mark.parametrize("name", ["puma560", "panda", "stanford", "urdf:ur10", "targets:puma560"])
+SLOW_ARMS = ("puma560", "urdf:ur10", "targets:puma560")
+
+
+@pytest.mark.parametrize(
+    "name", ["panda", "stanford", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW_ARMS)]
+)
 def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
     robot = arm(name).robot
     joint = arm(name).names[1]
@@ -149,6 +155,7 @@ def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
     np.testing.assert_allclose(poses.rotation, found.fit.poses.rotation, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_constants_that_do_not_differ_are_drawn_to_the_file(files: Path) -> None:
     # Of the lengths only a of the second joint is wrong, of the angles three.
     found, alone = document(files, GEOMETRY), document(files, GEOMETRY, "--no-shrink")
@@ -174,6 +181,7 @@ def test_the_table_reports_the_shrinkage(files: Path) -> None:
     assert "shrunk to nominal" in offsets
 
 
+@pytest.mark.slow
 def test_tolerances_as_priors(files: Path) -> None:
     free = document(files, "joint_offset,link_geometry")
     held = document(files, "joint_offset,link_geometry", "--prior")

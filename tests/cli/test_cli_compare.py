@@ -254,6 +254,7 @@ def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return found
 
 
+@pytest.mark.slow
 def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
     found = document(fits["frames"], fits["offsets"])
     rows = {row["key"]: row for row in found["statistics"]}

@@ -207,6 +207,7 @@ def test_errors(arguments: tuple[str, ...], status: int, message: str) -> None:
     assert result.stdout == ""
 
 
+@pytest.mark.slow
 def test_sample_data_are_what_their_commands_make(tmp_path: Path) -> None:
     plan, poses = tmp_path / "plan.csv", tmp_path / "poses.csv"
     assert run("iso9283-poses", str(ROBOT), "--payload", "6", "-o", str(plan)).exit_code == 0

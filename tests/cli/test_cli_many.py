@@ -172,6 +172,7 @@ def test_warnings_carry_their_files_name(folder: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_one_page_has_the_results_side_by_side(folder: Path) -> None:
     page = folder / "page.html"
     assert run(*files(folder), *HOW, "--report", str(page)).exit_code == 3

@@ -126,6 +126,7 @@ def test_the_result_is_not_overwritten_by_its_page(stored: Path) -> None:
     assert results.run("report", "-", "-", "-o", str(stored.with_suffix(".html"))).exit_code == 2
 
 
+@pytest.mark.slow
 def test_a_page_of_1500_poses_stays_small(tmp_path: Path) -> None:
     poses, stored, page = (str(tmp_path / name) for name in ("p.csv", "r.json", "r.html"))
     simulated = ("sample_data/truth.yaml", "--poses", "1500", "--seed", "1", "--noise", "0.03mm", "-o", poses)

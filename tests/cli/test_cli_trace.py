@@ -153,6 +153,7 @@ def test_a_clean_arm(files: Path) -> None:
     assert "extended model" not in done.stdout
 
 
+@pytest.mark.slow
 def test_the_written_model_is_a_robot_file_that_finds_nothing_more(files: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     found = json.loads(run(*command(files, "--format", "json", "--write-model", str(model))).stdout)

@@ -63,7 +63,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         (signal.SIGINT, 1, 130, "interrupted; nothing was written\n"),
         pytest.param(signal.SIGINT, 3, 130, "interrupted; nothing was written\n", marks=pytest.mark.slow),
-        (signal.SIGTERM, 1, 143, ""),
+        pytest.param(signal.SIGTERM, 1, 143, "", marks=pytest.mark.slow),
     ],
 )
 def test_a_trace_that_is_ended_at_work(

@@ -62,6 +62,7 @@ def test_nominal_robot_comes_back_from_the_model() -> None:
     assert limit["position_m"] == pytest.approx(2 * model_fit(result.robot).largest_correction[0])  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
     """Fits of other noise scatter about their mean at new poses as one fit's covariance says."""
     poses = robacc.simulate(ROBOT, poses=15, seed=99).data

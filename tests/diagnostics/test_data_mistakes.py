@@ -145,6 +145,7 @@ def test_good_data_hold_no_mistake(name: str) -> None:
         assert check_data(robot, data) == ()
 
 
+@pytest.mark.slow
 def test_a_large_error_that_no_mistake_explains_is_left_to_the_fit() -> None:
     robot = arm("puma560").robot
     rng = np.random.default_rng(0)

@@ -60,6 +60,7 @@ def test_friction_windup_is_found_beside_the_spring() -> None:
     assert values["joint_compliance.j2"] == pytest.approx(8e-7, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_hardening_spring_is_found() -> None:
     reference = float(np.abs(TORQUES[1]).max())
     turn = 6e-4 * (TORQUES[1] / reference) - 3e-4 * (TORQUES[1] / reference) ** 3

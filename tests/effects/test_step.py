@@ -71,6 +71,7 @@ def test_part_place_and_size_are_found(part: str, timed: bool, size: float) -> N
     assert ("jumps" if part == "joint" else "elsewhere") in finding.statement
 
 
+@pytest.mark.slow
 def test_two_steps_are_found() -> None:
     poses = run(N, seed=6)
     position = positions(poses, "target", 2.5e-4)
@@ -104,6 +105,7 @@ def test_errors_that_wander_are_no_steps() -> None:
         assert not [f for f in traced(measured(poses, position, NOISE, seed)).findings if f.effect == "step"]
 
 
+@pytest.mark.slow
 def test_two_steps_of_one_part_have_coefficients_of_their_own() -> None:
     poses = run(N, seed=7)
     position = np.array([target(q) for q in poses.q.T]).T

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from independent_arm import DECLARED, DH, GRAVITY, link_frames, measured, robot, run, target
 
 from robacc.effects.base_compliance import BaseCompliance
@@ -54,6 +55,7 @@ def test_a_pedestals_tilt_is_fitted_without_masses() -> None:
     assert error_at_other_poses(",base_compliance") < 2.5e-5
 
 
+@pytest.mark.slow
 def test_a_pedestal_is_found_without_masses() -> None:
     arm, data = arm_without_masses(), poses(100, 41, NOISE)
     declared = build(parse_requests(DECLARED), arm, data)

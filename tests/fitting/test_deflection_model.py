@@ -104,6 +104,7 @@ def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pyt
     assert calibration_payload(rigid, measured("rigid", STIFF), arm("puma560").robot)["deflection"] is None
 
 
+@pytest.mark.slow
 def test_each_fold_decides_for_itself_and_so_does_a_file_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     asked, chosen = [], []
 
@@ -201,7 +202,7 @@ def test_table_and_document_say_which_form_and_why(form: str, compliance: float,
 @pytest.mark.parametrize(
     ("form", "apart"),
     [
-        ("equilibrium", False),
+        pytest.param("equilibrium", False, marks=pytest.mark.slow),
         ("rigid", True),
         pytest.param("equilibrium", True, marks=pytest.mark.slow),
         pytest.param("rigid", False, marks=pytest.mark.slow),
@@ -233,6 +234,7 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 
+@pytest.mark.slow
 def test_a_declared_effect_has_the_same_form_before_and_after_a_finding() -> None:
     robot = bent("rigid")
     offset = {"effect": "gear_ratio", "joints": ["j3"], "values": {"j3": 2e-4}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
@@ -25,6 +26,7 @@ def sample(n: int, seed: int) -> Measurements:
     )
 
 
+@pytest.mark.slow
 def test_random_outliers_have_no_pattern() -> None:
     hits = 0
     for seed in range(400):

@@ -89,6 +89,7 @@ def test_one_frame_alone_is_found_and_the_other_left(what: tuple[str, ...]) -> N
     assert [one.unit for one in found.parameters] == ["m"] * 3 + ["rad"] * 3
 
 
+@pytest.mark.slow
 def test_standard_errors_are_the_scatter_over_noise() -> None:
     """Of 200 sets of noisy poses; a standard deviation of 200 is known to 5 %, and the largest of 12 to some 15 %."""
     robot = arm("puma560").robot

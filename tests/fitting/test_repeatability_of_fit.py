@@ -52,6 +52,7 @@ def scattered(robot: Robot, n: int, seed: int) -> Measurements:
     return dataclasses.replace(base, q=q[:, rows], position=position)
 
 
+@pytest.mark.slow
 def test_calibrate_separates_scatter_from_noise_and_covers_the_truth() -> None:
     robot = three_targets()
     hits, shares = [], []

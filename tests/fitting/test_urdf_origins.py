@@ -119,6 +119,7 @@ def simulate(path: Path, robot: Robot, n: int, seed: int) -> tuple[Measurements,
     return data, position.T
 
 
+@pytest.mark.slow
 def test_corrections_of_every_origin_of_every_urdf_have_full_rank(robots_folder: Path) -> None:
     count, without_turns = 0, 0
     for path in sorted(robots_folder.rglob("*.urdf")):
@@ -160,6 +161,7 @@ def test_random_errors_of_every_origin_are_fitted_to_the_noise(name: str, robots
     assert error < 1.5 * POSITION_STD * np.sqrt(fitted.identifiability.columns.size / 150)
 
 
+@pytest.mark.slow
 def test_a_rigid_urdf_with_geometry_errors_has_no_findings(robots_folder: Path) -> None:
     path = robots_folder / "ur_description/urdf/ur10_robot.urdf"
     robot = ur10(robots_folder)

@@ -62,6 +62,7 @@ def one_orientation(n: int, seed: int) -> np.ndarray:
     return q
 
 
+@pytest.mark.slow
 def test_few_orientations_do_not_change_links_by_centimetres(monkeypatch: pytest.MonkeyPatch) -> None:
     true = made("ur10", 1)
     data = measured(true, one_orientation(25, 2), 3, oriented=False)

@@ -268,6 +268,7 @@ def test_the_largest_error_takes_59_poses() -> None:
     assert evaluate("key: position.max, limit: 0.5 mm", estimate()).outcome == "fail"
 
 
+@pytest.mark.slow
 def test_grades_are_met_by_every_bound() -> None:
     document = estimate(errors(size=0.4e-3), errors(1, 1e-4))
     p95, bound = (

@@ -170,6 +170,7 @@ def test_ranges_of_joints_are_in_the_files_angles() -> None:
     assert known_effects(robot)[0].validity["j1"] == pytest.approx((-np.pi / 2, np.pi / 4))
 
 
+@pytest.mark.slow
 def test_every_command_counts_poses_outside_and_refuses_them_on_request() -> None:
     one = arm("puma560")
     limited = {**_harmonics(), "validity": {"j1": [-0.5, 0.5]}}

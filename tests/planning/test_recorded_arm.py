@@ -18,6 +18,7 @@ EFFECTS = "base_frame,tool_frame,joint_offset,link_geometry"
 
 
 @pytest.mark.skipif(not DATA.exists(), reason="needs the recorded UR10")
+@pytest.mark.slow
 def test_sixty_planned_rows_do_for_all() -> None:
     robot, _ = load_robot(DATA / "robot.yaml")
     data, _ = load_poses(DATA / "series_B.csv", robot)

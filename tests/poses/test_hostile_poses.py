@@ -84,6 +84,7 @@ def test_ends_of_lines_and_denormal_numbers_are_taken(tmp_path: Path, end: str) 
     assert read_poses(path).position[0].tolist() == [5e-324, 1.0]
 
 
+@pytest.mark.slow
 def test_a_file_of_ten_gigabytes_and_streams_without_an_end(tmp_path: Path) -> None:
     sparse = tmp_path / "sparse.csv"
     with sparse.open("wb") as stream:

@@ -338,6 +338,7 @@ def covered(sets: int, *, full: bool) -> Array:
     return count / sets
 
 
+@pytest.mark.slow
 def test_components_cover_the_truth_in_most_sets() -> None:
     # 60 sets of four: at a true 95 % the share has a standard error of 1.4 %; below 90 % would be a wrong interval.
     assert covered(60, full=True).mean() > 0.90

@@ -111,6 +111,7 @@ def test_truncated_modules_get_one_message(text: str, message: str, tmp_path: Pa
     assert len(caught.value.problems) == 1
 
 
+@pytest.mark.slow
 def test_ten_thousand_targets_take_linear_time(tmp_path: Path) -> None:
     unused = "[9E9,9E9,9E9,9E9,9E9,9E9]"
     lines = [f"CONST robtarget p{i}:=[[{i},0,1],[1,0,0,0],[0,0,0,0],{unused}];" for i in range(10_000)]

@@ -305,6 +305,7 @@ def test_switches_and_options_of_the_command_line() -> None:
     assert command_line(robust).endswith("--all-rows --prior --align a,b --seed 0")
 
 
+@pytest.mark.slow
 def test_the_same_result_gives_the_same_page() -> None:
     assert render([results.document("iso9283")], ["iso9283"]) == page("iso9283")
 

@@ -99,6 +99,7 @@ def test_mean_interval_of_very_few_poses_is_students() -> None:
     assert (interval.lower, interval.upper) == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_studentised_bootstrap_against_a_plain_loop() -> None:
     rng = np.random.default_rng(3)
     values = rng.exponential(1.0, 25)

@@ -44,6 +44,7 @@ def imhof(q: float, mean: np.ndarray, variance: np.ndarray) -> float:
     return 0.5 - total / np.pi
 
 
+@pytest.mark.slow
 def test_agrees_with_imhof() -> None:
     variance = np.array([1.0, 0.6, 0.3])
     for mean in (ZERO, np.array([0.4, -0.3, 0.8])):
@@ -107,6 +108,7 @@ def test_a_mean_across_much_longer_axes() -> None:
         )
 
 
+@pytest.mark.slow
 def test_any_mean_and_variance() -> None:
     rng = np.random.default_rng(12)
     for _ in range(150):

@@ -43,7 +43,9 @@ def check(name: str, n: int, deflection: str = "equilibrium") -> None:
     assert result.document()["parameters"]
 
 
-@pytest.mark.parametrize("name", [pytest.param("thermal_expansion", marks=pytest.mark.slow), "frame_drift"])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) for name in ("thermal_expansion", "frame_drift")]
+)
 def test_effects_of_the_whole_arm_beyond_one_block(name: str) -> None:
     """The partial residual of an effect without joints took the regressors of the first 4,096 poses only."""
     check(name, 4200)

@@ -78,6 +78,7 @@ def test_at_the_limit_the_f_test_finds_every_second_one(name: str, n_folds: int)
     assert checked > 30
 
 
+@pytest.mark.slow
 def test_limits_follow_noise_and_number_of_poses() -> None:
     few, many, noisy = (by_name(limits(clean("puma560", *which)[1])) for which in ((80,), (320,), (80, 3 * NOISE)))
     seen = [key for key, one in few.items() if one.limit and key in many and many[key].limit and noisy[key].limit]

@@ -51,7 +51,7 @@ def test_sums_equal_the_products_of_built_columns(is_correlated: bool) -> None:
     system = Columns(rng.normal(size=(ROWS, 4, N)), rng.normal(size=(ROWS, N)))
     places = np.array([4, 20, 33])
     family = StepFamily(system, steps, places, np.arange(N), white)
-    cross = family.products(system, np.arange(4)).reshape(4, places.size, 3)
+    cross = family.new_products(system.columns[:, :4]).reshape(4, places.size, 3)
     for i, place in enumerate(places):
         candidate = steps.candidate(int(place))
         built = steps.whitened(candidate, white) * candidate.weights[:, None]

@@ -183,6 +183,7 @@ def test_several_effects_at_once() -> None:
         assert finding.held_out_after < finding.held_out_before
 
 
+@pytest.mark.slow
 def test_the_order_of_rows_does_not_matter() -> None:
     data, found = case("gear")
     order = np.random.default_rng(0).permutation(data.n)
@@ -196,6 +197,7 @@ def test_the_order_of_rows_does_not_matter() -> None:
     assert other.after.held_out.position.rms == pytest.approx(found.after.held_out.position.rms, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_seed_moves_held_out_figures_by_noise_alone() -> None:
     data, found = case("backlash")
     other = traced(arm("irb1600").robot, data, seed=12)
@@ -207,6 +209,7 @@ def test_the_seed_moves_held_out_figures_by_noise_alone() -> None:
     assert other.after.held_out.position.rms == pytest.approx(found.after.held_out.position.rms, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_same_call_twice_is_the_same_to_the_bit() -> None:
     data, found = case("gear")
     again = traced(arm("puma560").robot, data)
@@ -254,6 +257,7 @@ def test_an_instrument_metres_away_with_nothing_declared() -> None:
     assert all("every arm deviates" not in hint for hint in registered.unexplained.hints)
 
 
+@pytest.mark.slow
 def test_an_effect_of_hundreds_of_times_the_noise_is_one_finding() -> None:
     """Next to it the noise before it is no measure of what is plausible: it would be taken apart into several."""
     large = measured("ur10", entry("gear_ratio", "shoulder_lift_joint", -2.4e-3), noise_position=5e-6)
@@ -262,6 +266,7 @@ def test_an_effect_of_hundreds_of_times_the_noise_is_one_finding() -> None:
     assert found.verdict == "explained"
 
 
+@pytest.mark.slow
 def test_the_equal_of_a_large_effect_is_still_named() -> None:
     """Where the finding stands at its full size a rival is judged short of what is curved in it."""
     large = measured("panda", {"effect": "base_compliance", "values": {"value": 9e-6}}, noise_position=1e-5)

@@ -99,9 +99,9 @@ def _size_hints(
         )
 
 
-def _memory_hints(loop: SearchResult, final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
+def _memory_hints(search_result: SearchResult, final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
     """Yield p-value and hint on each joint whose play remembers the visit before."""
-    playing = {joint: effect for effect in loop.effects if effect.follows_approach for joint in effect.joints}
+    playing = {joint: effect for effect in search_result.effects if effect.follows_approach for joint in effect.joints}
     p_values = memory_of_play(final, data, tuple(playing))
     for joint, p_value in p_values.items():
         if p_value * len(p_values) <= FALSE_ALARM:
@@ -123,7 +123,7 @@ def remaining_error(
     for correlation in residual_correlations(final, data):
         p_values.append(correlation.p_value)
         hints.append(correlation.text)
-    for p_value, hint in _memory_hints(loop, final, data):
+    for p_value, hint in _memory_hints(search_result, final, data):
         p_values.append(p_value)
         hints.append(hint)
     residual = final.residual[:3, final.inliers]

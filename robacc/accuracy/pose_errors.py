@@ -86,7 +86,8 @@ def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
             raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
         return _predicted(robot, data, data.q)
     if data.commanded_position is None:
-        raise UsageError("the poses have no commanded positions: give `robot`, or columns cmd_x, cmd_y, cmd_z")
+        ways = "`robot`" if data.q is not None else "`commanded`, a robot program or a table of joints or poses"
+        raise UsageError(f"the poses have no commanded positions: give {ways}, or columns cmd_x, cmd_y, cmd_z")
     return Commanded.at(data.commanded_position, data.commanded_rotation, "file")
 
 

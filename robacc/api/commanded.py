@@ -33,14 +33,24 @@ def read_with_commands(
     """
     from robacc.poses.csv_file import read_poses
 
-    measured = read_poses(path, target_names=None if robot is None else tuple(robot.targets), commands=False)
+    planned = _program(commands) if _is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
+
+    def known_orientations(names: NDArray[Any] | None, count: int) -> Array | None:
+        try:
+            rows, _ = _joined(names, count, planned, commands, path)
+        except InputError:
+            return None  # raised below, after the questions of the file of measured poses
+        orientations = _orientations(planned, robot)
+        return None if orientations is None else orientations[..., rows]
+
+    targets = None if robot is None else tuple(robot.targets)
+    measured = read_poses(path, target_names=targets, commands=False, known_orientations=known_orientations)
     if measured.commands is not None:
         message = "the measured poses have commands of their own"
         raise InputError(Problem(message, measured.source, fix="leave out `commanded`, or those columns"))
     if robot is not None:
         check_targets(measured, robot)
-    planned = _program(commands) if _is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
-    rows, remark = _joined(measured, planned, commands)
+    rows, remark = _joined(measured.pose, measured.n, planned, commands, measured.source)
     data = _with_rows(measured, planned, rows, ordered)
     if robot is not None:
         from robacc.diagnostics.robot_poses import check_size
@@ -97,27 +107,46 @@ def _program(path: str) -> Measurements:
     )
 
 
-def _joined(measured: Measurements, planned: Measurements, path: str) -> tuple[NDArray[np.int64], str]:
+def _orientations(planned: Measurements, robot: Robot | None) -> Array | None:
+    """Return the commanded orientations ``(3, 3, N)``; None where the commands have none."""
+    if planned.q is None or robot is None:
+        return planned.commanded_rotation
+    from robacc.robots.assembly import build_chain
+
+    rotation: Array = build_chain(dataclasses.replace(robot, effects=())).forward(planned.q).rotation
+    return rotation
+
+
+def _joined(
+    names: NDArray[Any] | None, count: int, planned: Measurements, path: str, source: str | None
+) -> tuple[NDArray[np.int64], str]:
     """Return the row of ``planned`` for each measured row, and how the rows were joined.
+
+    Args:
+        names: Names of the measured poses, if there are any.
+        count: Number of measured rows.
+        planned: Commands.
+        path: Their file.
+        source: File of the measured poses.
 
     Raises:
         InputError: A name is missing or has two commands, or the numbers of rows differ.
     """
-    if measured.pose is not None and planned.pose is not None:
+    if names is not None and planned.pose is not None:
         rows = {str(name).casefold(): i for i, name in reversed(list(enumerate(planned.pose)))}
-        missing = [str(name) for name in dict.fromkeys(measured.pose.tolist()) if str(name).casefold() not in rows]
+        missing = [str(name) for name in dict.fromkeys(names.tolist()) if str(name).casefold() not in rows]
         if not missing:
             _check_unique(planned, path)
-            index = np.array([rows[str(name).casefold()] for name in measured.pose], dtype=np.int64)
+            index = np.array([rows[str(name).casefold()] for name in names], dtype=np.int64)
             return index, f"commands of {path} joined by the names of the poses"
-        if len(missing) < len(set(measured.pose.tolist())) or measured.n != planned.n:
+        if len(missing) < len(set(names.tolist())) or count != planned.n:
             listed = ", ".join(missing[:_SHOWN]) + (" …" if len(missing) > _SHOWN else "")
             message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
-            raise InputError(Problem(message, measured.source, column="pose", fix="give the poses the same names"))
-    if measured.n != planned.n:
-        message = f"found {measured.n} measured rows and {planned.n} commands in {path}, which share no names"
-        raise InputError(Problem(message, measured.source, fix="name the poses in both files, in a column pose"))
-    return np.arange(measured.n), f"commands of {path} joined by the order of rows: the files share no names"
+            raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
+    if count != planned.n:
+        message = f"found {count} measured rows and {planned.n} commands in {path}, which share no names"
+        raise InputError(Problem(message, source, fix="name the poses in both files, in a column pose"))
+    return np.arange(count), f"commands of {path} joined by the order of rows: the files share no names"
 
 
 def _check_unique(planned: Measurements, path: str) -> None:

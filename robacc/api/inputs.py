@@ -145,12 +145,19 @@ def load_poses(
         record = InputFile.at(path, data.sha256 or "", kind)
         stated = {**(record.reading or {}), "commanded": commands.name, "commanded_sha256": commands.sha256}
         return require_poses(data), dataclasses.replace(record, reading=stated)
-    if robot is None:
-        from robacc.poses.csv_file import read_poses
+    try:
+        if robot is None:
+            from robacc.poses.csv_file import read_poses
 
-        data = read_poses(path, ordered=ordered)
-    else:
-        data = read_robot_poses(path, robot, ordered=ordered, ignore_limits=ignore_limits, attained=attained)
+            data = read_poses(path, ordered=ordered)
+        else:
+            data = read_robot_poses(path, robot, ordered=ordered, ignore_limits=ignore_limits, attained=attained)
+    except InputError:
+        from robacc.programs.reading import mistaken_for_poses
+
+        if attained and (problem := mistaken_for_poses(path)) is not None:
+            raise InputError(problem) from None
+        raise
     return require_poses(data), InputFile.at(path, data.sha256 or "", kind)
 
 

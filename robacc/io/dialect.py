@@ -24,6 +24,7 @@ _FEWEST_NUMBERS = 2
 """Fields with numbers that make a line a row of measurements."""
 _ABOVE = 3
 """Lines above the first row in which its header is looked for: names, and units in a line of their own."""
+_UNIT_BEHIND = re.compile(r"\s*[\[(<{][^\])>}]*[\])>}]\s*$")
 _UNIT_FIELD = re.compile(
     r"[\[(<{]?\s*(m|mm|um|µm|μm|in|inch|rad|mrad|deg|degrees?|°|s|ms|sec|kg|°C|degC|C|-|)\s*[\])>}]?"
 )
@@ -172,7 +173,7 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
             units = fields
             continue
         if sum(bool(text) and not dialect.is_number(text) for text in fields) > width / 2:
-            names, header_line = tuple(fields), i
+            names, header_line = _with_groups(tuple(fields), lines[:i], dialect), i
             break
     if names and units is not None:
         names = tuple(f"{name} [{unit.strip('[]()<>{} ')}]" if unit.strip("[]()<>{} -") else name
@@ -182,6 +183,26 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
     return replace(
         dialect, header_line=header_line, first_row=start, names=names, preamble=preamble, sample=tuple(rows)
     )
+
+
+def _with_groups(names: tuple[str, ...], above: Sequence[str], dialect: TableDialect) -> tuple[str, ...]:
+    """Return names that stand several times with the group in the line above: ``Position X``, ``Rotation X``.
+
+    A group holds for the columns to its right that have none.
+    """
+    for line in reversed(above[-_ABOVE:]):
+        stems = [_UNIT_BEHIND.sub("", name) for name in names]
+        repeated = {stem for stem in stems if stem and stems.count(stem) > 1}
+        groups = _split(dialect, line)
+        if not repeated or len(groups) != len(names):
+            break
+        filled = [next((text for text in reversed(groups[: i + 1]) if text), "") for i in range(len(names))]
+        ambiguous = {group for group, stem in zip(filled, stems, strict=True) if stem in repeated}
+        names = tuple(
+            f"{group} {name}".strip() if group in ambiguous or not name else name
+            for group, name in zip(filled, names, strict=True)
+        )
+    return names
 
 
 def _uncommented(line: str, dialect: TableDialect) -> str:

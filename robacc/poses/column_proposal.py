@@ -10,7 +10,7 @@ from robacc.io.open_table import open_table
 from robacc.io.problem_log import ProblemLog
 from robacc.io.table import Header, TableOptions
 from robacc.poses.column_map import OPEN
-from robacc.poses.columns import Column, Names, is_documented, parse_column
+from robacc.poses.columns import JOINT_COLUMN, Column, Names, is_documented, parse_column
 from robacc.poses.foreign_columns import ForeignColumns, find_columns
 from robacc.poses.headerless import with_known_names
 from robacc.poses.headings import TIME_KEYS
@@ -29,6 +29,8 @@ class ColumnProposal:
     """Keys that the user has to fill in."""
     n_columns: int
     """Columns with a meaning."""
+    has_commands: bool
+    """Whether the file has joint variables or commanded poses beside the measured ones."""
 
 
 def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnProposal:
@@ -62,7 +64,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         *_entries(header, found),
     ]
     unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
-    return ColumnProposal("\n".join(lines) + "\n", unanswered, len(found.columns))
+    return ColumnProposal("\n".join(lines) + "\n", unanswered, len(found.columns), _has_commands(found))
 
 
 def _with_names_where_known(header: Header, name: str) -> Header:
@@ -87,6 +89,10 @@ def _statements(found: ForeignColumns) -> dict[str, tuple[str, str]]:
     if any(column.key.startswith("sigma") and not is_documented(column.name) for column in found.columns.values()):
         result["coverage"] = (OPEN, "of the uncertainties: 1 if standard, 2 if expanded")
     return result
+
+
+def _has_commands(found: ForeignColumns) -> bool:
+    return any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in found.columns)
 
 
 def _entries(header: Header, found: ForeignColumns) -> list[str]:

@@ -32,7 +32,7 @@ from robacc.poses.duplicate_rows import duplicate_row_warnings
 from robacc.poses.headings import TIME_KEYS
 from robacc.poses.layout import Layout, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of
-from robacc.poses.orientation import AngleChoice, OrientationAt, rotations
+from robacc.poses.orientation import AngleChoice, KnownOrientations, OrientationAt, rotations
 from robacc.poses.plausibility import lengths_too_large
 from robacc.poses.reading import reading_of, table_options
 from robacc.poses.row_checks import RowChecks
@@ -57,6 +57,7 @@ def read_poses(
     attained: bool = True,
     commands: bool = True,
     orientation_at: OrientationAt | None = None,
+    known_orientations: KnownOrientations | None = None,
 ) -> Measurements:
     """Return the validated poses of a CSV or Parquet file.
 
@@ -77,6 +78,7 @@ def read_poses(
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
         commands: Whether joints or commanded poses are required; without, they come from another file.
         orientation_at: Nominal orientations of the robot, which show the convention of ambiguous angles.
+        known_orientations: Orientations that another file gives to the rows, which show it too.
 
     Raises:
         InputError: Every problem of the file, with line and column.
@@ -97,7 +99,7 @@ def read_poses(
         wrong_joints = units.run(limits) if units_check else frozenset()
         rows.run(limits, target_names, wrong_joints)
         check_visits(values, ordered, log)
-        angles = AngleChoice(values, reading, orientation_at, log, header.line)
+        angles = AngleChoice(values, reading, orientation_at, log, header.line, known_orientations)
         conventions = angles.run()
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted, conventions)

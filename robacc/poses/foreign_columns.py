@@ -165,7 +165,7 @@ def _column(
             log.add(f"found unit {unit} in the name of {key}, expected a unit of {expected}", line, heading.name)
             unit = None
     if unit is None and quantity in ("length", "angle"):
-        unit = reading.unit_of.get(quantity) or units.unit_of.get(quantity)
+        unit = units.unit_of.get(quantity) or reading.unit_of.get(quantity)
         if unit is None and meaning.si:
             unit = "m" if quantity == "length" else "rad"
     if unit is not None and expected not in ("length", "angle", "time", "temperature", "mass"):
@@ -187,7 +187,7 @@ class _PreambleUnits:
             if match := _PREAMBLE_UNITS.search(text):
                 word = match["unit"].lower()
                 unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(word[:3], "in")
-                return cls({"length": unit}, (f"lengths in {unit}, as {text.strip()[:60]!r} says",))
+                return cls({"length": unit}, (f"lengths in {unit}, as {match[0].strip()!r} says",))
         return cls({}, ())
 
 

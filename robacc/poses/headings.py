@@ -131,7 +131,10 @@ _SPREAD = frozenset(["sigma", "std", "stdev", "stddev", "sd"])
 _UNCERTAIN = frozenset(["u", "uncertainty", "unc", "unsicherheit"])
 _TEXT_NAMES = {
     **dict.fromkeys(("pose", "pose id", "pose name", "pose number"), "pose"),
-    **dict.fromkeys(("point", "point name", "pointname", "point id", "name", "punkt", "punktname"), "pose"),
+    **dict.fromkeys(
+        ("point", "point name", "pointname", "point id", "name", "punkt", "punktname", "messpunkt"), "pose"
+    ),
+    **dict.fromkeys(("object", "object name"), "pose"),  # frames of SpatialAnalyzer
     **dict.fromkeys(("target name", "target id", "frame name"), "pose"),
     **dict.fromkeys(("cycle", "run", "repetition", "zyklus", "wiederholung", "lauf"), "cycle"),
     **dict.fromkeys(("target", "smr", "reflector", "marker", "reflektor"), "target"),
@@ -187,7 +190,8 @@ class Meaning:
 
 def heading_of(name: str) -> Heading:
     """Return the parts of a column's name."""
-    stem, unit = name.strip().strip("'\""), None
+    # Signals of RobotStudio have a path: System1\ROB_1\J1.
+    stem, unit = name.strip().strip("'\"").rpartition("\\")[2], None
     if ((match := _BRACKETED.fullmatch(stem)) and match[2].lower() in _UNIT_NAMES) or (
         (match := _SUFFIXED.fullmatch(stem)) and match[2].lower() in _UNIT_NAMES and len(match[2]) > 1
     ):
@@ -222,6 +226,8 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     robot = _universal_robots(words)
     if robot is not None:
         return robot
+    if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
+        return Meaning("qw")
     commanded = True if _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)
     if joint := _joint(core):

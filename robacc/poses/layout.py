@@ -183,7 +183,11 @@ class _Completeness:
     def _check_set(self, keys: Sequence[str], set_name: str, required: bool = False) -> None:
         missing = [key for key in keys if key not in self.columns]
         if missing and (required or len(missing) < len(keys)):
-            self._report_missing(missing, f"expected {', '.join(keys)}: {set_name}")
+            fix = f"expected {', '.join(keys)}: {set_name}"
+            words = {name.lower() for name in self.unknown}
+            if required and words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"}:
+                fix = "the file has one row for each axis; export one row for each point, with its X, Y and Z"
+            self._report_missing(missing, fix)
 
     def _report_missing(self, keys: Sequence[str], fix: str, message: str = "") -> None:
         ignored = [name for name in self.unknown if name]
@@ -216,16 +220,24 @@ class _Completeness:
         count = len(joint_names) or max(joint_numbers or motion_numbers, default=0)
         if joint_numbers:
             self._check_joints(joint_numbers, count)
-        elif self.commands and not commanded and (joint_names or "pose" not in self.columns):
+        elif self.commands and not commanded and self._has_position() and (joint_names or "pose" not in self.columns):
             keys = f"q1 … q{count}" if joint_names else "q1 … qN"
-            fix = f"expected {keys} (joint variables), or cmd_x, cmd_y, cmd_z (commanded pose)"
-            self._report_missing(["q1"], fix, "the file has neither joint variables nor commanded poses: ")
+            fix = (
+                "give the commands with `commanded`: the robot program, or a table of joints or poses; "
+                f"or add columns {keys} (joint variables) or cmd_x, cmd_y, cmd_z (commanded pose)"
+            )
+            message = "the file has measured poses only: neither joint variables nor commanded poses"
+            self.log.add(message, self.line, fix=fix)
         for match in matches:
             if int(match[2]) > count:
                 column = self.columns[match[0]].name
                 last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
                 self.log.add(f"the column belongs to joint {match[2]}, but {last}", self.line, column)
         return count
+
+    def _has_position(self) -> bool:
+        """Return whether the attained position is there, if it is required; else it is the problem of the file."""
+        return not self.attained or set(AXES) <= self.columns.keys()
 
     def _check_joints(self, joint_numbers: Sequence[int], count: int) -> None:
         joint_names = self.names.joint_names

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.geometry import Array, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.problem_log import ProblemLog
@@ -15,10 +17,20 @@ from robacc.poses.values import Values
 
 OrientationAt = Callable[[Array], Array]
 """Nominal orientations ``(3, 3, N)`` of the robot at joint variables ``(J, N)``."""
+KnownOrientations = Callable[[NDArray[Any] | None, int], Array | None]
+"""Orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to N rows without names."""
 _BLOCK = 4096
 """Rotations converted at a time: the working arrays of a block fit the cache."""
 _SAMPLE = 400
 """Poses that a trial of conventions uses at most."""
+_WRITERS = {
+    "rotvec": "Universal Robots",
+    "fixed-xyz": "trackers, FANUC, Yaskawa",
+    "moving-xyz": "Stäubli",
+    "kuka-abc": "KUKA",
+    "zyz": "Kawasaki",
+}
+"""Makers whose exports use a convention."""
 _DOCUMENTED = ("rotvec", "fixed-xyz", "moving-xyz")
 """Conventions that files use for columns rx, ry, rz, which are documented as a rotation vector."""
 
@@ -45,7 +57,13 @@ class AngleChoice:
     """Choice of the convention of attained and commanded angles: as stated, as named, or as the data show."""
 
     def __init__(
-        self, values: Values, reading: Reading, orientation_at: OrientationAt | None, log: ProblemLog, line: int | None
+        self,
+        values: Values,
+        reading: Reading,
+        orientation_at: OrientationAt | None,
+        log: ProblemLog,
+        line: int | None,
+        known_orientations: KnownOrientations | None = None,
     ) -> None:
         """Choose for ``values``; questions go to ``log``, and what the data showed to :attr:`remarks`."""
         self._values = values
@@ -53,6 +71,7 @@ class AngleChoice:
         self._orientation_at = orientation_at
         self._log = log
         self._line = line
+        self._known_orientations = known_orientations
         self.remarks: list[str] = []
 
     def run(self) -> Mapping[str, str]:
@@ -103,6 +122,9 @@ class AngleChoice:
         q = self._values.column_set(self._values.layout.joints())
         if q is not None and self._orientation_at is not None:
             return self._orientation_at(q[:, rows])
+        if self._known_orientations is not None:
+            known = self._known_orientations(self._values.texts.get("pose"), self._values.lines.size)
+            return None if known is None else known[..., rows]
         other = "" if prefix else "cmd_"
         keys = orientations[other]
         if keys is None or (columns := self._values.column_set(keys)) is None:
@@ -115,7 +137,12 @@ class AngleChoice:
         if trial is not None:
             results = (f"{name} by {_degrees(size)}" for name, size in trial.disagreement.items())
             tried = f" (they miss the known orientations: {', '.join(results)})"
-        self._log.add(f"these {doubt}{tried}", self._line, names, f"give `angles`: {', '.join(conventions)}")
+        self._log.add(f"these {doubt}{tried}", self._line, names, f"give `angles`: {_usual(conventions)}")
+
+
+def _usual(conventions: Sequence[str]) -> str:
+    """Return the names of conventions, each with who writes it."""
+    return ", ".join(f"{name} ({_WRITERS[name]})" if name in _WRITERS else name for name in conventions)
 
 
 def _degrees(angle: float) -> str:

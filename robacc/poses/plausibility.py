@@ -130,9 +130,9 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
     measured_range, nominal_range = float(np.max(central_range(position))), float(np.max(central_range(nominal)))
     if ratio > 1:
         times = f"{ratio:.0f} times as far as"
-        fix = "if they are in mm, name the columns x_mm, y_mm, z_mm; or correct the robot file's units"
+        fix = "if they are in mm, name the columns x_mm, y_mm, z_mm or give `units`; or correct the robot file's units"
     else:
         times = f"{1 / ratio:.0f} times less than"
-        fix = "if they are in m, name the columns x, y, z; or correct the robot file's units"
+        fix = "if they are in m, name the columns x, y, z or give `units`; or correct the robot file's units"
     message = f"the positions spread over {measured_range:.4g} m, {times} the robot moved ({nominal_range:.4g} m)"
     raise InputError(Problem(message, file, column="x, y, z", fix=fix))

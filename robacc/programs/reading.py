@@ -30,6 +30,11 @@ SUFFIXES = {
 _BINARY = {
     ".tp": ("is a binary TP program", "write it as text first: kconvars/PrintTP, or Save As ASCII on the pendant"),
     ".urp": ("is a PolyScope program, whose script is not in it as text", "give the .script file beside it"),
+    ".jbi": (
+        "is a job of Yaskawa, whose positions count pulses of the motors",
+        "list the joint angles in degrees, or the poses, in a CSV",
+    ),
+    ".va": ("is a listing of FANUC variables", "save the positions as a TP program (.ls), or list them in a CSV"),
     ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
 }
 _SIGNS = (
@@ -46,6 +51,18 @@ def is_program(path: str | os.PathLike[str]) -> bool:
     """Return whether the name of a file is that of a robot program."""
     suffix = PurePath(os.fspath(path)).suffix.lower()
     return suffix in SUFFIXES or suffix in _BINARY
+
+
+def mistaken_for_poses(path: str | os.PathLike[str]) -> Problem | None:
+    """Return the problem of a file that was given as measured poses and is a robot program; None for another file."""
+    name = os.fspath(path)
+    suffix = PurePath(name).suffix.lower()
+    if suffix in _BINARY:
+        return Problem(_BINARY[suffix][0], name, fix="give the file of measured poses, such as a CSV")
+    if suffix in SUFFIXES and any(sign.search(_source(name).text) for _, sign in _SIGNS):
+        fix = "give the file of measured poses, and the program with `commanded`"
+        return Problem("is a robot program, which has commands but no measured poses", name, fix=fix)
+    return None
 
 
 def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLike[str]] = ()) -> Program:

@@ -61,7 +61,8 @@ def test_documented_names_that_the_data_contradict_are_a_question(read: Reader) 
     (problem,) = problem_texts(read, text)
     assert problem.startswith("1, rx_deg, ry_deg, rz_deg: these are documented as a rotation vector, which they do not")
     assert "fixed-xyz by " in problem
-    assert problem.endswith("give `angles`: rotvec, fixed-xyz, moving-xyz")
+    names = "rotvec (Universal Robots), fixed-xyz (trackers, FANUC, Yaskawa), moving-xyz (Stäubli)"
+    assert problem.endswith(f"give `angles`: {names}")
 
 
 def test_ambiguous_names_are_taken_as_the_data_show_or_asked_for(read: Reader) -> None:
@@ -75,7 +76,7 @@ def test_ambiguous_names_are_taken_as_the_data_show_or_asked_for(read: Reader) -
     (problem,) = problem_texts(
         read, "\n".join(["X [m],Y [m],Z [m],Rx [deg],Ry [deg],Rz [deg],cmd_x,cmd_y,cmd_z,pose", *alone])
     )
-    assert "these may be angles of several conventions; give `angles`: rotvec, fixed-xyz, moving-xyz" in problem
+    assert "these may be angles of several conventions; give `angles`: rotvec (Universal Robots), fixed-xyz" in problem
 
 
 def test_every_pair_of_conventions_is_told_apart() -> None:

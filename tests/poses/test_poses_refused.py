@@ -79,8 +79,8 @@ BAD_HEADERS = {
     "q1,x,z": "1: column y is missing; expected x, y, z: the attained position",
     "q1,X_mm,z": "1: column y is missing; expected x, y, z: the attained position",
     "q1,Xa,z": "1: columns x, y are missing; expected x, y, z: the attained position (unknown in this file: Xa)",
-    "x,y,z": "1: the file has neither joint variables nor commanded poses: column q1 is missing; "
-    "expected q1 … qN (joint variables), or",
+    "x,y,z": "1: the file has measured poses only: neither joint variables nor commanded poses; give the commands with "
+    "`commanded`: the robot program, or a table of joints or poses; or add columns q1 … qN (joint variables) or cmd_x,",
     "q1,q3,x,y,z": "1: column q2 is missing; expected q1 … q3 without a gap",
     "q1,x,y,z,cmd_x,cmd_z": "1: column cmd_y is missing; expected cmd_x, cmd_y, cmd_z: the commanded position",
     "q1,x,y,z,cmd_qw,cmd_qx,cmd_qy,cmd_qz": "1: columns cmd_x, cmd_y, cmd_z are missing",
@@ -117,8 +117,9 @@ def test_joint_columns_that_do_not_fit_the_robot(read: Reader) -> None:
     assert problem == "1, q3: the column belongs to joint 3, but the robot has 2 joints"
     (problem,) = problem_texts(read, "pose,x,y,z\n", **robot)
     assert (
-        "the file has neither joint variables nor commanded poses: column q1 is missing; "
-        "expected q1 … q2 (joint variables)" in problem
+        "the file has measured poses only: neither joint variables nor commanded poses; give the commands with "
+        "`commanded`: the robot program, or a table of joints or poses; or add columns q1 … q2 (joint variables)"
+        in problem
     )
     found_units = problem_texts(read, "base_mm,lift_deg,x,y,z\n", **robot)
     assert found_units == [

@@ -33,11 +33,16 @@ class CampaignUseName(StrEnum):
 
 
 PosesArgument = Annotated[
-    str, typer.Argument(metavar="POSES", help="CSV or Parquet of measured poses; - reads standard input.")
+    str,
+    typer.Argument(
+        metavar="POSES", help="Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input."
+    ),
 ]
 RobotOption = Annotated[
     str | None,
-    typer.Option("--robot", metavar="FILE", help="Robot file (YAML), URDF, or an arm of robacc robots: ur10e."),
+    typer.Option(
+        "--robot", metavar="FILE", help="Robot file (YAML), URDF, or name of an arm that robacc robots lists."
+    ),
 ]
 BaseLinkOption = Annotated[
     str | None, typer.Option("--base-link", metavar="NAME", help="First link of the chain in a URDF.")
@@ -56,20 +61,23 @@ AlignOption = Annotated[
 ]
 OrderedOption = Annotated[
     bool,
-    typer.Option("--ordered", help="Rows are in the order measured; directions and speeds are derived from it."),
+    typer.Option(
+        "--ordered",
+        help="Rows are in the order of measurement; directions and speeds of the joints are derived from it.",
+    ),
 ]
 IgnoreLimitsOption = Annotated[
     bool,
     typer.Option(
         "--ignore-limits",
-        help="Joint values outside the limits are a warning; by default an error beyond 0.05 deg or 0.5 mm.",
+        help="Only warn of joint values outside the limits; by default 0.05 deg or 0.5 mm outside is an error.",
     ),
 ]
 CampaignOption = Annotated[
     CampaignUseName,
     typer.Option(
         "--campaign",
-        help="Use of the drift and other facts of a model's campaign; auto applies them to the poses of that campaign.",
+        help="Apply drift and other effects of the campaign in which a model was measured; auto: to its poses only.",
     ),
 ]
 StrictRangeOption = Annotated[
@@ -88,10 +96,10 @@ GateOption = Annotated[
     typer.Option("--gate", metavar="FILE", help="Gate file (YAML) with criteria; exit 4: fail, 5: inconclusive."),
 ]
 JunitOption = Annotated[
-    str | None, typer.Option("--junit", metavar="FILE", help="File for the gate's outcome as JUnit XML.")
+    str | None, typer.Option("--junit", metavar="FILE", help="JUnit XML to write, with the outcome of the gate.")
 ]
 ReportOption = Annotated[
-    str | None, typer.Option("--report", metavar="FILE", help="File for the result as an HTML page.")
+    str | None, typer.Option("--report", metavar="FILE", help="HTML page to write, with charts and tables.")
 ]
 ScaleOption = Annotated[
     str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML) in place of the built-in scale.")
@@ -103,10 +111,13 @@ ConfidenceOption = Annotated[
     float, typer.Option("--confidence", metavar="P", help="Confidence level of every interval, between 0.5 and 1.")
 ]
 NeededRobotOption = Annotated[
-    str, typer.Option("--robot", metavar="FILE", help="Robot file (YAML), URDF, or an arm of robacc robots: ur10e.")
+    str,
+    typer.Option(
+        "--robot", metavar="FILE", help="Robot file (YAML), URDF, or name of an arm that robacc robots lists."
+    ),
 ]
 WriteModelOption = Annotated[
-    str | None, typer.Option("--write-model", metavar="FILE", help="File for the fitted robot, as a robot file (YAML).")
+    str | None, typer.Option("--write-model", metavar="FILE", help="Robot file to write, with the fitted model.")
 ]
 HoldoutOption = Annotated[
     str | None,

@@ -41,13 +41,17 @@ _COLUMNS = Annotated[
 _SKIP_GAPS = Annotated[bool, typer.Option("--skip-gaps", help="Leave out rows with a missing value, with a warning.")]
 _COVERAGE = Annotated[
     float | None,
-    typer.Option("--coverage", metavar="K", help="Coverage factor of uncertainties called U: 1, or 2 if expanded."),
+    typer.Option(
+        "--coverage", metavar="K", help="Coverage factor of columns such as Ux: 1 if standard, 2 if expanded."
+    ),
 ]
 _SHEET = Annotated[str | None, typer.Option("--sheet", metavar="NAME", help="Sheet of a workbook.")]
 _COMMANDED = Annotated[
     str | None,
     typer.Option(
-        "--commanded", metavar="FILE", help="Robot program, or CSV of joints or commanded poses, that was measured."
+        "--commanded",
+        metavar="FILE",
+        help="Commands of the measured poses in another file: robot program, or table of joints or poses.",
     ),
 ]
 _BAG = Annotated[

@@ -21,7 +21,10 @@ from robacc.cli.options import (
 
 def compare(
     results: Annotated[
-        list[str], typer.Argument(metavar="RESULT", help="Results stored as JSON; - reads standard input.")
+        list[str],
+        typer.Argument(
+            metavar="RESULT RESULT …", help="Results stored as JSON, or two CSVs with --paired; - reads standard input."
+        ),
     ],
     paired: Annotated[
         bool,

@@ -81,7 +81,7 @@ def correct(
     ] = "10mm",
     beyond_range: Annotated[
         bool,
-        typer.Option("--beyond-range", help="Correct also targets outside the ranges that the model was fitted on."),
+        typer.Option("--beyond-range", help="Also correct targets outside the ranges that the model was fitted on."),
     ] = False,
     campaign: Annotated[
         CampaignUseName,

@@ -39,7 +39,10 @@ class FrameName(StrEnum):
 def estimate(
     poses: Annotated[
         list[str],
-        typer.Argument(metavar="POSES [POSES …]", help="CSV or Parquet of measured poses; - reads standard input."),
+        typer.Argument(
+            metavar="POSES [POSES …]",
+            help="Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input.",
+        ),
     ],
     robot: RobotOption = None,
     align: AlignOption = None,
@@ -57,7 +60,7 @@ def estimate(
     jobs: Annotated[
         int | None,
         typer.Option(
-            "--jobs", metavar="N", min=1, help="Number of files to process at a time; default: number of cores."
+            "--jobs", metavar="N", min=1, help="Number of files processed at the same time; default: number of cores."
         ),
     ] = None,
     ordered: OrderedOption = False,

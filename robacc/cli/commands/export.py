@@ -24,17 +24,21 @@ class ExportFormat(StrEnum):
 
 
 def export(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="Robot file (YAML) or URDF.")],
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="Robot file (YAML), URDF, or name of an arm.")],
     form: Annotated[
         ExportFormat | None,
-        typer.Option("--format", help="Format of the file. With --urdf, json prints a result on standard output."),
+        typer.Option("--format", help="Format of the file; with --urdf: form of the summary, table or json."),
     ] = None,
     output: Annotated[
         str | None, typer.Option("--output", "-o", metavar="FILE", help="File to write; - is standard output.")
     ] = None,
     urdf: Annotated[
         str | None,
-        typer.Option("--urdf", metavar="FILE", help="URDF to write, its numbers as they are; - is standard output."),
+        typer.Option(
+            "--urdf",
+            metavar="FILE",
+            help="URDF to write from the numbers as they are, without a fit; - is standard output.",
+        ),
     ] = None,
     nominal: Annotated[
         str | None,

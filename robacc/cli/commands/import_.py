@@ -14,7 +14,9 @@ def import_(
             metavar="FILE", help="calibration.conf of Universal Robots, a ROS kinematics file, or a JSON export."
         ),
     ],
-    output: Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Robot file to write; - is stdout.")],
+    output: Annotated[
+        str, typer.Option("--output", "-o", metavar="FILE", help="Robot file to write; - is standard output.")
+    ],
     arm: Annotated[
         str | None, typer.Option("--arm", metavar="NAME", help="Arm that a calibration.conf belongs to, such as ur10e.")
     ] = None,

@@ -17,7 +17,7 @@ _TABLES = frozenset({".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".xlsx", ".
 def init(
     source: Annotated[
         str | None,
-        typer.Argument(metavar="[FILE]", help="URDF, arm of robacc robots, or export of poses; else give --joints."),
+        typer.Argument(metavar="[FILE]", help="URDF, name of an arm, or export of poses; without it, give --joints."),
     ] = None,
     joints: Annotated[
         int | None, typer.Option("--joints", metavar="N", help="Number of joints of the example arm, without a URDF.")
@@ -28,7 +28,7 @@ def init(
         str, typer.Option("--columns", metavar="FILE", help="Column map to write for an export of poses.")
     ] = "columns.yaml",
     folder: Annotated[
-        str, typer.Option("--folder", metavar="DIR", help="Folder of the files; made if it does not exist.")
+        str, typer.Option("--folder", metavar="DIR", help="Folder of the files; created if it does not exist.")
     ] = ".",
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     base_link: BaseLinkOption = None,
@@ -38,8 +38,8 @@ def init(
 
     Both files are valid. The rows of the CSV are simulated; replace them with your measurements.
 
-    For an export of an instrument or robot (CSV, text, workbook), write a column map instead: what each column is taken
-    for, to correct and to give to --columns.
+    For an export of an instrument or robot (CSV, text, workbook), init writes a column map instead: the meaning of each
+    column. Correct it, and give it to other commands with --columns.
 
     Example: robacc init --joints 6 --folder my-arm
     """

@@ -32,7 +32,7 @@ def iso9283(
         list[str],
         typer.Argument(
             metavar="POSES [POSES …]",
-            help="CSV or Parquet of measured poses, one file for each robot; - reads standard input.",
+            help="Measured poses (CSV, export, workbook, Parquet, ROS bag), one file a robot; - reads standard input.",
         ),
     ],
     robot: RobotOption = None,

@@ -34,7 +34,7 @@ class OrientationName(StrEnum):
 
 
 def iso9283_poses(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML), URDF, or name of an arm.")],
     edge: Annotated[
         str | None,
         typer.Option(
@@ -45,13 +45,15 @@ def iso9283_poses(
     ] = None,
     plane: Annotated[
         PlaneName | None,
-        typer.Option("--plane", help="Direction in which the plane rises; default: the farthest from joint limits."),
+        typer.Option("--plane", help="Direction in which the plane rises; default: farthest from joint limits."),
     ] = None,
     orientation: Annotated[
         OrientationName | None,
         typer.Option("--orientation", help="Orientation of the tool; default: the first that the arm can reach."),
     ] = None,
-    cycles: Annotated[int, typer.Option("--cycles", min=1, max=10_000, help="Number of cycles through P1 to P5.")] = 30,
+    cycles: Annotated[
+        int, typer.Option("--cycles", metavar="N", min=1, max=10_000, help="Number of cycles through P1 to P5.")
+    ] = 30,
     payload: Annotated[
         float | None, typer.Option("--payload", metavar="KG", min=0.0, help="Payload to write as payload_kg.")
     ] = None,

@@ -41,7 +41,7 @@ class CriterionName(StrEnum):
 
 
 def plan(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML), URDF, or name of an arm.")],
     purpose: Annotated[PurposeName, typer.Option("--for", help="Purpose of the measurement.")] = PurposeName.calibrate,
     poses: Annotated[
         int | None,
@@ -67,11 +67,14 @@ def plan(
     ] = None,
     inside: Annotated[str | None, typer.Option("--inside", metavar="BOX", help="Box that the target stays in.")] = None,
     outside: Annotated[
-        list[str] | None, typer.Option("--outside", metavar="BOX", help="Box that the arm stays out of; repeatable.")
+        list[str] | None,
+        typer.Option("--outside", metavar="BOX", help="Box that the arm stays out of; may be repeated."),
     ] = None,
     half_space: Annotated[
         list[str] | None,
-        typer.Option("--half-space", metavar="SIDE", help="Side that the arm stays on, such as y>=-0.4; repeatable."),
+        typer.Option(
+            "--half-space", metavar="SIDE", help="Side that the arm stays on, such as y>=-0.4; may be repeated."
+        ),
     ] = None,
     min_height: Annotated[
         str | None, typer.Option("--min-height", metavar="SIZE", help="Least height of the arm above its base.")
@@ -99,7 +102,9 @@ def plan(
     ] = None,
     noise: Annotated[
         str | None,
-        typer.Option("--noise", metavar="SIZE", help="Instrument's standard deviation along each axis; else typical."),
+        typer.Option(
+            "--noise", metavar="SIZE", help="Measurement noise along each axis (standard deviation); default: typical."
+        ),
     ] = None,
     noise_orientation: Annotated[
         str | None,
@@ -107,11 +112,17 @@ def plan(
     ] = None,
     repeatability: Annotated[
         str | None,
-        typer.Option("--repeatability", metavar="SIZE", help="Arm's scatter along each axis, 1 sd; else typical."),
+        typer.Option(
+            "--repeatability",
+            metavar="SIZE",
+            help="Arm's scatter along each axis (standard deviation); default: typical.",
+        ),
     ] = None,
     unexplained: Annotated[
         str,
-        typer.Option("--unexplained", metavar="SIZE", help="Error of the model that repeats at a pose, 1 sd."),
+        typer.Option(
+            "--unexplained", metavar="SIZE", help="Error of the model that repeats at a pose (standard deviation)."
+        ),
     ] = "0",
     model: Annotated[
         str | None, typer.Option("--model", metavar="FILE", help="Calibrated robot file to start from.")

@@ -28,7 +28,7 @@ from robacc.prediction import DEFAULT_SAMPLES
 
 
 def predict(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML), URDF, or name of an arm.")],
     poses: Annotated[
         str | None, typer.Option("--poses", metavar="FILE", help="CSV of poses; the prediction is for their joints.")
     ] = None,

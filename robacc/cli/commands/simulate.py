@@ -29,7 +29,7 @@ class Sampling(StrEnum):
 
 
 def simulate(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML) or URDF.")],
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML), URDF, or name of an arm.")],
     poses: Annotated[
         int | None,
         typer.Option("--poses", metavar="N", min=1, max=1_000_000, help="Number of commanded poses to sample."),
@@ -40,7 +40,7 @@ def simulate(
     ignore_limits: IgnoreLimitsOption = False,
     seed: SeedOption = 0,
     cycles: Annotated[
-        int, typer.Option("--cycles", min=1, max=100_000, help="Number of visits to every commanded pose.")
+        int, typer.Option("--cycles", metavar="N", min=1, max=100_000, help="Number of visits to every commanded pose.")
     ] = 1,
     sampling: Annotated[
         Sampling,

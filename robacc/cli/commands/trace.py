@@ -37,7 +37,7 @@ def trace(
         typer.Option(
             "--declared",
             metavar="EFFECT,…",
-            help="Effects known to be present, part of the baseline; none for nothing. Default: base_frame, "
+            help="Effects that the baseline has; none for no effect. Default: base_frame, "
             "tool_frame, joint_offset and link_geometry, as far as the poses support them.",
         ),
     ] = None,

@@ -16,6 +16,7 @@ from robacc.api.plan_inputs import (
     checked_payloads,
     load_already,
     load_candidates,
+    load_collisions,
     load_demands,
     load_planned_poses,
     robot_to_plan_for,
@@ -139,6 +140,7 @@ def plan(
     min_height: float | str | None = None,
     margin: float = 0.02,
     max_condition: float | None = None,
+    collisions: bool = False,
     instrument: str | Sequence[float] | None = None,
     reflector: str | Sequence[float] | None = None,
     cone: float | str = "30deg",
@@ -183,6 +185,8 @@ def plan(
         min_height: Least height of every moving point of the arm above the base.
         margin: Share of each joint's range to keep from its limits.
         max_condition: Largest condition number of the joints' Jacobian.
+        collisions: Use the collision shapes of the URDF: exclude poses at which links touch each other, and give
+            the arm its thickness in ``outside``, ``half_space`` and ``min_height``. Needs the extra ``collision``.
         instrument: Position of the instrument.
         reflector: Direction in the target's frame that the reflector faces; None if it is turned by hand.
         cone: Half angle that the reflector accepts.
@@ -258,6 +262,7 @@ def plan(
             min_height=None if min_height is None else length(min_height, "min_height"),
             sight=sight_of(instrument, reflector, cone, distance),
             max_condition=max_condition,
+            collisions=load_collisions(robot, base_link, tip_link) if collisions else None,
         ),
         region=None if region is None else parse_box(region, "region"),
         noise=None if noise is None else size(noise, "length", "`noise`"),
@@ -282,7 +287,7 @@ def plan(
     files = {"model", "candidates", "task", "already", "gate", "scale"}
     options = options_of(plan, arguments)
     named = {
-        name: os.path.basename(value) if name in files and isinstance(value, str) else value
+        name: os.path.basename(os.fspath(value)) if name in files and isinstance(value, str | os.PathLike) else value
         for name, value in options.items()
         if not isinstance(value, Measurements | Robot)
     }

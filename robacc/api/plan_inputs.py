@@ -24,7 +24,9 @@ from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.acceptance import AcceptanceStatistic, Demand
 from robacc.planning.campaign import CampaignSettings
+from robacc.planning.collisions import LinkCollisions, link_collisions
 from robacc.planning.constraints import Sight, parse_distance, parse_vector
+from robacc.planning.link_shapes import read_link_shapes
 from robacc.quantities import size
 from robacc.robots.description import Robot
 
@@ -85,6 +87,19 @@ def load_already(
         return None, ()
     data, record = load_poses(source, arm, ordered=ordered, kind="already", attained=False)
     return data, (record,)
+
+
+def load_collisions(robot: StrPath | Robot, base_link: str | None, tip_link: str | None) -> LinkCollisions:
+    """Return the test for collisions of the links' shapes in a URDF.
+
+    Raises:
+        InputError: A mesh is not there or cannot be read.
+        UsageError: The robot is no URDF, has no collision geometry, or the extra ``collision`` is not installed.
+    """
+    arm, _ = load_robot(robot, base_link, tip_link)
+    if isinstance(robot, Robot) or arm.convention != "urdf":
+        raise UsageError("`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`")
+    return link_collisions(arm, read_link_shapes(os.fspath(robot), arm))
 
 
 def sight_of(

@@ -6,12 +6,14 @@ import dataclasses
 from hashlib import sha256
 from typing import Any
 
-from robacc.documents.poses import rounded
+from robacc.documents.poses import robot_document, rounded
 from robacc.planning.acceptance import NeededPoses
 from robacc.planning.campaign import CampaignPlan
 from robacc.planning.detectability import Detectability
 from robacc.planning.expected import AccuracyPoint, ExpectedAccuracy
+from robacc.planning.feasibility import targets_in_base
 from robacc.planning.route import Route
+from robacc.robots.description import Frame
 
 
 def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
@@ -20,6 +22,9 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
     assert visits.pose is not None
     assert visits.direction is not None
     assert visits.speed is not None
+    constraints = plan.settings.constraints
+    collisions, sight = constraints.collisions, constraints.sight
+    in_base = dataclasses.replace(plan.robot, base=Frame())
     return {
         "purpose": plan.settings.purpose,
         "criterion": plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
@@ -31,6 +36,12 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
             "drawn": plan.candidates.n_drawn,
             "feasible": plan.candidates.n_poses,
             "excluded": [dataclasses.asdict(entry) for entry in plan.candidates.excluded],
+        },
+        "collisions": None
+        if collisions is None
+        else {
+            "pairs": [[collisions.shapes[i].link for i in pair] for pair in collisions.pairs],
+            "overlapping": [list(pair) for pair in collisions.overlapping],
         },
         "noise": {
             "position_m": plan.noise.position,
@@ -61,7 +72,13 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
         ],
         "validation": None
         if plan.validation is None
-        else {"q": rounded(plan.validation), "payload_kg": plan.validation_payload},
+        else {
+            "q": rounded(plan.validation),
+            "payload_kg": plan.validation_payload,
+            "target_in_base_m": rounded(targets_in_base(plan.robot, plan.validation)),
+        },
+        "instrument_in_base_m": None if sight is None else list(sight.position),
+        "robot": robot_document(in_base, plan.q),
         "coefficients": [dataclasses.asdict(entry) for entry in plan.coefficients],
         "correlations": [dataclasses.asdict(pair) for pair in plan.correlations],
         "accuracy": None if plan.accuracy is None else _accuracy(plan.accuracy),

@@ -70,13 +70,15 @@ class Conditions:
         )
 
 
-def conditions_of(model: Model, payloads: tuple[float, ...], seed: int) -> Conditions:
+def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_fit: bool) -> Conditions:
     """Return the circumstances that the effects of ``model`` depend on.
 
-    Without ``payloads`` the arm carries none, 0 kg, if a known effect depends on the payload.
+    Without ``payloads`` the arm carries none, 0 kg, if a known effect depends on the payload. ``is_for_fit`` says that
+    the poses are chosen for the coefficients of the free effects.
 
     Raises:
-        UsageError: A free effect needs payloads that differ, or a circumstance that a plan does not have.
+        UsageError: A free effect needs payloads that differ, or a circumstance that a plan does not have; or there are
+            several payloads to choose from, and no free effect depends on them.
     """
     bare = _sample(model)
     loaded, warm = (
@@ -96,6 +98,11 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int) -> Condi
         if not _lacks(effect, model, loaded):
             raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
         raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
+    if is_for_fit and len(payloads) > 1 and not any(_lacks(effect, model, bare) for effect in model.free):
+        raise UsageError(
+            "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
+            "add payload_compliance to `fit`, or give the payload of this campaign alone"
+        )
     return result
 
 

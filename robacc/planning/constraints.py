@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import UsageError
 from robacc.geometry import Array
+from robacc.planning.collisions import LinkCollisions
 from robacc.quantities import parse_quantity
 
 _AXES = "xyz"
@@ -81,6 +82,8 @@ class Constraints:
     sight: Sight | None = None
     max_condition: float | None = None
     """Largest condition number of the joints' Jacobian."""
+    collisions: LinkCollisions | None = None
+    """Test of the links' shapes; None: links have no thickness."""
 
 
 def parse_box(text: str, name: str) -> SafetyBox:

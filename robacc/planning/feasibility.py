@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.constraints import Constraints, Sight
+from robacc.planning.collisions import SELF_COLLISION
+from robacc.planning.constraints import Constraints, HalfSpace, Sight
 from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
 
 MARGIN = "joint limits with margin"
 _MOVES = 1e-6
@@ -72,6 +74,8 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
         inside = [constraints.inside.contains(target.translation) for target in targets]
         excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(inside, axis=0)
     _exclude_places(excluded, arm, q, targets, constraints)
+    if constraints.collisions is not None:
+        excluded[SELF_COLLISION] = constraints.collisions.self_collision(q)
     if constraints.max_condition is not None:
         condition = joint_condition(arm, q)
         excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = (
@@ -90,13 +94,19 @@ def _exclude_places(
     if not (constraints.outside or constraints.half_spaces or constraints.min_height is not None):
         return
     points = np.concatenate((moving_points(arm, q), np.stack([t.translation for t in targets], axis=1)), axis=1)
+    links = constraints.collisions
     for box in constraints.outside:
-        excluded[f"a point of the arm inside the box {box.text}"] = np.any(box.contains(points), axis=0)
-    for half_space in constraints.half_spaces:
-        excluded[f"a point of the arm beyond {half_space.text}"] = ~np.all(half_space.contains(points), axis=0)
+        inside = np.any(box.contains(points), axis=0)
+        excluded[f"a point of the arm inside the box {box.text}"] = (
+            inside if links is None else inside | links.in_box(q, box.low, box.high)
+        )
+    sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
     if constraints.min_height is not None:
-        low = np.any(points[2] < constraints.min_height, axis=0)
-        excluded[f"below the minimum height of {constraints.min_height:g} m"] = low
+        floor = HalfSpace((0.0, 0.0, -1.0), -constraints.min_height, "")
+        sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
+    for half_space, reason in sides:
+        beyond = ~np.all(half_space.contains(points), axis=0)
+        excluded[reason] = beyond if links is None else beyond | links.beyond(q, half_space.normal, half_space.offset)
 
 
 def within_margin(arm: Arm, q: Array, margin: float) -> NDArray[np.bool_]:
@@ -120,6 +130,12 @@ def _targets(model: Model, q: Array) -> list[Poses]:
         data = Measurements(position=np.zeros((3, n)), q=q, target=None if name is None else np.full(n, name))
         nominal = Model(arm).bind(data).poses(np.zeros(0))
         result.append(in_base_frame(arm, nominal))
+    return result
+
+
+def targets_in_base(robot: Robot, q: Array) -> Array:
+    """Return ``(3, N)`` nominal positions of the target in the base frame, m; the mean of several targets."""
+    result: Array = np.mean([target.translation for target in _targets(Model(Arm.of(robot)), q)], axis=0)
     return result
 
 

@@ -91,7 +91,9 @@ class _Planner:
     ) -> None:
         self.robot, self.settings = robot, settings
         self.model = Model.of(robot, free_effects(robot, settings.fit or DEFAULT_FIT[settings.purpose]))
-        self.conditions = conditions_of(self.model, settings.payloads, settings.seed)
+        self.conditions = conditions_of(
+            self.model, settings.payloads, settings.seed, settings.purpose in ("calibrate", "health")
+        )
         constraints, seed = settings.constraints, settings.seed
         if candidates is None:
             feasible = sampled_candidates(self.model, constraints, settings.n_candidates, seed)

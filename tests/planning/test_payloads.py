@@ -154,6 +154,7 @@ def test_each_payload_has_its_program(plan: Planned, tmp_path: Path) -> None:
         (("--fit", FIT), "payload_compliance needs loads: no payload_kg column; give --payload, such as 0,5"),
         (("--fit", FIT, "--payload", "0"), "payload_kg is zero throughout; give --payload"),
         (("--fit", "base_frame,frame_drift"), "frame_drift cannot be planned"),
+        (("--payload", "0,5"), "no effect of --fit depends on the payload, so any pose may have any; add payload"),
         (("--payload", "5,5"), "--payload: expected at most 5 different masses, found 5, 5"),
         (("--payload=-1,2",), "--payload: expected masses of at least 0 kg, found -1"),
         (("--payload", "5kg"), "--payload: expected numbers separated by ',', found '5kg'"),

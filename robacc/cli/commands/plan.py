@@ -13,6 +13,7 @@ from robacc.cli.options import (
     OutputOption,
     PlainFormat,
     PlainFormatOption,
+    ReportOption,
     ScaleOption,
     SeedOption,
     TipLinkOption,
@@ -86,6 +87,9 @@ def plan(
         float | None,
         typer.Option("--max-condition", metavar="C", help="Largest condition number of the joints' Jacobian."),
     ] = None,
+    collisions: Annotated[
+        bool, typer.Option("--collisions", help="Check the links' shapes of the URDF for collisions.")
+    ] = False,
     instrument: Annotated[
         str | None, typer.Option("--instrument", metavar="X,Y,Z", help="Position of the instrument in the base frame.")
     ] = None,
@@ -172,6 +176,7 @@ def plan(
     seed: SeedOption = 0,
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
+    report: ReportOption = None,
 ) -> None:
     """Plan a measurement: choose the poses worth measuring, order them, and predict the result.
 
@@ -202,6 +207,7 @@ def plan(
         min_height=min_height,
         margin=margin,
         max_condition=max_condition,
+        collisions=collisions,
         instrument=instrument,
         reflector=reflector,
         cone=cone,
@@ -226,10 +232,17 @@ def plan(
         base_link=base_link,
         tip_link=tip_link,
     )
-    _write(result, form, output, validation_output, program)
+    _write(result, form, output, validation_output, program, report)
 
 
-def _write(result: Planned, form: PlainFormat, output: str, validation_output: str | None, program: str | None) -> None:
+def _write(
+    result: Planned,
+    form: PlainFormat,
+    output: str,
+    validation_output: str | None,
+    program: str | None,
+    report: str | None,
+) -> None:
     """Write the files, then the summary on standard output; without a file, the CSV alone."""
     import sys
 
@@ -244,6 +257,10 @@ def _write(result: Planned, form: PlainFormat, output: str, validation_output: s
         write_text(validation_output, result.validation_csv())
     for path, text in programs.items():
         write_text(path, text)
+    if report is not None:
+        from robacc.cli.pages import page_of_document
+
+        write_text(report, page_of_document(result.document()))
     if output == "-":
         sys.stdout.write(result.csv())
         sys.stdout.flush()

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from robacc.render.html.accuracy_headlines import estimate_headline, iso9283_headline, predict_headline
 from robacc.render.html.blocks import Badge, ReportHeadline, Tile, angle, length
 from robacc.render.html.fit_headlines import calibrate_headline, trace_headline
+from robacc.render.html.plan_sections import plan_headline
 from robacc.render.html.robot_title import of_robot, robot_name
 from robacc.render.plots.chart import Document
 
@@ -41,8 +42,11 @@ def _facts(document: Document) -> list[tuple[str, str]]:
         facts.append(("Robot", f"{name} (joints {joints})" if joints else name))
     else:
         facts += [("Robot", record["name"]) for record in document["inputs"] if record["kind"] == "robot"]
-    files = [record["name"] for record in document["inputs"] if record["kind"] in ("poses", "holdout", "against")]
-    count = document.get("n_poses")
+    files = [
+        record["name"] for record in document["inputs"] if record["kind"] in ("poses", "holdout", "against", "already")
+    ]
+    # The poses of a plan are not measured yet.
+    count = None if document["command"] == "plan" else document.get("n_poses")
     if files or count is not None:
         poses = f"{count:,} poses" if isinstance(count, int) else ""
         facts.append(("Data", " from ".join(part for part in (poses, " and ".join(files)) if part)))
@@ -107,4 +111,5 @@ _HEADLINES: dict[str, Callable[[Document], ReportHeadline]] = {
     "check": _check,
     "compare": _compare,
     "correct": _correct,
+    "plan": plan_headline,
 }

@@ -20,6 +20,7 @@ from robacc.render.html.gate_section import gate_section
 from robacc.render.html.headline import headline_of
 from robacc.render.html.identity import identity_rows
 from robacc.render.html.iso9283_sections import iso9283_sections
+from robacc.render.html.plan_sections import plan_sections
 from robacc.render.html.predict_sections import predict_sections
 from robacc.render.html.reproduce import reproduce
 from robacc.render.html.side_by_side import side_by_side
@@ -39,6 +40,7 @@ _SECTIONS: dict[str, Callable[[Document], Iterator[ReportSection]]] = {
     "iso9283": iso9283_sections,
     "compare": compare_sections,
     "correct": correct_sections,
+    "plan": plan_sections,
 }
 
 
@@ -171,7 +173,7 @@ def _drawing(chart: Chart, number: str) -> PageChart:
         chart.table,
         None if scene is None else script_json({"traces": scene.traces, "axes": scene.axes}),
         "" if scene is None else scene.note,
-        chart.kind in ("poses", "corrections"),
+        chart.kind in ("poses", "corrections", "planned-poses"),
     )
 
 

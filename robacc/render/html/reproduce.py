@@ -10,7 +10,13 @@ from robacc.render.plots.chart import Document
 
 _SWITCHES = {"empirical": "--named-only", "robust": "--all-rows"}
 """Options that are on by default, with the flags that switch them off."""
-_SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283"}
+_SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283", "plan"}
+_FLAGS = {"purpose": "--for"}
+"""Options whose flag has another name than the parameter."""
+_REPEATED = {"outside", "half_space"}
+"""Options that are given once for each value."""
+_FIRST = {"predict": "robot", "plan": "robot"}
+"""Kind of the input that follows the command's name; poses for the others."""
 
 
 def reproduce(document: Document) -> ReportSection:
@@ -32,7 +38,7 @@ def command_line(document: Document) -> str:
     """Return the command line from the options and inputs of the result; files by name without folders."""
     arguments = ["robacc", document["command"]]
     files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
-    first = "robot" if document["command"] == "predict" else "poses"
+    first = _FIRST.get(document["command"], "poses")
     arguments += [record["name"] for record in document["inputs"] if record["kind"] in (first, "result")]
     for kind, name in files.items():
         if kind not in (first, "result"):
@@ -57,12 +63,15 @@ def _reading(document: Document) -> Iterator[str]:
 
 def _options(document: Document, files: set[str]) -> Iterator[str]:
     for name, value in document["options"].items():
-        flag = f"--{name.replace('_', '-')}"
+        flag = _FLAGS.get(name, f"--{name.replace('_', '-')}")
         if name in files or value is None or value == [] or value == "":
             continue
         if name in _SWITCHES:
             if value is False:
                 yield _SWITCHES[name]
+        elif name in _REPEATED:
+            for each in value:
+                yield from (flag, str(each))
         elif value is True:
             yield flag
         elif value is not False:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from robacc.errors import UsageError
 from robacc.render.plots.budget import budget_charts
@@ -16,6 +16,7 @@ from robacc.render.plots.ellipsoids import ellipsoid_charts
 from robacc.render.plots.error_over_time import error_over_time_charts
 from robacc.render.plots.gate import operating_curve_charts
 from robacc.render.plots.iso9283 import iso9283_charts
+from robacc.render.plots.plan import plan_charts
 from robacc.render.plots.warranty import warranty_charts
 from robacc.render.plots.workspace import workspace_charts
 from robacc.render.plots.workspace_3d import workspace_3d_charts
@@ -35,11 +36,14 @@ _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
     error_over_time_charts,
     workspace_charts,
 )
+_OF_COMMAND: Mapping[str, Sequence[Callable[[Document], Iterator[Chart]]]] = {"plan": (plan_charts,)}
+"""Charts of commands whose results have no measured poses."""
 
 
 def charts_of(document: Document) -> list[Chart]:
     """Return all charts that the result has data for."""
-    return [chart for family in _FAMILIES for chart in family(document)]
+    families = _OF_COMMAND.get(document["command"], _FAMILIES)
+    return [chart for family in families for chart in family(document)]
 
 
 def chart_of(document: Document, kind: str, number: int = 1) -> Chart:

@@ -11,6 +11,7 @@ import numpy as np
 from robacc.render.plots.chart import Chart, ChartTable, Document, Scene3D
 from robacc.render.plots.columns import Array, place, vectors
 from robacc.render.plots.palette import LIGHT
+from robacc.render.plots.space import coordinates, fit_box, line_trace, plain
 from robacc.render.plots.stage_errors import StageErrors, stages_of
 from robacc.render.plots.thinning import Rows, thinned, thinning_note
 from robacc.render.plots.units import Unit, error_unit
@@ -23,8 +24,6 @@ _TURNED = 900
 _ROWS = 60
 _VECTOR = 0.12
 """Length of a large error vector in the chart, as a share of the poses' extent."""
-_MIN_EXTENT = 1e-3
-"""m; the extent of the view if all poses coincide."""
 
 
 def workspace_3d_charts(document: Document) -> Iterator[Chart]:
@@ -121,25 +120,8 @@ def _draw(
     for stage, errors in stages:
         ends = np.stack((at, at + scale * errors), axis=1)
         axes.add_collection3d(Line3DCollection(ends, colors=LIGHT[stage.role], linewidths=0.9, label=stage.label))
-    points = at if outline is None else np.vstack((at, outline))
-    centre, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.ptp(points, axis=0)
-    # Poses on a line, in a plane or at one point need a margin too.
-    size = np.maximum(size, 0.05 * float(size.max()) or _MIN_EXTENT)
-    low, high = centre - 0.5 * size, centre + 0.5 * size
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(size, zoom=0.95)
-    axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
-    axes.tick_params(labelsize=7.5, pad=-2)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_pane_color((0, 0, 0, 0))
-        axis.set_major_locator(_ticks())
+    fit_box(axes, at if outline is None else np.vstack((at, outline)))
     figure.legend(loc="outside upper center", ncols=2 + len(stages))
-
-
-def _ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(4)
 
 
 def _scene(
@@ -156,7 +138,7 @@ def _scene(
     if outline is not None:
         traces.append(
             {
-                **_line("arm, at one pose", outline, "role:nominal", 7),
+                **line_trace("arm, at one pose", outline, "role:nominal", 7),
                 "mode": "lines+markers",
                 "marker": {"size": 4, "color": "role:nominal"},
             }
@@ -164,7 +146,7 @@ def _scene(
     sizes = {stage.role: stage.sizes for stage in stages}
     texts = [
         "<br>".join(
-            [_plain(place(poses, int(i))), *(f"{s.label}: {unit.text(float(sizes[s.role][i]))}" for s in stages)]
+            [plain(place(poses, int(i))), *(f"{s.label}: {unit.text(float(sizes[s.role][i]))}" for s in stages)]
         )
         for i in rows
     ]
@@ -173,7 +155,7 @@ def _scene(
             "type": "scatter3d",
             "mode": "markers",
             "name": "commanded",
-            **_coordinates(at[rows]),
+            **coordinates(at[rows]),
             "marker": {"size": 2.4, "color": "role:ink"},
             "text": texts,
             "hovertemplate": "%{text}<extra></extra>",
@@ -183,35 +165,10 @@ def _scene(
         ends = at[rows] + scale * stage.errors[rows]
         gaps = np.full_like(ends, np.nan)
         traces.append(
-            _line(stage.label, np.stack((at[rows], ends, gaps), axis=1).reshape(-1, 3), f"role:{stage.role}", 3)
+            line_trace(stage.label, np.stack((at[rows], ends, gaps), axis=1).reshape(-1, 3), f"role:{stage.role}", 3)
         )
     note = f"Drag to rotate, scroll to zoom, point at a pose to see its row.{thinning_note(rows.size, len(at))}"
     return Scene3D(tuple(traces), ("x, m", "y, m", "z, m"), note)
-
-
-def _line(name: str, points: Array, colour: str, width: float) -> dict[str, Any]:
-    return {
-        "type": "scatter3d",
-        "mode": "lines",
-        "name": name,
-        **_coordinates(points),
-        "line": {"color": colour, "width": width},
-        "hoverinfo": "skip",
-    }
-
-
-def _coordinates(points: Array) -> dict[str, list[float | None]]:
-    """Return coordinates rounded to 0.1 mm, null for breaks between lines."""
-    columns = np.round(points, 4).T.tolist()
-    return {
-        axis: [None if math.isnan(value) else value for value in column]
-        for axis, column in zip("xyz", columns, strict=True)
-    }
-
-
-def _plain(text: str) -> str:
-    """Return the text escaped for plotly, which interprets some tags and entities."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def _table(poses: Mapping[str, Any], stages: Sequence[StageErrors], unit: Unit, at: Array) -> ChartTable:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import TextIO
 
 from robacc.planning.campaign import CampaignPlan
+from robacc.planning.collisions import LinkCollisions
 from robacc.planning.detectability import Detectability, ExpectedLimit, InseparablePair
 from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient
 from robacc.planning.power_design import ExpectedPower
@@ -17,7 +18,7 @@ from robacc.render.text.numbers import fixed, three_digits
 
 _IN_MM = 1e3
 _LISTED_PAIRS = 8
-_PURPOSES = {
+PURPOSES = {
     "calibrate": "calibration",
     "trace": "trace of causes",
     "acceptance": "acceptance",
@@ -28,7 +29,7 @@ _PURPOSES = {
 def plan_comments(plan: CampaignPlan) -> list[str]:
     """Return the comment lines above the columns of the visits."""
     comments = [
-        f"Planned by robacc plan for {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
+        f"Planned by robacc plan for {PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
         f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
         "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those of "
         "the moves from row to row.",
@@ -82,7 +83,7 @@ def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
 
 def _title(plan: CampaignPlan) -> str:
     count, visits = plan.chosen.size, len(plan.route.roles)
-    return f"Plan for the {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: {count} poses, {visits} visits"
+    return f"Plan for the {PURPOSES[plan.settings.purpose]} of {plan.robot.name}: {count} poses, {visits} visits"
 
 
 def _facts(plan: CampaignPlan) -> list[str]:
@@ -105,6 +106,7 @@ def _facts(plan: CampaignPlan) -> list[str]:
         + "".join(f"{text}; " for text in extra if text)
         + f"each joint is approached from its rarer direction in at least {100 * least:.0f} % of its moves"
     )
+    facts.append(collisions_text(plan.settings.constraints.collisions))
     if plan.payload_blocks:
         facts.append(f"payloads: {_payloads(plan)}")
     if plan.validation is not None:
@@ -112,12 +114,26 @@ def _facts(plan: CampaignPlan) -> list[str]:
     return facts
 
 
+def collisions_text(collisions: LinkCollisions | None) -> str:
+    """Return what was checked for collisions."""
+    if collisions is None:
+        return "collisions of the links not checked"
+    checked = f"{len(collisions.pairs)} pairs of links checked for collisions"
+    if not collisions.overlapping:
+        return checked
+    pairs = ", ".join(f"{first} and {second}" for first, second in collisions.overlapping)
+    return f"{checked}; not checked, as they touch at nearly all poses: {pairs}"
+
+
 def _payloads(plan: CampaignPlan) -> str:
-    """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``."""
-    return ", ".join(
+    """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``, and the payloads that no pose has."""
+    used = {block.payload for block in plan.payload_blocks}
+    idle = [f"none with {payload:g} kg" for payload in plan.settings.payloads if payload not in used]
+    texts = [
         f"{block.payload:g} kg (visits {block.first} to {block.first + block.n_visits - 1}, {block.n_poses} poses)"
         for block in plan.payload_blocks
-    )
+    ]
+    return ", ".join([*texts, *idle])
 
 
 def _needed(plan: CampaignPlan) -> Iterator[TextLine]:
@@ -207,13 +223,13 @@ def _detectability(
     yield from (TextLine(line.text, "dim") for line in items(notes, width))
     if detectability.pairs:
         yield from (BLANK, heading("Pairs that stay inseparable at the usual size"))
-        texts = _pair_texts(detectability.pairs)
+        texts = pair_texts(detectability.pairs)
         yield from items(texts[:_LISTED_PAIRS], width)
         if len(texts) > _LISTED_PAIRS:
             yield TextLine(f"… and {len(texts) - _LISTED_PAIRS} more pairs", "dim")
 
 
-def _pair_texts(pairs: Sequence[InseparablePair]) -> list[str]:
+def pair_texts(pairs: Sequence[InseparablePair]) -> list[str]:
     """Return a text for each pair; a pair that is inseparable both ways has one."""
     ways = {(pair.first, pair.second) for pair in pairs}
     texts = []

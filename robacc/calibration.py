@@ -12,6 +12,8 @@ from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
+from robacc.diagnostics.read_back_share import read_back_warning
+from robacc.diagnostics.rounded_joints import rounding_warning
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
@@ -301,6 +303,8 @@ def _warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit
         *data.warnings,
         *data.contradicted_ids(),
         *outliers_warning(final_fit, data),
+        *rounding_warning(final_fit, data),
+        *read_back_warning(final_fit, data),
         *suspected_mistakes(final_fit),
         *frames_warning(final_fit, data),
     ]

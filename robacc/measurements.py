@@ -67,6 +67,8 @@ class Measurements:
     """``(J, N)`` in {-1, 0, 1}"""
     speed: Array | None = None
     """``(J, N)`` signed fraction of full speed"""
+    read_back: Array | None = None
+    """``(J, N)`` joint variables as read back at the measurement, rad or m."""
     rows: NDArray[np.int64] | None = None
     """``(N,)`` 1-based line of each pose in the file, or its row where the file has no lines."""
     counted: Counted = "line"

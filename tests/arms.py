@@ -44,13 +44,15 @@ def circumstances(robot: Robot, n: int, seed: int = 0) -> Measurements:
     rng = np.random.default_rng(seed)
     low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T[..., None]
     shape = (len(robot.variables), n)
+    q = rng.uniform(low, high, size=shape)
     return Measurements(
         position=np.zeros((3, n)),
-        q=rng.uniform(low, high, size=shape),
+        q=q,
         target=rng.choice(list(robot.targets), n) if robot.targets else None,
         time=rng.uniform(0, 3600, n),
         temperature=rng.uniform(18, 30, n),
         payload=rng.choice([0.0, 2.0, 5.0], n),
         direction=rng.choice([-1.0, 1.0], shape),
         speed=rng.uniform(-1, 1, shape),
+        read_back=q + rng.normal(scale=3e-4, size=shape),
     )

@@ -22,7 +22,7 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("sigma_rotation", "time", "temperature", "payload"), ()),
 }
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
-_JOINT_FIELDS = ("q", "direction", "speed")
+_JOINT_FIELDS = ("q", "direction", "speed", "read_back")
 _TEXT_FIELDS = ("pose", "cycle", "visit", "target")
 _ROTATION_TOLERANCE = 1e-3
 """Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit length."""

@@ -26,6 +26,7 @@ from robacc.effects import (  # noqa: I001  the order is the catalogue's
     joint_warmup as joint_warmup,
     frame_drift as frame_drift,
     step as step,
+    read_back as read_back,
     instrument_scale as instrument_scale,
     tracker_error as tracker_error,
     target_decentre as target_decentre,

@@ -166,6 +166,7 @@ def every_column(arm: Arm) -> Measurements:
         payload=varying,
         direction=2 * joints - 1,
         speed=joints,
+        read_back=joints + 1e-3 * varying,
     )
 
 

@@ -60,7 +60,9 @@ def _fixed_kinds() -> dict[str, Kind]:
 
 FIXED_KINDS: Mapping[str, Kind] = _fixed_kinds()
 """Kind of every column name without a joint's number."""
-JOINT_COLUMN = re.compile(r"(dir_|speed_)?q([1-9]\d{0,2})", re.ASCII)
+JOINT_COLUMN = re.compile(r"(dir_|speed_|read_)?q([1-9]\d{0,2})", re.ASCII)
+COMMANDED_JOINT = re.compile(r"cmd_q[1-9]\d{0,2}", re.ASCII)
+"""Another name of a commanded joint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ class Names:
     joint_names: tuple[str, ...]
     joint_types: tuple[str, ...]
     keys_by_joint_name: dict[str, str] = field(default_factory=dict)
-    """Key of each joint's name, also behind ``dir_`` and ``speed_``."""
+    """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``."""
 
     @classmethod
     def of(
@@ -108,7 +110,7 @@ class Names:
         by_name = set(names) <= bare and not numbered <= bare
         keys: dict[str, str] = {}
         for i, name in enumerate(names):
-            for prefix in ("", "dir_", "speed_"):
+            for prefix in ("", "dir_", "speed_", "read_"):
                 label = f"{prefix}{name}"
                 if label not in FIXED_KINDS and (by_name or not JOINT_COLUMN.fullmatch(label)):
                     keys[label] = f"{prefix}q{i + 1}"
@@ -118,6 +120,8 @@ class Names:
         """Return the key of a name without unit; None for an unknown name."""
         if name in self.keys_by_joint_name:
             return self.keys_by_joint_name[name]
+        if COMMANDED_JOINT.fullmatch(name):
+            return name.removeprefix("cmd_")
         return name if name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name) else None
 
     def kind(self, key: str) -> Kind:
@@ -125,7 +129,7 @@ class Names:
         match = JOINT_COLUMN.fullmatch(key)
         if match is None:
             return FIXED_KINDS[key]
-        if match[1]:
+        if match[1] in ("dir_", "speed_"):
             return "ratio"
         number = int(match[2])
         if number > len(self.joint_types):
@@ -142,7 +146,7 @@ class Names:
         suffixed = [
             f"{stem}_{unit}" for stem, kind in bare.items() for unit, quantity in units if _fits(kind, quantity)
         ]
-        motions = [f"{prefix}{joint}" for prefix in ("dir_", "speed_") for joint in joints]
+        motions = [f"{prefix}{joint}" for prefix in ("dir_", "speed_", "read_") for joint in joints]
         # The start of the name is enough: the cost of the comparison grows with the length of both names.
         return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
 
@@ -175,7 +179,9 @@ def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int
 
 def is_documented(name: str) -> bool:
     """Return whether a name, with or without its unit, is a documented one."""
-    return any(text in FIXED_KINDS or JOINT_COLUMN.fullmatch(text) for text in (name, split_unit(name)[0]))
+    return any(
+        text in FIXED_KINDS or JOINT_COLUMN.fullmatch(text.removeprefix("cmd_")) for text in (name, split_unit(name)[0])
+    )
 
 
 def time_column(name: str, index: int) -> Column | None:

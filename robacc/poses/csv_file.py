@@ -35,7 +35,7 @@ from robacc.poses.motion import check_visits, motion_of
 from robacc.poses.orientation import AngleChoice, KnownOrientations, OrientationAt, rotations
 from robacc.poses.plausibility import lengths_too_large
 from robacc.poses.reading import reading_of, table_options
-from robacc.poses.row_checks import RowChecks
+from robacc.poses.row_checks import READ_BACK_TOLERANCE, RowChecks
 from robacc.poses.timestamps import read_times
 from robacc.poses.unit_checks import UnitChecks
 from robacc.poses.values import COMMANDED_AXES, Limits, Values
@@ -165,6 +165,7 @@ def _numeric_order(layout: Layout) -> Iterator[str]:
     yield from (*SIGMAS, "sigma_r", *CIRCUMSTANCES)
     yield from layout.joints("dir_")
     yield from layout.joints("speed_")
+    yield from layout.joints("read_")
 
 
 def _check_target_column(layout: Layout, target_names: Sequence[str], reader: Table, line: int | None) -> None:
@@ -179,6 +180,7 @@ def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mappi
     if position is None:  # planned poses; for measured ones the log reported the missing columns
         position = np.zeros((3, values.lines.size))
     motion, warnings = motion_of(values, ordered, counted)
+    read_back, doubts = _read_back(values)
     return Measurements(
         position=position,
         rotation=rotations(values, layout.orientation, angles[""]),
@@ -196,11 +198,24 @@ def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mappi
         payload=values.column("payload_kg"),
         direction=motion[0],
         speed=motion[1],
+        read_back=read_back,
         rows=values.lines,
         counted=counted,
         ordered=ordered,
-        warnings=warnings,
+        warnings=(*warnings, *doubts),
     )
+
+
+def _read_back(values: Values) -> tuple[Array | None, tuple[str, ...]]:
+    """Return the joints read back, or None with a warning where they are those of an arm that moved."""
+    read_back, q = (values.column_set(values.layout.joints(prefix)) for prefix in ("read_", ""))
+    if read_back is None or q is None or not read_back.size:
+        return read_back, ()
+    largest = float(np.max(np.abs(read_back - q)))
+    if largest <= READ_BACK_TOLERANCE:
+        return read_back, ()
+    text = f"the attained joints are up to {largest:.3g} (rad or m) off the commanded ones, so they are not used"
+    return None, (text,)
 
 
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:
@@ -260,6 +275,7 @@ def _columns(
         for name, row in zip(joints, measurements.direction, strict=True):
             columns.append((f"dir_{name}", [str(int(value)) for value in row]))
     _add(columns, [f"speed_{name}" for name in joints], measurements.speed)
+    _add(columns, [f"read_{name}" for name in joints], measurements.read_back)
     # Text goes last: an id that begins with # would make a comment of its row.
     for name in TEXTS:
         if (texts := getattr(measurements, name)) is not None:

@@ -129,10 +129,13 @@ def _without_conflicts(candidates: Sequence[_Candidate], log: ProblemLog, line: 
     by_key: dict[str, list[_Candidate]] = {}
     for candidate in candidates:
         by_key.setdefault(candidate.key, []).append(candidate)
-    result = {}
+    result: dict[str, _Candidate] = {}
+    read_back: dict[str, _Candidate] = {}
     for key, items in by_key.items():
         if re.fullmatch(r"q\d+", key):
-            # The commanded joints are wanted; attained ones stand in where the file has no others.
+            # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
+            if read := _read_back(items):
+                read_back[f"read_{key}"] = read
             items = (
                 [item for item in items if item.meaning.commanded]
                 or [item for item in items if item.meaning.commanded is None]
@@ -142,7 +145,17 @@ def _without_conflicts(candidates: Sequence[_Candidate], log: ProblemLog, line: 
             listed = " or ".join(repr(item.heading.name) for item in items)
             log.add(f"found several columns for {key}: {listed}", line, fix="choose with `columns`")
         result[key] = items[0]
-    return result
+    joints = [key for key in result if re.fullmatch(r"q\d+", key)]
+    return result | (read_back if len(read_back) == len(joints) else {})
+
+
+def _read_back(items: Sequence[_Candidate]) -> _Candidate | None:
+    """Return the attained joint of a pair of a commanded and an attained one, written alike; else None."""
+    commanded = [item for item in items if item.meaning.commanded is not False]
+    attained = [item for item in items if item.meaning.commanded is False]
+    if len(commanded) != 1 or len(attained) != 1 or commanded[0].heading.unit != attained[0].heading.unit:
+        return None
+    return attained[0]
 
 
 def _column(
@@ -222,10 +235,10 @@ def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -
 
 def _continues(before: Column, column: Column) -> bool:
     """Return whether a joint's column follows that of the joint before it."""
-    numbers = [re.fullmatch(r"q(\d+)", item.key) for item in (before, column)]
-    return (
-        all(numbers) and before.unit == column.unit and int(numbers[1][1]) == int(numbers[0][1]) + 1  # type: ignore[index]
-    )
+    numbers = [re.fullmatch(r"(read_)?q(\d+)", item.key) for item in (before, column)]
+    if numbers[0] is None or numbers[1] is None or numbers[0][1] != numbers[1][1]:
+        return False
+    return before.unit == column.unit and int(numbers[1][2]) == int(numbers[0][2]) + 1
 
 
 def _key_text(column: Column) -> str:

@@ -46,7 +46,7 @@ class Layout:
         return tuple(self.columns[key] for key in keys)
 
     def joints(self, prefix: str = "") -> tuple[str, ...]:
-        """Return the keys of all joints' columns, ``q1 … qN``, with a prefix ``dir_`` or ``speed_`` for motions."""
+        """Return the keys of all joints' columns, ``q1 … qN``, with a prefix ``dir_``, ``speed_`` or ``read_``."""
         return tuple(f"{prefix}q{i + 1}" for i in range(self.n_joints))
 
 
@@ -166,7 +166,10 @@ class _Completeness:
     def lacks_a_pose(self) -> bool:
         """Return whether the attained position or any command is missing, so that other names may stand for them."""
         position = not self.attained or set(AXES) <= self.columns.keys()
-        commands = any(key.startswith("cmd_") or JOINT_COLUMN.fullmatch(key) for key in self.columns)
+        commands = any(
+            key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
+            for key in self.columns
+        )
         return not (position and (commands or not self.commands or "pose" in self.columns))
 
     def layout(self) -> Layout:
@@ -218,6 +221,8 @@ class _Completeness:
         joint_numbers = sorted(int(match[2]) for match in matches if not match[1])
         motion_numbers = [int(match[2]) for match in matches if match[1]]
         count = len(joint_names) or max(joint_numbers or motion_numbers, default=0)
+        read_back = tuple(f"read_q{i + 1}" for i in range(count))
+        self._check_set(read_back, "the joint variables as read back")
         if joint_numbers:
             self._check_joints(joint_numbers, count)
         elif self.commands and not commanded and self._has_position() and (joint_names or "pose" not in self.columns):

@@ -20,6 +20,8 @@ from robacc.poses.values import COMMANDED_QUATERNION, Limits, Values
 QUATERNION_TOLERANCE = 1e-3
 SPEED_TOLERANCE = 1e-6
 ABSOLUTE_ZERO = -273.15
+READ_BACK_TOLERANCE = 0.1
+"""rad or m; an arm that stands is never as far from its command."""
 SMALLEST_SIGMA = 1e-12
 """m or rad; below it a weight 1/sigma^2 makes the other rows negligible."""
 _LARGEST: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "number": 1e12}
@@ -53,6 +55,7 @@ class RowChecks:
             self._column(key, lambda v: ~np.isin(v, (-1.0, 0.0, 1.0)), "expected -1, 0 or 1")
         for key in self.values.layout.joints("speed_"):
             self._column(key, lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1")
+        self._read_back()
         for key in (*SIGMAS, "sigma_r"):
             self._column(key, lambda v: v <= 0, "expected a standard deviation above 0")
             self._column(
@@ -83,6 +86,25 @@ class RowChecks:
             ", ".join(self.values.layout.columns[key].name for key in keys),
             lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}",
         )
+
+    def _read_back(self) -> None:
+        """Report joints that were read back far from their command: another unit, another order, or another row."""
+        for key in self.values.layout.joints():
+            command, value = self.values.column(key), self.values.column(f"read_{key}")
+            column = self.values.layout.columns.get(f"read_{key}")
+            if command is None or value is None or column is None or not column.name.startswith("read_"):
+                continue
+            with np.errstate(invalid="ignore"):
+                far = np.abs(value - command) > READ_BACK_TOLERANCE
+            self.log.add_rows(
+                far,
+                self.values.lines,
+                column.name,
+                lambda i, value=value, command=command: (  # type: ignore[misc]
+                    f"found {value[i]:.6g}, but the commanded joint is {command[i]:.6g} (rad or m); check the unit and "
+                    "the order of the columns read back"
+                ),
+            )
 
     def _limits(self, key: str, limits: tuple[float, float]) -> None:
         column = self.values.layout.columns.get(key)

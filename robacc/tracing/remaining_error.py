@@ -10,6 +10,7 @@ import numpy as np
 
 from robacc.diagnostics.approach_memory import memory_of_play
 from robacc.diagnostics.residual_correlation import residual_correlations
+from robacc.diagnostics.rounded_joints import Rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
@@ -27,6 +28,8 @@ _MOST_REPEATABILITY = 1e-4
 _MOST_PRESUMED = 1.2e-4
 """Remaining error, m rms, up to which noise that nothing confirms may be presumed: a laser tracker at some metres
 (0.03 to 0.05 mm along each axis) and a data sheet's repeatability together."""
+_UNCERTAIN = 1.2
+"""Factor by which an estimate of scatter from some hundred rows exceeds the rounding that causes it."""
 _SMALL_POSE_ERROR = 1e-5
 """Error common to all visits of a pose that no instrument resolves, m."""
 _MANY_OUTLIERS = 0.05
@@ -47,11 +50,12 @@ class Unexplained:
     hints: tuple[str, ...]
 
 
-def _scatter_hints(repeatability: Repeatability | None) -> Iterator[str]:
-    """Yield hints on scatter of the joints that is too large, or too repeatable, for repeatability."""
+def _scatter_hints(repeatability: Repeatability | None, rounding: Rounding | None) -> Iterator[str]:
+    """Yield hints on scatter of the joints that is too large, or too repeatable, for repeatability and rounding."""
     if repeatability is None:
         return
-    if repeatability.source == "residual" and repeatability.position > _MOST_REPEATABILITY:
+    most = math.hypot(_MOST_REPEATABILITY, 0.0 if rounding is None else _UNCERTAIN * rounding.position)
+    if repeatability.source == "residual" and repeatability.position > most:
         yield (
             f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
             "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
@@ -88,11 +92,16 @@ def _outlier_hints(final: Fit, data: Measurements) -> Iterator[str]:
 
 
 def _size_hints(
-    search_result: SearchResult, noise: LackOfFit, repeatability: Repeatability | None, rms: float
+    search_result: SearchResult,
+    noise: LackOfFit,
+    repeatability: Repeatability | None,
+    rounding: Rounding | None,
+    rms: float,
 ) -> Iterator[str]:
     """Yield a hint if findings leave more than usual noise and nothing confirms that it is noise."""
     unconfirmed = noise.p_value is None and (repeatability is None or repeatability.source == "residual")
-    if unconfirmed and search_result.effects and rms > _MOST_PRESUMED:
+    most = math.hypot(_MOST_PRESUMED, 0.0 if rounding is None else _UNCERTAIN * rounding.position)
+    if unconfirmed and search_result.effects and rms > most:
         yield (
             f"the remaining error, {1e3 * rms:.3g} mm rms, is more than usual instrument noise and repeatability; "
             "neither sigma columns nor repeated poses confirm it, so part of it may have a cause outside the model"
@@ -113,7 +122,12 @@ def _memory_hints(search_result: SearchResult, final: Fit, data: Measurements) -
 
 
 def remaining_error(
-    search_result: SearchResult, final: Fit, noise: LackOfFit, data: Measurements, repeatability: Repeatability | None
+    search_result: SearchResult,
+    final: Fit,
+    noise: LackOfFit,
+    data: Measurements,
+    repeatability: Repeatability | None,
+    rounding: Rounding | None = None,
 ) -> Unexplained:
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
     best = next(iter(search_result.selection.rank(with_blocks=True)), None)
@@ -128,10 +142,10 @@ def remaining_error(
         hints.append(hint)
     residual = final.residual[:3, final.inliers]
     rms = float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
-    hints.extend(_scatter_hints(repeatability))
+    hints.extend(_scatter_hints(repeatability, rounding))
     hints.extend(suspected_mistakes(final))
     hints.extend(_outlier_hints(final, data))
-    hints.extend(_size_hints(search_result, noise, repeatability, rms))
+    hints.extend(_size_hints(search_result, noise, repeatability, rounding, rms))
     if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"

@@ -11,6 +11,8 @@ import numpy as np
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
 from robacc.diagnostics.data_mistakes import check_data
+from robacc.diagnostics.read_back_share import read_back_warning
+from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
@@ -140,7 +142,8 @@ def trace(
     repeatability = (
         None if search_result.components is None else repeatability_of(final, search_result.components, data)
     )
-    unexplained = remaining_error(search_result, final, noise, data, repeatability)
+    rounding = evident_rounding(final, data)
+    unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding)
     ends = None if validation is None else (validation.before, validation.after)
     stages = before_and_after(model.arm.robot, data, declared, final, ends, holdout, n_folds, seed)
     return Trace(
@@ -179,6 +182,8 @@ def trace(
             *([no_held_out_warning(data)] if validation is None else []),
             *withdrawn_warning(withdrawn),
             *outliers_warning(final, data),
+            *([] if rounding is None else [rounding.warning]),
+            *read_back_warning(final, data),
             *frames_warning(declared, data),
             *sigma_warning(noise),
             *weak_parameters_warning(final),

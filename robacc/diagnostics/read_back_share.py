@@ -1,0 +1,44 @@
+"""Joints read back beside commanded ones: which of them the measured positions follow."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from robacc.effects.base import effect_class
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.solver import fit
+from robacc.measurements import Measurements
+
+READ_BACK = "read_back"
+"""Effect whose coefficient is the share."""
+_UNDECIDED = 0.25
+"""Standard error of the share from which the poses do not decide."""
+
+
+def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
+    """Yield which joints the measured positions follow, if the file has both; nothing if a finding says it."""
+    model = final.model
+    cls = effect_class(READ_BACK)
+    if cls.missing(model.arm, data) is not None or any(effect.name == READ_BACK for effect in model.free):
+        return
+    assert data.read_back is not None
+    assert data.q is not None
+    difference = data.read_back - data.q
+    shift = np.einsum("mjn,jn->mn", joint_columns(model, data)[:3], difference)
+    size = float(np.sqrt(np.mean(np.sum(np.square(shift), axis=0))))
+    effect = cls.default(model.arm, data)
+    fitted = fit(dataclasses.replace(model, free=(*model.free, effect)), data)
+    number = fitted.names.index(READ_BACK)
+    share, std = float(fitted.theta[number]), float(np.sqrt(fitted.covariance[number, number]))
+    start = f"the joints read back are {1e3 * size:.3g} mm rms (at the target) off the commanded ones"
+    if not np.isfinite(std) or std > _UNDECIDED:
+        yield f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used"
+        return
+    yield (
+        f"{start}; the measured positions follow them by a share of {share:.2f} ± {std:.2f}: the commanded joints are "
+        "used, and the joints were read before the arm had settled"
+    )

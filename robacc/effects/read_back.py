@@ -1,0 +1,89 @@
+"""Joints read back: the arm stood where its encoders said, not where it was commanded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+_COLUMNS = "read_q1 … read_qN"
+_FOLLOWS = 0.5
+"""Share from which the joints read back describe the arm better than those commanded."""
+
+
+@register
+@dataclass(frozen=True)
+class ReadBack(Effect):
+    """Joint variables shifted by a share of the difference between the joints read back and those commanded.
+
+    A share of 1 means that the arm stood at the joints read back when it was measured, a share of 0 that it stood at
+    its command, whatever was read before.
+    """
+
+    name = "read_back"
+    per_joint = False
+    is_of_measurement = True
+    is_nonnegative = True
+    implausible_factor = 1.5
+    extrapolates = "the difference is that of each pose"
+    missing_reasons = ("no read_q columns that differ from the commanded joints",)
+    about = About(
+        summary="the arm stood at the joints read back, not at those commanded: it had not settled, or it stands off "
+        "its command",
+        equation="theta_j + c (q_read_j - q_j), the same c for all joints",
+        unit="1",
+        usual_size="0.5 to 1: 1 where the arm stood at the joints read back",
+        usual_range=(0.5, 1.0),
+        needs="q1 … qN as commanded and read_q1 … read_qN as read back",
+        confused_with="approach_lag and backlash where the difference follows the last motion",
+        source="a parameter times a regressor, as every effect here",
+        example="{effect: read_back, values: {value: 1}}",
+    )
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Return the reason if no joint was read back elsewhere than commanded."""
+        if data.read_back is None or data.q is None or np.array_equal(data.read_back, data.q):
+            return cls.missing_reasons[0]
+        return None
+
+    @property
+    def of_campaign(self) -> bool:
+        """True: it says where the arm stood while it was measured."""
+        return True
+
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return none: the share holds for any difference."""
+        return ()
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return the share, common to all joints."""
+        difference = self._difference(data)
+        parts = tuple(Part(arm.axis_motion(joint), difference[arm.number(joint)]) for joint in arm.names)
+        return (Term(self.name, "1", 1.0, parts),)
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return which joints the measured positions follow, and what to do."""
+        share = values.get(self.name, 0.0)
+        if share < _FOLLOWS:
+            return (
+                f"the measured positions follow the joints read back by a share of {share:.2g} only: the joints were "
+                "read before the arm had settled; read and measure at the same time"
+            )
+        return (
+            f"the measured positions follow the joints read back, not those commanded (share {share:.2g}): the arm was "
+            "measured before it had settled, or it stands off its command; wait longer before a measurement, or give "
+            "the joints read back as q1 … qN"
+        )
+
+    def _difference(self, data: Measurements) -> Array:
+        result: Array = needed(data.read_back, _COLUMNS, self.name) - commanded(data, self.name)
+        return result

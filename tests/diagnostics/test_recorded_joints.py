@@ -1,0 +1,139 @@
+"""Joints read back, and joints recorded with few digits, on an arm with matrices of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from independent_arm import DECLARED, LIMITS, Run, measured, robot, run, target
+
+from robacc.diagnostics.read_back_share import read_back_warning
+from robacc.diagnostics.rounded_joints import evident_rounding, joint_step
+from robacc.effects.request import build, parse_requests
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.solver import fit
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.poses.csv_file import format_poses, read_poses
+from robacc.robots.arm import Arm
+from robacc.tracing.loop import search
+from robacc.tracing.trace import trace
+
+ARM = Arm.of(robot())
+NOISE = 1e-5
+N = 80
+POSES = run(N, seed=41)
+OFF = np.random.default_rng(42).normal(scale=2e-4, size=(6, N))
+"""How far the joints read back are off the commanded ones, rad."""
+
+
+def positions(q: Array) -> Array:
+    """Targets (3, N) at joints (6, N)."""
+    return np.array([target(angles) for angles in q.T]).T
+
+
+def with_both(share: float) -> Measurements:
+    """An arm that stands a share of the way from its command to the joints read back."""
+    data = measured(POSES, positions(POSES.q + share * OFF), NOISE, 3)
+    return dataclasses.replace(data, read_back=POSES.q + OFF)
+
+
+def fitted(data: Measurements) -> Fit:
+    return fit(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data)
+
+
+def test_an_arm_that_stands_at_the_joints_read_back_is_told() -> None:
+    data = with_both(1.0)
+    result = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, empirical=False)
+    (effect,) = result.effects
+    assert str(effect) == "read_back"
+    values = dict(zip(result.final.names, result.final.theta.tolist(), strict=True))
+    assert values["read_back"] == pytest.approx(1.0, abs=0.05)
+    statement = effect.statement(ARM, values)
+    assert statement is not None
+    assert "follow the joints read back, not those commanded" in statement
+    assert not list(read_back_warning(result.final, data))
+
+
+def test_joints_read_before_settling_leave_the_commanded_ones_in_force() -> None:
+    data = with_both(0.0)
+    declared = build(parse_requests(DECLARED), ARM, data)
+    assert search(Model(ARM, free=declared), data, empirical=False).effects == ()
+    (text,) = read_back_warning(fitted(data), data)
+    assert "read before the arm had settled" in text
+    share = float(text.split("share of ")[1].split(" ")[0])
+    assert abs(share) < 0.05
+
+
+def test_columns_come_back_from_a_file(tmp_path: pytest.TempPathFactory) -> None:
+    data = dataclasses.replace(with_both(1.0), source=None)
+    path = tmp_path / "poses.csv"  # type: ignore[operator]
+    path.write_text(format_poses(data))
+    again = read_poses(path)
+    assert again.read_back is not None
+    np.testing.assert_array_equal(again.read_back, data.read_back)
+    named = format_poses(data).replace("read_q", "read_j").replace(",q", ",j").replace("q1,", "j1,", 1)
+    path.write_text(named)
+    np.testing.assert_array_equal(read_poses(path, joint_names=ARM.names).read_back, data.read_back)
+
+
+def test_joints_of_another_unit_are_an_error(tmp_path: pytest.TempPathFactory) -> None:
+    path = tmp_path / "poses.csv"  # type: ignore[operator]
+    path.write_text("q1,read_q1,x,y,z\n0.5,28.6,1,0,0\n0.6,34.4,1,0,0\n")
+    with pytest.raises(Exception, match="check the unit and the order of the columns read back"):
+        read_poses(path)
+
+
+def test_commanded_joints_may_say_so(tmp_path: pytest.TempPathFactory) -> None:
+    path = tmp_path / "poses.csv"  # type: ignore[operator]
+    path.write_text("cmd_q1_deg,cmd_q2_deg,x,y,z\n10,20,1,0,0\n11,21,1,0,0\n")
+    data = read_poses(path)
+    assert data.q is not None
+    np.testing.assert_allclose(np.degrees(data.q), [[10, 11], [20, 21]])
+
+
+def test_an_export_with_both_has_both(tmp_path: pytest.TempPathFactory) -> None:
+    path = tmp_path / "export.csv"  # type: ignore[operator]
+    rows = "\n".join(f"{i},{2 * i},{i + 0.01},{2 * i + 0.02},{100 + i},{i},{2 * i}" for i in range(10, 20))
+    path.write_text("J1 cmd [deg],J2 cmd [deg],J1 actual [deg],J2 actual [deg],X [mm],Y [mm],Z [mm]\n" + rows + "\n")
+    data = read_poses(path)
+    assert data.q is not None
+    assert data.read_back is not None
+    np.testing.assert_allclose(np.degrees(data.read_back - data.q), np.tile([[0.01], [0.02]], 10), atol=1e-9)
+
+
+@pytest.mark.parametrize(("step", "text"), [(0.1, "0.1 degrees"), (0.01, "0.01 degrees")])
+def test_steps_are_recognised(step: float, text: str) -> None:
+    values = np.radians(np.round(np.random.default_rng(1).uniform(-90, 90, 50) / step) * step)
+    size, label = joint_step(values, "revolute") or (0.0, "")
+    assert size == pytest.approx(np.radians(step))
+    assert label == text
+    assert joint_step(np.random.default_rng(2).uniform(-1, 1, 50), "revolute") is None
+
+
+def rounded(step_degrees: float, is_command: bool) -> Measurements:
+    """Poses with joints in whole steps: commanded so, or recorded so."""
+    whole = np.radians(np.round(np.degrees(POSES.q) / step_degrees) * step_degrees)
+    position = positions(whole if is_command else POSES.q)
+    return measured(Run(whole, POSES.direction, POSES.time), position, NOISE, 4)
+
+
+def test_rounding_is_named_and_counts_as_scatter() -> None:
+    data = rounded(0.1, is_command=False)
+    result = trace(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, n_folds=2, empirical=False)
+    assert result.verdict == "clean"
+    (text,) = [warning for warning in result.warnings if "rounded" in warning]
+    assert text.startswith("the joint variables are rounded to 0.1 degrees")
+    expected = evident_rounding(fitted(data), data)
+    assert expected is not None
+    np.testing.assert_allclose(expected.std, np.radians(0.1) / np.sqrt(12.0))
+    moved = positions(data.q) - positions(POSES.q) if data.q is not None else np.zeros((3, N))
+    assert expected.position == pytest.approx(float(np.sqrt(np.mean(np.sum(moved**2, axis=0)))), rel=0.15)
+
+
+def test_commands_in_whole_steps_are_exact() -> None:
+    data = rounded(0.1, is_command=True)
+    assert evident_rounding(fitted(data), data) is None
+    assert len(LIMITS) == 6

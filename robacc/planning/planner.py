@@ -169,7 +169,9 @@ class _Planner:
         if count > self.candidates.n:
             reasons = self.candidates.excluded
             most = f"; most of the others are excluded by: {reasons[0].reason}" if reasons else ""
-            raise UsageError(f"{count} poses are planned, but only {self.candidates.n} candidates are feasible{most}")
+            n = self.candidates.n
+            number = f"only {n} candidate{'s are' if n > 1 else ' is'} feasible"
+            raise UsageError(f"{count} poses are planned, but {number}{most}")
         return count
 
     @property

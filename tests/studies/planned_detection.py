@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import tool
+from arm import ARMS, Setup
 
 ROBOT = """robacc: 1
 name: planned arm
@@ -36,7 +37,7 @@ joints:
   - {name: j5, type: revolute, theta: 0, d: 0, a: 0, alpha: -1.5707963267948966, limits: [-1.9, 1.9]}
   - {name: j6, type: revolute, theta: 0, d: 0.085, a: 0, alpha: 0, limits: [-2.9, 2.9]}
 """
-SKIPPED = ("thermal_expansion", "frame_drift", "link_geometry")
+SKIPPED = ("thermal_expansion", "frame_drift", "joint_warmup", "link_geometry")
 """Their settings depend on the times of a campaign; link_geometry is declared in most campaigns."""
 
 
@@ -68,7 +69,7 @@ def run_set(name: str, limit: dict[str, Any], folder: Path, options: argparse.Na
         entry["joints"] = limit["joints"]
     entry["values"] = values(limit, options.times * limit["limit"], rng)
     truth, measured = folder / "truth.yaml", folder / "measured.csv"
-    truth.write_text(f"{ROBOT}effects:\n  - {json.dumps(entry)}\n")
+    truth.write_text(f"{(folder / 'robot.yaml').read_text()}effects:\n  - {json.dumps(entry)}\n")
     words = [*tool.command(options), "simulate", str(truth), "--at", str(folder / "plan.csv"), "--position-only"]
     words += ["--noise", f"{options.noise}mm", "--seed", str(rng.integers(1, 10**6)), "--output", str(measured)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -103,12 +104,15 @@ def main() -> int:
     parser.add_argument("--times", type=float, default=3.0, help="size over the planned limit (default: %(default)s)")
     parser.add_argument("--poses", type=int, default=60)
     parser.add_argument("--noise", type=float, default=0.03, help="mm along each axis (default: %(default)s)")
+    parser.add_argument("--arm", choices=list(ARMS), help="arm of the other studies (default: an arm of this one)")
     options = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as made:
         folder = options.keep or Path(made)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "robot.yaml").write_text(ROBOT)
+        if options.arm:
+            Setup(ARMS[options.arm]).write(folder / "robot.yaml")
         words = [*tool.command(options), "plan", str(folder / "robot.yaml"), "--for", "trace"]
         words += ["--poses", str(options.poses), "--noise", f"{options.noise}mm", "--repeatability", "0mm"]
         words += ["--candidates", "1000", "--output", str(folder / "plan.csv")]

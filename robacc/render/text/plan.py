@@ -10,7 +10,7 @@ from typing import TextIO
 from robacc.planning.campaign import CampaignPlan
 from robacc.planning.collisions import LinkCollisions
 from robacc.planning.detectability import Detectability, ExpectedLimit, InseparablePair
-from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient
+from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient, Sufficiency
 from robacc.planning.power_design import ExpectedPower
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
@@ -59,17 +59,14 @@ def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
     yield from items(_facts(plan), width)
     if plan.sufficiency is not None:
         verdict = "Enough" if plan.sufficiency.enough else f"Not enough: measure the next {plan.chosen.size}"
-        yield from (BLANK, heading(verdict), *items((plan.sufficiency.why,), width))
-        if plan.sufficiency.of_model:
-            note = f"this counts the {plan.sufficiency.n} poses of the model's fit: fit them together with the new ones"
-            yield from items((note,), width)
+        yield from (BLANK, heading(verdict), *items(_sufficiency(plan.sufficiency), width))
     if plan.candidates.excluded:
         rows = [(entry.reason, str(entry.count), str(entry.alone)) for entry in plan.candidates.excluded]
         yield from (BLANK, *columns(("candidates excluded by", "count", "by this alone"), rows))
     if plan.needed:
         yield from (BLANK, *_needed(plan))
     if plan.accuracy is not None:
-        yield from (BLANK, *_accuracy(plan.accuracy, width))
+        yield from (BLANK, *_accuracy(plan.accuracy, plan.sufficiency is not None, width))
     if plan.worth is not None and plan.worth.new_poses is not None:
         yield from items((f"for the same number of measurements: {plan.worth.verdict}",), width)
     if plan.settings.purpose in ("calibrate", "health"):
@@ -79,6 +76,18 @@ def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
         yield from (BLANK, heading("Estimates that stay strongly correlated"), *items(pairs, width))
     if plan.detectability is not None:
         yield from (BLANK, *_detectability(plan.detectability, plan.power, plan.random_power, width))
+
+
+def _sufficiency(sufficiency: Sufficiency) -> list[str]:
+    texts = [sufficiency.why]
+    if sufficiency.now is not None and sufficiency.later is not None:
+        now, later = (three_digits(value * _IN_MM) for value in (sufficiency.now, sufficiency.later))
+        texts.append(f"predicted error with repeatability: {now} mm now, {later} mm with the next poses")
+    if sufficiency.of_model:
+        texts.append(f"this counts the {sufficiency.n} poses of the model's fit: fit them together with the new ones")
+    else:
+        texts.append(f"this counts the {sufficiency.n} rows measured already: fit them together with the new ones")
+    return texts
 
 
 def _title(plan: CampaignPlan) -> str:
@@ -96,8 +105,9 @@ def _facts(plan: CampaignPlan) -> list[str]:
         f"{three_digits(plan.repeatability * _IN_MM)} mm ({noise.source})"
     )
     least = min(route.direction_share.tolist(), default=0.0)
+    repeats = route.roles.count("repeat")
     extra = [
-        f"{route.roles.count('repeat')} repeats" if route.roles.count("repeat") else "",
+        f"{repeats} repeat{'s' * (repeats > 1)}" if repeats else "",
         f"{route.roles.count('check')} visits of the drift check pose" if route.roles.count("check") else "",
     ]
     facts.append(
@@ -153,7 +163,8 @@ def _needed(plan: CampaignPlan) -> Iterator[TextLine]:
     yield from columns(header, rows)
 
 
-def _accuracy(accuracy: ExpectedAccuracy, width: int) -> Iterator[TextLine]:
+def _accuracy(accuracy: ExpectedAccuracy, is_addition: bool, width: int) -> Iterator[TextLine]:
+    """Yield the error over the number of poses, which are added to earlier ones if ``is_addition``."""
     yield heading("Predicted error after the fit over the task's region, mm")
     rows = []
     for point in accuracy.points:
@@ -164,11 +175,14 @@ def _accuracy(accuracy: ExpectedAccuracy, width: int) -> Iterator[TextLine]:
         values = (point.rms, point.random_rms, point.worst, point.total)
         cells = ["–" if value is None else three_digits(value * _IN_MM) for value in values]
         rows.append((str(point.n), *cells, ", ".join(mark for mark in marks if mark)))
-    yield from columns(("poses", "rms", "random poses", "worst", "with repeatability", ""), rows)
+    yield from columns(
+        ("more poses" if is_addition else "poses", "rms", "random poses", "worst", "with repeatability", ""), rows
+    )
     if accuracy.planned is None:
         yield from items(("the planned poses do not identify all coefficients; plan more poses or fit less",), width)
     if accuracy.knee is not None:
-        yield from items((f"knee at {accuracy.knee} poses: ten more reduce the error by less than 10 %",), width)
+        more = " more" if is_addition else ""
+        yield from items((f"knee at {accuracy.knee}{more} poses: ten more reduce the error by less than 10 %",), width)
     elif accuracy.points:
         yield from items(("no knee: ten more poses still reduce the error by more than 10 %",), width)
 

@@ -43,7 +43,11 @@ def planned_poses_chart(document: Document) -> Chart:
     groups = list(_groups(document, at))
     outline = (document["robot"] or {}).get("outline")
     line = None if outline is None else vectors(outline["line_m"])
-    counts = ", ".join(f"{len(group.points)} {group.label}" for group in groups)
+    counts = ", ".join(
+        f"{len(group.points)} {group.label[:-1] if len(group.points) == 1 and group.label[-1] == 's' else group.label}"
+        for group in groups
+        if group.label != "instrument"
+    )
     return Chart(
         "planned-poses",
         "Planned poses in space",

@@ -119,7 +119,7 @@ class CandidateScorer:
             return self.condition(chosen).without(without.columns)
         key = tuple(chosen)
         result = self._conditioned.get(key)
-        if result is None or result.reduced.shape[1] < self.system.columns.shape[1]:
+        if result is None or result.n_columns < self.system.columns.shape[1]:
             active, precision = list(self.base), [0.0] * len(self.base)
             for finding in chosen:
                 active.extend(finding.columns.tolist())
@@ -175,7 +175,7 @@ class CandidateScorer:
             return entry
         # Columns of a step are built when it is chosen; until then it has no coefficients to judge.
         columns = self._placed.get(candidate.key)
-        if columns is None or columns.max() >= conditioned.reduced.shape[1]:
+        if columns is None or columns.max() >= conditioned.n_columns:
             return entry
         values = conditioned.least_squares(columns)
         if candidate.effect.implausible(candidate.terms, values.tolist()) is None:

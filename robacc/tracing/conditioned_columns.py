@@ -63,7 +63,11 @@ class Columns:
 
 
 class Conditioned:
-    """All columns and the residual, orthogonalised to a model's columns."""
+    """All columns and the residual, orthogonalised to a model's columns.
+
+    A model that lacks some columns of a larger one (:meth:`without`) is described by the directions of the larger model
+    that it lacks: what these explain goes back to the columns and to the residual, which costs little for each column.
+    """
 
     def __init__(
         self,
@@ -71,9 +75,9 @@ class Conditioned:
         active: NDArray[np.int64],
         precision: Array,
         root: Array,
-        reduced: Array,
         explained: Array,
         rank: int,
+        reduced: Array | None = None,
         removed: tuple[Conditioned, Array] | None = None,
     ) -> None:
         """Store the parts; :meth:`on` computes them.
@@ -83,15 +87,32 @@ class Conditioned:
             active: ``(A,)`` numbers of the model's columns.
             precision: ``(A,)`` precision of their priors, whitened, 0 for none.
             root: ``(A, R)``: root @ root.T is the inverse of the active columns' Gram matrix.
-            reduced: ``(R, C)`` orthonormal coordinates of the model times every column.
-            explained: ``(R,)`` the same coordinates of the residual.
+            explained: ``(R,)`` orthonormal coordinates of the model times the residual.
             rank: Independent columns of the model.
-            removed: The larger model and the directions of it that this model lacks.
+            reduced: ``(R, C)`` orthonormal coordinates of the model times every column; None with ``removed``.
+            removed: The larger model and the directions ``(D, R)`` of it that this model lacks.
         """
         self.system, self.active, self.precision = system, active, precision
-        self.root, self.reduced, self.rank = root, reduced, rank
-        self._removed, self._crossed = removed, dict[Family, Array]()
-        self._explain(explained)
+        self.root, self.explained, self.rank = root, explained, rank
+        self._crossed = dict[Family, Array]()
+        self._remaining = dict[Family, tuple[Array, Array]]()
+        self._blocks = dict[bytes, Array]()
+        self._reduced, self._removed = reduced, removed
+        self.rhs: Array
+        """``(C,)`` products of the new parts of all columns with the residual."""
+        if removed is None:
+            assert reduced is not None
+            self.rhs = system.rhs[: reduced.shape[1]] - reduced.T @ explained
+        else:
+            full, directions = removed
+            self._restored = directions @ full.reduced
+            self._restored_residual = directions @ full.explained
+            self.rhs = full.rhs + self._restored.T @ self._restored_residual
+        self.cost = max(system.cost - float(explained @ explained), 1e-300)
+        effective = float(rank)
+        if precision.any():
+            effective -= float(np.sum(np.square(root) * precision[:, None]))
+        self.dof = max(system.rows - effective, 1.0)
 
     @classmethod
     def on(cls, system: Columns, active: Sequence[int], precision: Array) -> Conditioned:
@@ -103,24 +124,27 @@ class Conditioned:
         values, vectors = np.linalg.eigh(gram * scale[:, None] * scale)
         independent = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
         root = (scale[:, None] * vectors[:, independent]) / np.sqrt(values[independent])
-        reduced = root.T @ products
-        return cls(system, numbers, precision, root, reduced, root.T @ system.rhs[numbers], int(independent.sum()))
+        rank = int(independent.sum())
+        return cls(system, numbers, precision, root, root.T @ system.rhs[numbers], rank, root.T @ products)
 
-    def _explain(self, explained: Array) -> None:
-        system = self.system
-        self.explained = explained
-        self.rhs: Array = system.rhs[: self.reduced.shape[1]] - self.reduced.T @ explained
-        self.cost = max(system.cost - float(explained @ explained), 1e-300)
-        effective = float(self.rank)
-        if self.precision.any():
-            effective -= float(np.sum(np.square(self.root) * self.precision[:, None]))
-        self.dof = max(system.rows - effective, 1.0)
+    @property
+    def n_columns(self) -> int:
+        """Return the number of columns of the system when this was computed."""
+        return int(self.rhs.size)
+
+    @property
+    def reduced(self) -> Array:
+        """Return ``(R, C)`` orthonormal coordinates of the model times every column."""
+        if self._reduced is None:
+            assert self._removed is not None
+            full, directions = self._removed
+            self._reduced = full.reduced - directions.T @ self._restored
+        return self._reduced
 
     def without(self, columns: NDArray[np.int64]) -> Conditioned:
         """Return the same for a model without some of the active columns, with no decomposition of its size.
 
-        The rows of these columns in the root span the model directions that only these columns contain. Those
-        directions are removed from every coordinate.
+        The rows of these columns in the root span the model directions that only these columns contain.
         """
         rows = np.isin(self.active, columns)
         removed_root = self.root[rows]
@@ -133,10 +157,9 @@ class Conditioned:
             self.active,
             np.where(rows, 0.0, self.precision),
             root,
-            self.reduced - directions.T @ (directions @ self.reduced),
             self.explained - directions.T @ (directions @ self.explained),
             self.rank - len(directions),
-            (self, directions),
+            removed=(self, directions),
         )
 
     def crossed(self, family: Family) -> Array:
@@ -152,10 +175,34 @@ class Conditioned:
             self._crossed[family] = coordinates_of_family
         return coordinates_of_family
 
+    def remaining(self, family: Family) -> tuple[Array, Array]:
+        """Return ``(B, Q, Q)`` Gram matrices of a family's new parts and ``(B, Q)`` products with the residual."""
+        result = self._remaining.get(family)
+        if result is None:
+            count, size = family.rhs.shape
+            if self._removed is None:
+                parts = self.crossed(family)
+                rhs = family.rhs - (parts.T @ self.explained).reshape(count, size)
+                result = family.gram - _squares(parts.reshape(-1, count, size)), rhs
+            else:
+                full, directions = self._removed
+                gram, rhs = full.remaining(family)
+                restored = directions @ full.crossed(family)
+                rhs = rhs + (restored.T @ self._restored_residual).reshape(count, size)
+                result = gram + _squares(restored.reshape(-1, count, size)), rhs
+            self._remaining[family] = result
+        return result
+
     def blocks(self, columns: NDArray[np.int64]) -> Array:
         """Return ``(B, Q, Q)`` Gram matrices of the new parts of B times Q columns."""
-        reduced = np.moveaxis(self.reduced[:, columns], 0, 2)
-        result: Array = self.system.blocks(columns) - reduced @ np.swapaxes(reduced, 1, 2)
+        key = columns.shape[1].to_bytes(4, "little") + columns.tobytes()
+        result = self._blocks.get(key)
+        if result is None:
+            if self._removed is None:
+                result = self.system.blocks(columns) - _squares(self.reduced[:, columns])
+            else:
+                result = self._removed[0].blocks(columns) + _squares(self._restored[:, columns])
+            self._blocks[key] = result
         return result
 
     def block(self, columns: NDArray[np.int64]) -> Array:
@@ -181,21 +228,28 @@ class Family:
         square = np.einsum("mn,mn->n", column, column)
         self.gram: Array = (basis * square) @ np.swapaxes(basis, 1, 2)
         self.rhs: Array = basis @ np.einsum("mn,mn->n", column, system.residual)
-        self._products = np.zeros((0, basis.shape[0] * basis.shape[1]))
-        self._places: dict[int, int] = {}
+        self._store_none(basis.shape[0] * basis.shape[1])
+
+    def _store_none(self, n_columns: int) -> None:
+        """Start without products; the family has ``n_columns`` columns."""
+        self._products, self._count = np.empty((0, n_columns)), 0
+        self._places = np.zeros(0, dtype=np.int64)
 
     def _add_products(self, system: Columns, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Store the products with columns ``numbers`` ``(A,)`` of the system, and return the rows where they stand."""
-        missing = [number for number in numbers.tolist() if number not in self._places]
-        if missing:
-            count = len(self._places)
-            self._places |= {number: count + i for i, number in enumerate(missing)}
-            if len(self._places) > self._products.shape[0]:
-                grown = np.zeros((2 * len(self._places), self._products.shape[1]))
-                grown[:count] = self._products[:count]
-                self._products = grown
-            self._products[count : len(self._places)] = self.new_products(system.columns[:, missing])
-        return np.array([self._places[number] for number in numbers.tolist()], dtype=np.int64)
+        grown = system.columns.shape[1] - self._places.size
+        if grown > 0:
+            self._places = np.concatenate((self._places, np.full(grown, -1)))
+        missing = numbers[self._places[numbers] < 0]
+        if missing.size:
+            first, self._count = self._count, self._count + missing.size
+            self._places[missing] = np.arange(first, self._count)
+            if self._count > self._products.shape[0]:
+                larger = np.empty((2 * self._count, self._products.shape[1]))
+                larger[:first] = self._products[:first]
+                self._products = larger
+            self._products[first : self._count] = self.new_products(system.columns[:, missing])
+        return self._places[numbers]
 
     def new_products(self, columns: Array) -> Array:
         """Return ``(A, B Q)`` products of ``columns`` ``(M, A, N)`` with every column of the family."""
@@ -205,23 +259,27 @@ class Family:
     def coordinates(self, conditioned: Conditioned) -> Array:
         """Return ``(R, B Q)`` orthonormal coordinates of a model times every column of the family."""
         rows = self._add_products(conditioned.system, conditioned.active)
-        count = len(self._places)
         # Rows of zeros for columns outside the model cost less than a copy of the products of those in it.
-        root = np.zeros((count, conditioned.root.shape[1]))
+        root = np.zeros((self._count, conditioned.root.shape[1]))
         root[rows] = conditioned.root
-        return np.asarray(root.T @ self._products[:count])
+        return np.asarray(root.T @ self._products[: self._count])
 
     def judge(self, conditioned: Conditioned, best_only: bool = False) -> Scores:
         """Return the scores of all candidates beside a model; with ``best_only`` of those that can be the best."""
-        count, size = self.rhs.shape
-        reduced = conditioned.crossed(self)
-        parts = np.moveaxis(reduced.reshape(-1, count, size), 0, 2)
+        gram, rhs = conditioned.remaining(self)
+        count = rhs.shape[0]
         return judge(
-            self.gram - parts @ np.swapaxes(parts, 1, 2),
-            self.rhs - (reduced.T @ conditioned.explained).reshape(count, size),
+            gram,
+            rhs,
             np.diagonal(self.gram, axis1=1, axis2=2),
             conditioned.cost,
             conditioned.dof,
             np.full(count, self.shrunk),
             best_only,
         )
+
+
+def _squares(parts: Array) -> Array:
+    """Return ``(B, Q, Q)`` the sum over the first axis of products of ``parts`` ``(R, B, Q)`` with themselves."""
+    ordered = np.moveaxis(parts, 0, 2)
+    return np.asarray(ordered @ np.swapaxes(ordered, 1, 2))

@@ -82,8 +82,7 @@ class PlaceFamily(Family):
         self._columns = columns.reshape(columns.shape[0], count * size, -1)
         self.gram = np.einsum("mpqn,mprn->pqr", columns, columns, optimize=True)
         self.rhs = np.einsum("mcn,mn->c", self._columns, system.residual).reshape(count, size)
-        self._products = np.zeros((0, count * size))
-        self._places: dict[int, int] = {}
+        self._store_none(count * size)
 
     def new_products(self, columns: Array) -> Array:
         """Return ``(A, P Q)`` products of ``columns`` ``(M, A, n)`` with every column of the family."""

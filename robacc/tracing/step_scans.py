@@ -80,8 +80,7 @@ class StepFamily(Family):
         self.gram = np.moveaxis(self._sums(_gram_increments(whitening, self._columns, number)), 2, 0)
         adjoint = whitening.apply_transposed(system.residual)
         self.rhs = self._sums(np.einsum("mqn,mn->qn", self._columns, adjoint)).T
-        self._products = np.zeros((0, places.size * self._columns.shape[1]))
-        self._places: dict[int, int] = {}
+        self._store_none(places.size * self._columns.shape[1])
 
     def _sums(self, increments: Array) -> Array:
         """Return ``(..., B)`` sums over the poses after each place of ``(..., n)``."""

@@ -67,8 +67,10 @@ def open_table(path: str, options: TableOptions | None = None) -> Iterator[Table
         return
     try:
         stream = open(path, "rb")  # noqa: SIM115 (closed below; only the failure to open is an error of the input)
+    except FileNotFoundError:
+        raise InputError(Problem("there is no such file", path)) from None
     except OSError as error:
-        raise InputError(Problem(f"cannot be read ({error.strerror})", path)) from error
+        raise InputError(Problem(f"cannot be read: {str(error.strerror).lower()}", path)) from error
     with stream:
         yield _reader(stream, path, options)
 

@@ -13,6 +13,7 @@ from robacc.robots.description import STANDARD_GRAVITY, Robot
 from robacc.robots.yaml_robot import file_units, parse_robot
 from robacc.robots.yaml_writer import comment_lines, robot_document, robot_to_yaml, rounded_document
 
+_OLD_COMMENTS = "the comments below are those of the robot file before the fit"
 _RELATIVE, _ABSOLUTE = 1e-9, 1e-11
 """Differences between two documents that rounding to twelve digits explains."""
 
@@ -34,9 +35,14 @@ def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
     document = rounded_document(robot_document(in_units, units))
     kept = edited(text, _complete(document, robot), robot.name, whole=("effects", "campaign", "fit"))
     if _is_read_as(kept, robot):
-        return comment_lines(comments) + kept
+        return comment_lines((*comments, *_remark(text))) + kept
     # The file states something in a form that no longer holds, such as a parameter that the fit removed.
     return robot_to_yaml(in_units, comments, rounded=True, units=units)
+
+
+def _remark(text: str) -> tuple[str, ...]:
+    """Return what to say of the comments of the file, if there are any and nothing is said yet."""
+    return (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
 
 
 def _complete(document: dict[str, Any], robot: Robot) -> dict[str, Any]:

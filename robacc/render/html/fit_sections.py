@@ -10,6 +10,7 @@ from robacc.render.plots.chart import Document
 from robacc.render.plots.stage_errors import STAGE_LABELS, STAGE_MEANINGS
 from robacc.render.plots.units import DEGREE, MICRORADIAN, Unit
 from robacc.render.text.numbers import measured, odds, p_value
+from robacc.render.text.units import table_unit
 
 _INDISTINGUISHABLE = 0.9999
 """Similarity from which two effects predict the same on the poses."""
@@ -138,15 +139,21 @@ def _remaining_error(document: Document) -> ReportSection:
         else f"no structure that any candidate explains ({p_value(unexplained['p_value'])})"
     )
     blocks: list[Block] = [Listing([*lines, *unexplained["hints"]])]
-    joints = [joint["name"] for joint in (document.get("robot") or {}).get("joints", ())]
+    joints = (document.get("robot") or {}).get("joints", ())
+    units = [table_unit("m" if joint["type"] == "prismatic" else "rad") for joint in joints]
+    names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
     for advice in document["next_poses"]:
         blocks.append(Text(advice["text"]))
         if advice["q"]:
             rows: list[Sequence[Cell]] = [
-                [str(number), *(f"{value:.3f}" for value in q), length(difference)]
+                [
+                    str(number),
+                    *(f"{value * factor:.2f}" for value, (factor, _) in zip(q, units, strict=True)),
+                    length(difference),
+                ]
                 for number, (q, difference) in enumerate(zip(advice["q"], advice["difference_m"], strict=True), 1)
             ]
-            blocks.append(Grid(("pose", *joints, "difference"), rows))
+            blocks.append(Grid(("pose", *names, "difference"), rows))
     missing = [f"{effect['effect']}: {effect['why']}" for effect in document["not_offered"]]
     if missing:
         blocks += [Text("Effects not tested on these data:"), Listing(missing)]

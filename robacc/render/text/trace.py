@@ -228,12 +228,18 @@ def _significance(probability: float) -> str:
 
 
 def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:
-    names = result.final.model.arm.names
+    arm = result.final.model.arm
+    units = [table_unit("rad" if arm.is_revolute(name) else "m") for name in arm.names]
+    names = [f"{name}, {unit}" for name, (_, unit) in zip(arm.names, units, strict=True)]
     for advice in result.next_poses:
         yield from wrapped(advice.text, width)
         if advice.q:
             rows = [
-                [str(number), *(f"{value:.3f}" for value in values), three_digits(difference * IN_MM)]
+                [
+                    str(number),
+                    *(f"{value * factor:.2f}" for value, (factor, _) in zip(values, units, strict=True)),
+                    three_digits(difference * IN_MM),
+                ]
                 for number, (values, difference) in enumerate(zip(advice.q, advice.difference, strict=True), 1)
             ]
             yield from columns(["pose", *names, "difference, mm"], rows)

@@ -210,7 +210,8 @@ def _promise(
     jacobian = bound.linearise(np.zeros(len(bound.names)), columns)[1][:3]
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     separate = model_uncertainty(arm, alone, full[1], measured=True).position
-    variance = _noise_variance(second, fit.noise[0], noise)
+    # Otherwise the unexplained error of the model contains the noise already.
+    variance = _noise_variance(second, fit.noise[0], noise) if fit.noise_is_separate else 0.0
     counts = np.array([index.size for index in second_rows])
     firsts = np.array([index[0] for index in second_rows])
     repeated = np.eye(3)[:, :, None] * (variance / counts)

@@ -198,7 +198,7 @@ def predict(
     aligned = effect_names(align)
     comparison = None
     if fit is not None and measured is not None:
-        prediction = replace(prediction, notes=(*prediction.notes, *coverage_notes(arm, fit, measured, seed)))
+        prediction = replace(prediction, notes=(*prediction.notes, *coverage_notes(arm, fit, measured, seed, aligned)))
     elif measured is not None:
         comparison = compare_with_measured(
             arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed

@@ -34,6 +34,7 @@ class AxisWobble(Effect):
 
     name = "axis_wobble"
     shares_terms = True
+    is_bounded = True
     about = About(
         summary="the joint's axis tilts as it turns: runout or ovality of its bearing",
         equation="alpha_j and beta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2",

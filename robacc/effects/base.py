@@ -74,6 +74,8 @@ class Effect(abc.ABC):
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
     extrapolates: ClassVar[str | None] = None
     """Physical reason why the effect goes on beyond its validity range; None if it stops there."""
+    is_bounded: ClassVar[bool] = False
+    """True if it is as large beyond its validity range as within: a periodic error."""
     missing_reasons: ClassVar[tuple[str, ...]] = ()
     """Every text that :meth:`missing` can return, except texts that name a part of a robot."""
 

@@ -31,6 +31,7 @@ class TransmissionError(Effect):
 
     name = "transmission_error"
     shares_terms = True
+    is_bounded = True
     about = About(
         summary="a periodic error of the joint: eccentricity (once, twice per turn), gear teeth, a strain-wave gear",
         equation="theta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2, the gear's orders, or orders found in the data",

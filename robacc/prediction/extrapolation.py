@@ -2,8 +2,9 @@
 
 Beyond its range a held effect keeps its value at the end, and the truth goes on. The squared difference of two distant
 values of a stationary function is twice its mean square, on average. So the scalar that the effect moves has this
-variance from a tenth of the range beyond its end; from a whole range on the standard deviation grows in proportion, for
-what is not stationary. Effects with a physical reason to go on (compliance, gear ratio) have none of it.
+variance from a tenth of the range beyond its end. From a whole range on the standard deviation grows in proportion,
+unless the effect is periodic, which bounds it. Effects with a physical reason to go on (compliance, gear ratio) have
+none of it.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def extrapolation(model: Model, data: Measurements) -> Array | None:
     variance: dict[int, Array] = {}
     for known in model.known:
         limits = {name: known.validity[name] for name in known.effect.held_drivers(model.arm, known.validity)}
-        growth = _growth(model.arm, data, limits)
+        growth = _growth(model.arm, data, limits, known.effect.is_bounded)
         if not growth.any():
             continue
         for motion, square in _mean_squares(model.arm, known, data, limits).items():
@@ -49,15 +50,15 @@ def extrapolation(model: Model, data: Measurements) -> Array | None:
     return result
 
 
-def _growth(arm: Arm, data: Measurements, limits: Validity) -> Array:
+def _growth(arm: Arm, data: Measurements, limits: Validity, bounded: bool) -> Array:
     """Return the standard deviation ``(n,)`` of a held effect over its size."""
     share = np.zeros(data.n)
     for name, (low, high) in limits.items():
         if (values := driver_values(arm, data, name)) is not None:
             excess = np.maximum(np.maximum(low - values, values - high), 0.0) / max(high - low, 1e-12)
             share = np.maximum(share, np.where(excess > MARGIN, excess, 0.0))
-    result: Array = np.maximum(np.minimum(share / _SHARE, 1.0), share)
-    return result
+    within: Array = np.minimum(share / _SHARE, 1.0)
+    return within if bounded else np.maximum(within, share)
 
 
 def _mean_squares(arm: Arm, known: Known, data: Measurements, limits: Validity) -> dict[int, float]:

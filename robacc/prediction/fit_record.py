@@ -25,6 +25,7 @@ _DOUBT = 2.6
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
 _ROUNDS = 20
+_FACTOR_ROUNDS = 4
 _LEAST_SURPLUS = 0.2
 """Least surplus of measured values over coefficients in a fold, as a share of all values, that its inflation uses."""
 _FEWEST = 20
@@ -62,6 +63,7 @@ def fit_record(
         repeatability=stds,
         unexplained=np.zeros((fit.residual.shape[0],) * 2),
         noise=(fit.noise.position, fit.noise.orientation),
+        noise_is_separate=False,
         bound_factor=(1.0, 1.0),
         largest_correction=_largest_correction(robot, nominal, data),
         ranges=_ranges(robot, data),
@@ -79,7 +81,7 @@ def fit_record(
     noise = _noise_variances(poses, fit, repeatability)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)
-    record = dataclasses.replace(record, unexplained=unexplained)
+    record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0)
     if held_out is None or poses.n < _FEWEST:
         return record
     compared = dataclasses.replace(compared, unexplained=unexplained)
@@ -231,15 +233,22 @@ def _positive(matrix: Array) -> Array:
 
 
 def _bound_factors(residual: Array, spread: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:
-    """Return the factors that put 95 % of the held-out residuals within their bounds; 1 where they do by chance."""
+    """Return the factors that put 95 % of the held-out residuals within their bounds; 1 where they do by chance.
+
+    A factor multiplies the model's standard deviations, not those of the measurement noise.
+    """
     factors = [1.0, 1.0]
     for i, (covariance, variance) in enumerate(zip((spread.position, spread.orientation), noise, strict=True)):
         if residual.shape[0] < 3 * i + 3:
             continue
-        total = covariance + variance * np.eye(3)[:, :, None]
-        radius = length_quantiles(_PROBABILITY, principal_variances(total))
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
-        factors[i] = _factor(length[radius > 0] / radius[radius > 0])
+        for _ in range(_FACTOR_ROUNDS):
+            total = factors[i] ** 2 * covariance + variance * np.eye(3)[:, :, None]
+            radius = length_quantiles(_PROBABILITY, principal_variances(total))
+            change = _factor(length[radius > 0] / radius[radius > 0])
+            factors[i] *= change
+            if change == 1.0:
+                break
     return factors[0], factors[1]
 
 

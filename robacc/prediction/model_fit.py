@@ -39,6 +39,8 @@ class ModelFit:
     """``(M, M)`` covariance of the unexplained error in the target's frame; M is 3 for positions alone, else 6."""
     noise: tuple[float, float | None]
     """Standard deviation of the measurement noise, m and rad."""
+    noise_is_separate: bool
+    """``unexplained`` has no measurement noise: the poses of the fit state it, or it was separated from the scatter."""
     bound_factor: tuple[float, float]
     """Factor of the bounds of position and orientation errors that gives them their coverage on held-out poses."""
     largest_correction: tuple[float, float]
@@ -56,7 +58,11 @@ class ModelFit:
             "nominal": {joint: dict(numbers) for joint, numbers in self.nominal.items()},
             "repeatability": dict(self.repeatability),
             "unexplained": [_text(row[: i + 1]) for i, row in enumerate(self.unexplained)],
-            "noise": {"position": self.noise[0], "orientation": self.noise[1]},
+            "noise": {
+                "position": self.noise[0],
+                "orientation": self.noise[1],
+                "separate": self.noise_is_separate,
+            },
             "bound_factor": {"position": self.bound_factor[0], "orientation": self.bound_factor[1]},
             "largest_correction": {
                 "position": self.largest_correction[0],
@@ -97,6 +103,7 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
         repeatability={joint: float(std) for joint, std in entry["repeatability"].items()},
         unexplained=_symmetric(entry["unexplained"]),
         noise=(float(noise["position"]), None if orientation is None else float(orientation)),
+        noise_is_separate=bool(noise.get("separate", False)),
         bound_factor=(float(factor["position"]), float(factor["orientation"])),
         largest_correction=(float(largest["position"]), float(largest["orientation"])),
         ranges={name: (float(low), float(high)) for name, (low, high) in entry["ranges"].items()},

@@ -214,7 +214,8 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """Draw, calibrate, correct, drive and judge one set."""
     study = Study(name, options.noise)
     row: dict[str, Any] = {"name": name, "effects": study.effects, "noise": study.noise, "known": study.known,
-                           "full": study.full, "poses": study.count, "kind": study.kind}  # fmt: skip
+                           "full": study.full, "poses": study.count, "kind": study.kind,
+                           "axes": len(study.arm.joints)}  # fmt: skip
     with tempfile.TemporaryDirectory() as temporary:
         folder = (options.keep / name) if options.keep else Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -282,8 +283,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         return {"sets": len(rows)}
     header = ("", "sets", "targets", "coverage", "bounds", "ratio", "worst", "true mm", "expected mm", "s")
     groups = {"all": good}
-    for key in (lambda row: "noise " + row["known"], lambda row: row["name"].split("-")[1],
-                lambda row: row["name"].split("-")[2], lambda row: "full" if row["full"] else "positions"):  # fmt: skip
+    for key in (lambda row: f"{row['axes']} axes", lambda row: "noise " + row["known"],
+                lambda row: row["name"].split("-")[1], lambda row: row["name"].split("-")[2],
+                lambda row: "full" if row["full"] else "positions"):  # fmt: skip
         groups |= tool.groups(good, key)
     for effect in EFFECTS:
         groups[effect] = [row for row in good if effect in row["effects"]]

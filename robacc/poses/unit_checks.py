@@ -63,7 +63,7 @@ class UnitChecks:
             f"these columns state no unit ({', '.join(sizes.values())})",
             self.line,
             compact([column.name for column in columns]),
-            "give `units`, for example mm,deg or m,rad",
+            "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg",
         )
         return frozenset(self.values.layout.joints())
 

@@ -74,7 +74,7 @@ def test_units_are_asked_for(read: Reader) -> None:
     (problem,) = problem_texts(read, text)
     assert problem == (
         "1, A1, A2, X, Y, Z: these columns state no unit (lengths up to 1000, joint variables up to 30); "
-        "give `units`, for example mm,deg or m,rad"
+        "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg"
     )
 
 

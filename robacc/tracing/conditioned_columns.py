@@ -240,7 +240,7 @@ class Family:
         grown = system.columns.shape[1] - self._places.size
         if grown > 0:
             self._places = np.concatenate((self._places, np.full(grown, -1)))
-        missing = numbers[self._places[numbers] < 0]
+        missing = np.unique(numbers[self._places[numbers] < 0])
         if missing.size:
             first, self._count = self._count, self._count + missing.size
             self._places[missing] = np.arange(first, self._count)
@@ -261,7 +261,8 @@ class Family:
         rows = self._add_products(conditioned.system, conditioned.active)
         # Rows of zeros for columns outside the model cost less than a copy of the products of those in it.
         root = np.zeros((self._count, conditioned.root.shape[1]))
-        root[rows] = conditioned.root
+        # Forms of an effect share columns, so that a model may have a column twice.
+        np.add.at(root, rows, conditioned.root)
         return np.asarray(root.T @ self._products[: self._count])
 
     def judge(self, conditioned: Conditioned, best_only: bool = False) -> Scores:

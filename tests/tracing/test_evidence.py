@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.linalg import null_space
 
-from robacc.tracing.conditioned_columns import Columns, Conditioned
+from robacc.tracing.conditioned_columns import Columns, Conditioned, Family
 from robacc.tracing.evidence import Scores, judge
 
 ROWS, BASE = 60, 8
@@ -161,3 +161,39 @@ def test_conditioning_with_a_prior_is_ridge_regression() -> None:
     np.testing.assert_allclose(found.blocks(np.array([[8, 9], [9, 8]]))[0], found.block(np.array([8, 9])), rtol=1e-12)
     np.testing.assert_allclose(found.rhs[8:], candidate.T @ (residual - hat @ residual), rtol=1e-9)
     assert found.dof == pytest.approx(ROWS - np.trace(hat), rel=1e-10)
+
+
+def test_new_parts_of_a_family_are_those_of_its_columns_built() -> None:
+    """Also where a column of the model is active twice, and in a model without some columns of a larger one."""
+    generator = np.random.default_rng(5)
+    n_rows, n_active, n_forms = 3, 7, 4
+    columns = generator.normal(size=(n_rows, n_active, 40))
+    system = Columns(columns, generator.normal(size=(n_rows, 40)))
+    shared = generator.normal(size=(n_rows, 40))
+    basis = generator.normal(size=(n_forms, 2, 40))
+    family = Family(system, shared, basis, False)
+    built = np.einsum("mn,bqn->mnbq", shared, basis).reshape(-1, n_forms * 2)
+    flat = np.moveaxis(columns, 1, 2).reshape(-1, n_active)
+
+    def new_parts(active: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        new = built - flat[:, active] @ np.linalg.lstsq(flat[:, active], built, rcond=None)[0]
+        rhs = new.T @ system.residual.reshape(-1)
+        gram = np.einsum("rbp,rbq->bpq", *(2 * [new.reshape(-1, n_forms, 2)]))
+        return gram, rhs.reshape(n_forms, 2)
+
+    model = Conditioned.on(system, [0, 1, 2, 3, 2, 3], np.zeros(6))
+    smaller = Conditioned.on(system, [0, 1, 4, 2], np.zeros(4)).without(np.array([4, 1]))
+    for conditioned, active in ((model, [0, 1, 2, 3]), (smaller, [0, 2]), (smaller, [0, 2])):
+        for found, expected in zip(conditioned.remaining(family), new_parts(active), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    pair = np.array([[5, 6]])
+    new = flat[:, 5:7] - flat[:, [0, 2]] @ np.linalg.lstsq(flat[:, [0, 2]], flat[:, 5:7], rcond=None)[0]
+    np.testing.assert_allclose(smaller.blocks(pair)[0], new.T @ new, rtol=1e-9)
+    np.testing.assert_allclose(
+        smaller.reduced.T @ smaller.reduced, flat.T @ flat - _remaining_gram(flat, [0, 2]), atol=1e-9
+    )
+
+
+def _remaining_gram(columns: np.ndarray, active: list[int]) -> np.ndarray:
+    new = columns - columns[:, active] @ np.linalg.lstsq(columns[:, active], columns, rcond=None)[0]
+    return np.asarray(new.T @ new)

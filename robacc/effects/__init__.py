@@ -17,6 +17,7 @@ from robacc.effects import (  # noqa: I001  the order is the catalogue's
     approach_lag as approach_lag,
     joint_compliance as joint_compliance,
     joint_hardening as joint_hardening,
+    compliance_variation as compliance_variation,
     lateral_compliance as lateral_compliance,
     payload_compliance as payload_compliance,
     base_compliance as base_compliance,

@@ -70,6 +70,8 @@ class Effect(abc.ABC):
     """True if forms of the effect have coefficients in common (order 1 alone, and with order 2)."""
     implausible_factor: ClassVar[float] = 10.0
     """Multiple of the largest usual size beyond which a coefficient is implausible."""
+    is_spring: ClassVar[bool] = False
+    """True if joints give way about their axes to the arm's own weight."""
     is_nonnegative: ClassVar[bool] = False
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
     extrapolates: ClassVar[str | None] = None

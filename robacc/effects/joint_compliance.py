@@ -29,6 +29,7 @@ class JointCompliance(Elastic):
 
     name = "joint_compliance"
     is_nonnegative = True
+    is_spring = True
     extrapolates = "Hooke's law: deflection in proportion to the torque"
     about = About(
         summary="the joint's gear gives way to the torque of the arm's own weight",

@@ -138,7 +138,9 @@ def describe_finding(
         partial_residuals(fitted, final, data),
         None if moved is None else float(np.sqrt(np.mean(np.square(moved)))),
         None if moved is None else float(np.max(moved)),
-        periodic_statement(effect, harmonics) if harmonics else fitted.statement(final.model.arm, values, between),
+        periodic_statement(effect, harmonics, search_result.effects)
+        if harmonics
+        else fitted.statement(final.model.arm, values, between),
         change,
     )
 

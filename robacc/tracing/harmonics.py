@@ -24,6 +24,8 @@ _MOST_NAMED = 6
 _ALIAS = 5.0
 """Evidence (log Bayes factor) within which another order is an alias (odds of 150 to 1)."""
 _MOST_ALIASES = 3
+_OF_COUNTERBALANCE = 2.5
+"""Order up to which a periodic error may come from a counterbalance."""
 _WEAK = 0.1
 """Share of the strongest harmonic's evidence below which a harmonic is not named."""
 
@@ -122,8 +124,29 @@ def named_harmonics(
     )
 
 
-def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic]) -> str | None:
-    """Return the origins of a periodic error's orders, or that it has none and is a profile."""
+def counterbalance_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: Sequence[Effect]) -> str | None:
+    """Return that a counterbalance has the shape of a periodic error; None unless its joint is a spring, too.
+
+    A spring or cylinder of free length L between points at radii a and b of the axis turns the joint by its compliance
+    times k a b sin(q + phi) (1 - L / sqrt(a^2 + b^2 + 2 a b cos(q + phi))): a function of the joint's angle alone,
+    which orders 1 and 2 describe over a range of 2 rad.
+    """
+    springs = [other for other in effects if other.is_spring and set(effect.joints) <= set(other.joints)]
+    if not springs or not harmonics or any(harmonic.order > _OF_COUNTERBALANCE for harmonic in harmonics):
+        return None
+    return (
+        f"beside {springs[0]}, a counterbalance across {effect.joints[0]} has this shape too: a spring or cylinder "
+        "whose torque follows the joint's angle, which the robot file does not state"
+    )
+
+
+def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: Sequence[Effect] = ()) -> str | None:
+    """Return the origins of a periodic error's orders, or that it has none and is a profile.
+
+    ``effects`` are all findings; a spring on the same joint makes a counterbalance a possible origin.
+    """
+    if text := counterbalance_statement(effect, harmonics, effects):
+        return text
     if effect.is_profile():
         known = [harmonic for harmonic in harmonics if harmonic.origin is not None]
         if not known:

@@ -114,7 +114,7 @@ HAS_IT_NOT = (
     {("read_back", name) for name in CONFIGURED}
     | {
         (effect, name)
-        for effect in ("friction_windup", "joint_hardening")
+        for effect in ("friction_windup", "joint_hardening", "compliance_variation")
         for name in ("irb1600", "scara")  # their masses are not published
     }
     | {("rail_errors", name) for name in ("irb1600", "panda", "puma560", "ur10")}

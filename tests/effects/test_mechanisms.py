@@ -73,6 +73,18 @@ def test_a_hardening_spring_is_found() -> None:
     assert at_largest == pytest.approx(-3e-4, rel=0.15)
 
 
+def test_a_spring_that_differs_with_the_angle_is_found() -> None:
+    angle = POSES.q[1]
+    turn = 8e-7 * TORQUES[1] * (1.0 + 0.3 * np.cos(2 * angle - 0.7))
+    data = measured(POSES, positions(turn), NOISE, 8)
+    effects = found(data)
+    assert sorted(map(str, effects)) == ["compliance_variation[j2]", "joint_compliance[j2]"]
+    values = coefficients(data, effects)
+    assert values["joint_compliance.j2"] == pytest.approx(8e-7, rel=0.05)
+    assert values["compliance_variation.j2.cos2"] == pytest.approx(2.4e-7 * np.cos(0.7), rel=0.2)
+    assert values["compliance_variation.j2.sin2"] == pytest.approx(2.4e-7 * np.sin(0.7), rel=0.2)
+
+
 def test_backlash_whose_flank_gravity_decides_is_found_although_the_approach_is_known() -> None:
     turn = 1.5e-4 * np.sign(TORQUES[1])
     data = measured(POSES, positions(turn), NOISE, 3, directed=True)

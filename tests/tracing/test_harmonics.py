@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from robacc.effects.base import effect_class
 from robacc.effects.transmission_error import TransmissionError
 from robacc.fitting.parameters import FittedParameter
-from robacc.tracing.harmonics import fitted_harmonics
+from robacc.tracing.harmonics import Harmonic, fitted_harmonics, periodic_statement
 
 
 def line_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float | None, float, float | None]:
@@ -34,3 +35,22 @@ def test_what_is_not_identified_has_no_error() -> None:
     values = np.array([3e-4, 4e-4])
     assert line_of(values, np.full((2, 2), np.nan))[1::2] == (None, None)
     assert line_of(np.zeros(2), np.eye(2))[1::2] == (None, None)
+
+
+def test_a_counterbalance_is_named_beside_the_spring_of_its_joint() -> None:
+    """Orders 1 and 2 describe the torque of a spring between two points over 2 rad; only a springy joint shows it."""
+    angle = np.linspace(-1.0, 1.0, 201)
+    a, b, free = 0.35, 0.25, 0.3
+    torque = a * b * np.sin(angle + 0.4) * (1 - free / np.sqrt(a**2 + b**2 + 2 * a * b * np.cos(angle + 0.4)))
+    waves = np.array([np.ones_like(angle), *(f(n * angle) for n in (1, 2) for f in (np.cos, np.sin))]).T
+    remainder = torque - waves @ np.linalg.lstsq(waves, torque, rcond=None)[0]
+    assert np.std(remainder) < 0.02 * np.std(torque)
+    wave = effect_class("transmission_error").from_settings(("j2",), {"orders": [1, 2]})
+    spring = effect_class("joint_compliance").from_settings(("j2",), {})
+    other = effect_class("joint_compliance").from_settings(("j3",), {})
+    low = [Harmonic(order, 1e-4, 1e-6, 0.0, 0.1) for order in (1.0, 2.0)]
+    text = periodic_statement(wave, low, (wave, other, spring))
+    assert text is not None
+    assert "beside joint_compliance[j2], a counterbalance across j2" in text
+    for effects, harmonics in (((wave, other), low), ((spring,), [*low, Harmonic(51.0, 1e-5, 1e-6, 0.0, 0.1)])):
+        assert "counterbalance" not in (periodic_statement(wave, harmonics, effects) or "")

@@ -15,6 +15,7 @@ from robacc.planning.power_design import ExpectedPower
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import fixed, three_digits
+from robacc.render.text.units import table_unit
 
 _IN_MM = 1e3
 _LISTED_PAIRS = 8
@@ -194,8 +195,12 @@ def _is_first_beyond(accuracy: ExpectedAccuracy, n: int) -> bool:
 
 def _coefficients(entries: Sequence[ExpectedCoefficient], width: int) -> Iterator[TextLine]:
     yield heading("Predicted standard errors")
-    rows = [(entry.name, three_digits(entry.std), entry.unit) for entry in entries if entry.std is not None]
-    yield from columns(("coefficient", "1 sd", "unit"), rows)
+    rows = []
+    for entry in entries:
+        if entry.std is not None:
+            factor, unit = table_unit(entry.unit)
+            rows.append((entry.name, three_digits(factor * entry.std), unit))
+    yield from columns(("coefficient", "standard error", "unit"), rows)
     missing = [entry.name for entry in entries if entry.std is None]
     if missing:
         yield from (TextLine(line.text, "dim") for line in wrapped(f"not identifiable: {', '.join(missing)}", width))
@@ -215,8 +220,10 @@ def _detectability(
         hidden += [limit.where for limit in family if limit.limit is None and limit.joints not in shown]
         if known:
             mean_power = statistics.mean(limit.power for limit in family)
-            limits = (f"{known[0].limit:.1e}", f"{known[-1].limit:.1e}" if len(known) > 1 else "")
-            rows.append((name, *limits, known[0].unit, f"{known[0].usual:.1e}", fixed(mean_power, 2)))
+            factor, unit = table_unit(known[0].unit)
+            sizes = [factor * (limit.limit or 0.0) for limit in (known[0], known[-1])]
+            limits = (f"{sizes[0]:.1e}", f"{sizes[1]:.1e}" if len(known) > 1 else "")
+            rows.append((name, *limits, unit, f"{factor * known[0].usual:.1e}", fixed(mean_power, 2)))
     yield from columns(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     notes = ["limit: size found with probability 1/2; power: probability that the usual size is found"]
     if power is not None and random_power is not None:

@@ -222,7 +222,7 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
         return {effect["name"]: effect["why"] for effect in found["effects"]}
 
     robot = offers("--robot", SCARA)
-    without = {"joint_hardening", "friction_windup"}  # the file has no masses
+    without = {"joint_hardening", "friction_windup", "compliance_variation"}  # the file has no masses
     assert {name: why for name, why in robot.items() if why} == dict.fromkeys(without, "no masses in the robot file")
     both = offers("--robot", SAMPLES / "trace" / "robot.yaml", "--poses", SAMPLES / "trace" / "poses.csv")
     assert both["payload_compliance"] == "no payload_kg column"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arms import arm, circumstances
+from arms import arm, circumstances, suited
 
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects import REGISTRY
@@ -185,11 +185,12 @@ def test_an_effect_without_a_single_driver_is_held_against_itself() -> None:
 
 
 def test_every_effect_of_a_joint_has_a_driver() -> None:
-    robot_arm = arm("puma560")
-    data = circumstances(robot_arm.robot, 40)
     for name, cls in REGISTRY.items():
         if cls.per_joint and name not in ("link_geometry", "lateral_compliance", "step"):
-            effect = next(iter(cls.candidates(robot_arm, data)))
+            robot_arm = suited(name, arm("puma560"))
+            data = circumstances(robot_arm.robot, 40)
+            default = cls.default(robot_arm, data, cls.possible_joints(robot_arm)[:1])
+            effect = next(iter(cls.candidates(robot_arm, data)), default)
             driver = effect.driver(robot_arm, data, effect.joints[0])
             assert driver is not None, name
             assert driver.values.shape == (40,)

@@ -220,8 +220,10 @@ def test_usage_errors() -> None:
     data = Measurements(position=np.zeros((3, 2)), commanded_position=np.zeros((3, 2)))
     with pytest.raises(UsageError, match="frame tool needs the commanded orientation"):
         estimate(data, frame="tool")
-    with pytest.raises(UsageError, match="the poses have no commanded positions: give `robot`"):
+    with pytest.raises(UsageError, match="the poses have no commanded positions: give `commanded`, a robot program"):
         estimate(Measurements(position=np.zeros((3, 2))))
+    with pytest.raises(UsageError, match="the poses have no commanded positions: give `robot`"):
+        estimate(Measurements(position=np.zeros((3, 2)), q=np.zeros((3, 2))))
     with pytest.raises(UsageError, match="cannot align backlash; choose among base_frame, tool_frame"):
         estimate(dataclasses.replace(data, q=np.zeros((3, 2))), dh_robot(), align=("backlash",))
     with pytest.raises(UsageError, match=r"add the columns cmd_qw.*or use `align` with base_frame alone"):

@@ -223,7 +223,7 @@ def test_poses_without_joints_and_a_robot_that_is_none(files: Path, tmp_path: Pa
     bare.write_text("x,y,z\n1,2,3\n", encoding="utf-8")
     done = run("trace", str(bare), "--robot", str(files / "arm.yaml"))
     assert done.exit_code == 3
-    assert "column q1 is missing" in done.stderr
+    assert "or add columns q1 … q6 (joint variables)" in done.stderr
     bare.write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n", encoding="utf-8")
     done = run("trace", str(bare), "--robot", str(files / "arm.yaml"))
     assert done.exit_code == 2

@@ -27,7 +27,7 @@ def test_it_is_short() -> None:
 
 
 def test_the_example_asks_for_the_accuracy_then_for_the_cause_and_closes_the_loop() -> None:
-    loop = ["estimate", "trace", "simulate", "correct", "simulate", "estimate"]
+    loop = ["estimate", "trace", "simulate", "simulate", "estimate", "correct", "simulate", "estimate"]
     assert [shown.command.split()[:2] for shown in EXAMPLE] == [["robacc", name] for name in loop]
 
 

@@ -16,7 +16,7 @@ def robots(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """List the arms that come with the package; --robot NAME of every command takes one.
+    """List the arms that come with the package; every command takes one as --robot NAME.
 
     Each is the nominal model of a data sheet: register it to your measurements, and check its limits and tool.
 

@@ -104,10 +104,10 @@ def correct_program(
     if numbers:
         groups.append((numbers, Measurements(np.zeros((3, len(numbers))), q=q)))
     if cartesian.numbers:
-        kept, q_start, refused = _configured(program, cartesian, flange_arm)
+        solved, q_start, refused = _configured(program, cartesian, flange_arm)
         unchanged += refused
-        if kept.size:
-            groups.append((tuple(cartesian.numbers[i] for i in kept), _wanted(cartesian, kept, q_start)))
+        if solved.size:
+            groups.append((tuple(cartesian.numbers[i] for i in solved), _wanted(cartesian, solved, q_start)))
     for group, data in groups:
         result = correct(data, model=arm, nominal=flange_arm, frame="base", **options)
         results.append(result)
@@ -125,18 +125,19 @@ def correct_program(
     return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(sorted(unchanged)))
 
 
-def _wanted(targets: FlangeTargets, kept: NDArray[np.int64], q: Array | None) -> Measurements:
-    """Return Cartesian targets as commanded poses, with the joints that choose their configurations."""
-    position, rotation = targets.flange.translation[:, kept], targets.flange.rotation[..., kept]
+def _wanted(targets: FlangeTargets, index: NDArray[np.int64], q: Array | None) -> Measurements:
+    """Return the targets ``index`` as commanded poses, with joints ``(J, N)`` that choose their configurations."""
+    position, rotation = targets.flange.translation[:, index], targets.flange.rotation[..., index]
     return Measurements(np.zeros_like(position), q=q, commanded_position=position, commanded_rotation=rotation)
 
 
 def _configured(
     program: Program, targets: FlangeTargets, flange_arm: Robot
 ) -> tuple[NDArray[np.int64], Array | None, list[tuple[int, str, str]]]:
-    """Return the Cartesian targets that keep their configuration, joints ``(J, N)`` in it, and the others.
+    """Return the targets with a solution in their configuration, ``(N,)`` and joints ``(J, N)``, and those without.
 
-    Without a configuration that is read, the joints are those of the last joint target before.
+    A target without a solution has its line, name and reason. Where no configuration is read, the joints are those of
+    the last joint target before.
     """
     before = _joints_before(program, targets.numbers)
     chosen = [program.targets[i] for i in targets.numbers]
@@ -148,7 +149,7 @@ def _configured(
     limits, revolute = joint_ranges(arm), np.array([joint.type == "revolute" for joint in variables])
     solutions = inverse_kinematics(arm, targets.flange, starts=_STARTS)
     result = np.zeros((len(variables), len(chosen)))
-    refused, kept = [], []
+    refused, solved = [], []
     previous = np.zeros(len(variables))
     for i, (target, window) in enumerate(zip(chosen, windows, strict=True)):
         q, usable = solutions.q[:, i], solutions.converged[i]
@@ -163,8 +164,8 @@ def _configured(
             continue
         distance = np.sum(np.square(q - previous[:, None]), axis=0)
         previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
-        kept.append(i)
-    index = np.array(kept, dtype=np.int64)
+        solved.append(i)
+    index = np.array(solved, dtype=np.int64)
     return index, result[:, index], refused
 
 

@@ -93,8 +93,8 @@ def load_collisions(robot: StrPath | Robot, base_link: str | None, tip_link: str
     """Return the test for collisions of the links' shapes in a URDF.
 
     Raises:
-        InputError: A mesh is not there or cannot be read.
-        UsageError: The robot is no URDF, has no collision geometry, or the extra ``collision`` is not installed.
+        InputError: A mesh is missing or cannot be read.
+        UsageError: The robot is not a URDF, has no collision geometry, or the extra ``collision`` is not installed.
     """
     arm, _ = load_robot(robot, base_link, tip_link)
     if isinstance(robot, Robot) or arm.convention != "urdf":
@@ -167,6 +167,6 @@ def checked_payloads(payloads: Sequence[float]) -> tuple[float, ...]:
         if not 0 <= mass < math.inf:
             raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
     if len(set(masses)) < len(masses) or len(masses) > _MOST_PAYLOADS:
-        found = ", ".join(f"{mass:g}" for mass in masses)
-        raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {found}")
+        listed = ", ".join(f"{mass:g}" for mass in masses)
+        raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
     return tuple(masses)

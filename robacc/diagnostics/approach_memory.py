@@ -2,9 +2,10 @@
 
 Play without memory has two values, given by the approach. Where friction and springs act together (hysteresis), the
 joint also remembers the load of the visit before: the error follows the sign of the change of gravity's torque. That
-sign depends on the present pose too; polynomials of the torque's and the joint's ranks take that dependence out of it.
-The rest is independent of the residual of a complete model, so the sum of their products, over the root of the sum of
-their squares, is a standard Gaussian to good accuracy (as in :mod:`robacc.diagnostics.residual_correlation`).
+sign depends on the present pose too, so its least-squares fit by polynomials of the ranks of torque and joint is
+subtracted. The difference is independent of the residual of a complete model. The sum of their products, over the root
+of the sum of the squared products, is then a standard Gaussian to good accuracy (as in
+:mod:`robacc.diagnostics.residual_correlation`).
 
 Source of the mechanism: M. Ruderman, F. Hoffmann, T. Bertram, "Modeling and identification of elastic robot joints with
 hysteresis and backlash", IEEE Trans. Industrial Electronics 56 (2009) 3840-3847.
@@ -29,7 +30,7 @@ _FEWEST = 30
 _DEGREE = 4
 """Degree of the polynomials of ranks."""
 _LARGEST = 7.0
-"""Largest error, over the median of their sizes: accidents of the instrument count no more than that."""
+"""Limit of an error's size, over the median of all sizes: an accident of the instrument counts as the limit."""
 
 
 def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[str, float]:
@@ -45,27 +46,30 @@ def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[
     follows = before >= 0
     if np.count_nonzero(follows) < _FEWEST:
         return {}
-    now, last = order[follows], order[before[follows]]
+    present, previous = order[follows], order[before[follows]]
     torque = gravity_torques(fit.model.arm, data.q)
-    columns = joint_columns(fit.model, data.subset(now))[:3]
+    columns = joint_columns(fit.model, data.subset(present))[:3]
     result = {}
     for joint in joints:
         number = fit.model.arm.number(joint)
         column = columns[:, number]
-        error = np.einsum("mn,mn->n", column, fit.residual[:3, now])
+        error = np.einsum("mn,mn->n", column, fit.residual[:3, present])
         error = error / np.maximum(np.linalg.norm(column, axis=0), 1e-12)
         limit = _LARGEST * float(np.median(np.abs(error)))
         error = np.clip(error, -limit, limit)
-        change = np.sign(torque[number, now] - torque[number, last])
-        known = [_polynomials(torque[number, now]), _polynomials(data.q[number, now])[1:]]
+        change = np.sign(torque[number, present] - torque[number, previous])
+        regressors = [_polynomials(torque[number, present]), _polynomials(data.q[number, present])[1:]]
         if data.direction is not None:
-            known.append(data.direction[number, now][None])
-        result[joint] = _p_value(_without(change, np.concatenate(known)), error)
+            regressors.append(data.direction[number, present][None])
+        result[joint] = _p_value(_without(change, np.concatenate(regressors)), error)
     return result
 
 
 def previous_visit(q: Array) -> NDArray[np.int64]:
-    """Return ``(N,)`` the last column of ``(J, N)`` before each column that differs from it; -1 for the first run."""
+    """Return for each column of ``(J, N)`` the number ``(N,)`` of the last earlier column that differs from it.
+
+    It is -1 for the first column and its repeats.
+    """
     changed = np.zeros(q.shape[1], dtype=bool)
     changed[1:] = np.any(q[:, 1:] != q[:, :-1], axis=0)
     start = np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0))
@@ -73,7 +77,7 @@ def previous_visit(q: Array) -> NDArray[np.int64]:
 
 
 def _in_sequence(data: Measurements) -> NDArray[np.int64]:
-    """Return the order of rows by time, or as they stand."""
+    """Return the numbers ``(N,)`` of the rows in order of time; in order of the file without times."""
     return np.arange(data.n) if data.time is None or data.ordered else np.argsort(data.time, kind="stable")
 
 
@@ -84,14 +88,14 @@ def _polynomials(values: Array) -> Array:
     return np.asarray(np.polynomial.chebyshev.chebvander(scaled, _DEGREE).T, dtype=np.float64)
 
 
-def _without(values: Array, known: Array) -> Array:
+def _without(values: Array, regressors: Array) -> Array:
     """Return ``(N,)`` values without their least-squares fit by the rows of ``(K, N)``."""
-    coefficients = np.linalg.lstsq(known.T, values, rcond=None)[0]
-    return np.asarray(values - coefficients @ known, dtype=np.float64)
+    coefficients = np.linalg.lstsq(regressors.T, values, rcond=None)[0]
+    return np.asarray(values - coefficients @ regressors, dtype=np.float64)
 
 
 def _p_value(regressor: Array, error: Array) -> float:
-    """Return the two-sided p-value of a self-normalised sum of products."""
+    """Return the two-sided p-value of the self-normalised sum of products of two series ``(N,)``."""
     products = regressor * error
     root_sum_square = float(np.sqrt(np.sum(np.square(products))))
     if root_sum_square == 0.0:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from robacc.effects.base import effect_class
+from robacc.effects.read_back import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.solver import fit
@@ -20,7 +21,7 @@ _UNDECIDED = 0.25
 
 
 def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
-    """Yield which joints the measured positions follow, if the file has both; nothing if a finding says it."""
+    """Yield which joints the measured positions follow, if the file has both; nothing if the model has `read_back`."""
     model = final.model
     cls = effect_class(READ_BACK)
     if cls.missing(model.arm, data) is not None or any(effect.name == READ_BACK for effect in model.free):
@@ -38,7 +39,13 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
     if not np.isfinite(std) or std > _UNDECIDED:
         yield f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used"
         return
+    cause = "the joints were read before the arm had settled"
+    if share >= FOLLOWED_SHARE:
+        cause = (
+            "the arm was measured before it had settled, or it stands off its command; give the joints read back as "
+            "q1 … qN"
+        )
     yield (
         f"{start}; the measured positions follow them by a share of {share:.2f} ± {std:.2f}: the commanded joints are "
-        "used, and the joints were read before the arm had settled"
+        f"used, and {cause}"
     )

@@ -21,12 +21,14 @@ from robacc.measurements import Measurements
 _DIGITS = range(5)
 """Decimals of degrees, mm, rad and m that a step may have."""
 _UNITS = {"revolute": (("degrees", math.pi / 180), ("rad", 1.0)), "prismatic": (("mm", 1e-3), ("m", 1.0))}
-_EXACT = 1e-4
+_WHOLE_TOLERANCE = 1e-4
 """Largest deviation from whole steps, in steps: the rounding of a file that has the variables in another unit."""
 _FEWEST = 12
 """Different values of a joint from which whole steps are no accident."""
 _EVIDENT = 5.0
 """Gain in log-likelihood from which the residual shows the rounding (odds of 150 to 1)."""
+_LEAST_RESIDUAL = 1e-3
+"""Least residual, over the size of the rounding, that can show it; exact data make the covariances singular."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
 """Noise that is tried, over the root mean square of the residual."""
 
@@ -40,11 +42,11 @@ class Rounding:
     std: Array
     """``(J,)`` standard deviation of each joint, rad or m."""
     position: float
-    """Root mean square of its length at the target, m."""
+    """RMS displacement of the target that the rounding causes, m."""
 
     @property
     def warning(self) -> str:
-        """Return what to do."""
+        """Return the warning: the step, its size at the target, and what to do."""
         return (
             f"the joint variables are rounded to {self.step}, which moves the target by {1e3 * self.position:.2g} mm "
             "rms; it counts as scatter of the joints; record more digits"
@@ -57,8 +59,8 @@ def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
         return None
     steps = [(size / 10**digits, digits, unit) for unit, size in _UNITS[kind] for digits in _DIGITS]
     for step, digits, unit in sorted(steps, reverse=True):
-        whole = values / step
-        if np.all(np.abs(whole - np.round(whole)) <= _EXACT):
+        multiples = values / step
+        if np.all(np.abs(multiples - np.round(multiples)) <= _WHOLE_TOLERANCE):
             return step, f"{10.0**-digits:g} {unit}"
     return None
 
@@ -68,21 +70,23 @@ def evident_rounding(fit: Fit, data: Measurements) -> Rounding | None:
     if data.q is None:
         return None
     arm = fit.model.arm
-    found = [
+    steps = [
         joint_step(row, "revolute" if arm.is_revolute(name) else "prismatic")
         for name, row in zip(arm.names, data.q, strict=True)
     ]
-    present = [item for item in found if item is not None]
+    present = [step for step in steps if step is not None]
     if not present:
         return None
-    std = np.array([0.0 if item is None else item[0] for item in found]) / math.sqrt(12.0)
+    std = np.array([0.0 if step is None else step[0] for step in steps]) / math.sqrt(12.0)
     rows = np.flatnonzero(fit.inliers)
     columns = joint_columns(fit.model, data.subset(rows))[:3] * std[:, None]
     residual = fit.residual[:3, rows]
     covariance = np.einsum("ajn,bjn->nab", columns, columns)
+    position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
+    if np.sqrt(np.mean(np.sum(np.square(residual), axis=0))) <= _LEAST_RESIDUAL * position:
+        return None
     if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < _EVIDENT:
         return None
-    position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
     return Rounding(max(present)[1], std, position)
 
 
@@ -93,7 +97,7 @@ def rounding_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
 
 
 def _likelihood(residual: Array, covariance: Array) -> float:
-    """Return the largest log-likelihood of ``(3, N)`` for covariances ``(N, 3, 3)`` and white noise beside them."""
+    """Return the largest log-likelihood of ``(3, N)`` for covariances ``(N, 3, 3)`` plus white noise, in m and m²."""
     size = float(np.sqrt(np.mean(np.square(residual))))
     best = -np.inf
     for share in _SHARES:

@@ -8,9 +8,10 @@ from typing import Any
 
 from robacc.documents.poses import robot_document, rounded
 from robacc.planning.acceptance import NeededPoses
-from robacc.planning.campaign import CampaignPlan
+from robacc.planning.campaign import CampaignPlan, PayloadBlock
+from robacc.planning.collisions import LinkCollisions
 from robacc.planning.detectability import Detectability
-from robacc.planning.expected import AccuracyPoint, ExpectedAccuracy
+from robacc.planning.expected import AccuracyPoint, ExpectedAccuracy, Sufficiency, Worth
 from robacc.planning.feasibility import targets_in_base
 from robacc.planning.route import Route
 from robacc.robots.description import Frame
@@ -18,18 +19,13 @@ from robacc.robots.description import Frame
 
 def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
     """Return the keys of a plan; ``csv`` is the file of the visits."""
-    visits = plan.visits()
-    assert visits.pose is not None
-    assert visits.direction is not None
-    assert visits.speed is not None
-    constraints = plan.settings.constraints
-    collisions, sight = constraints.collisions, constraints.sight
+    sight = plan.settings.constraints.sight
     in_base = dataclasses.replace(plan.robot, base=Frame())
     return {
         "purpose": plan.settings.purpose,
         "criterion": plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
         "n_poses": int(plan.chosen.size),
-        "n_visits": visits.n,
+        "n_visits": len(plan.route.roles),
         "fit": plan.settings.fit,
         "candidates": {
             "source": plan.candidates.source,
@@ -37,12 +33,7 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
             "feasible": plan.candidates.n_poses,
             "excluded": [dataclasses.asdict(entry) for entry in plan.candidates.excluded],
         },
-        "collisions": None
-        if collisions is None
-        else {
-            "pairs": [[collisions.shapes[i].link for i in pair] for pair in collisions.pairs],
-            "overlapping": [list(pair) for pair in collisions.overlapping],
-        },
+        "collisions": _collisions(plan.settings.constraints.collisions),
         "noise": {
             "position_m": plan.noise.position,
             "orientation_rad": plan.noise.orientation,
@@ -51,59 +42,91 @@ def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
             "unexplained_m": plan.noise.unexplained,
             "source": plan.noise.source,
         },
-        "visits": {
-            "pose": [str(name) for name in visits.pose],
-            "role": list(plan.route.roles),
-            "q": rounded(plan.q),
-            "direction": visits.direction.T.astype(int),
-            "speed": rounded(visits.speed),
-            "payload_kg": plan.payload_kg,
-            "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
-        },
+        "visits": _visits(plan),
         "route": _route(plan.route),
-        "payloads": [
-            {
-                "payload_kg": block.payload,
-                "first_visit": block.first,
-                "n_visits": block.n_visits,
-                "n_poses": block.n_poses,
-            }
-            for block in plan.payload_blocks
-        ],
-        "validation": None
-        if plan.validation is None
-        else {
-            "q": rounded(plan.validation),
-            "payload_kg": plan.validation_payload,
-            "target_in_base_m": rounded(targets_in_base(plan.robot, plan.validation)),
-        },
+        "payloads": [_payload_block(block) for block in plan.payload_blocks],
+        "validation": _validation(plan),
         "instrument_in_base_m": None if sight is None else list(sight.position),
         "robot": robot_document(in_base, plan.q),
         "coefficients": [dataclasses.asdict(entry) for entry in plan.coefficients],
         "correlations": [dataclasses.asdict(pair) for pair in plan.correlations],
         "accuracy": None if plan.accuracy is None else _accuracy(plan.accuracy),
-        "worth": None
-        if plan.worth is None
-        else {
-            "new_poses_rms_m": plan.worth.new_poses,
-            "repeated_poses_rms_m": plan.worth.repeated_poses,
-            "readings_rms_m": plan.worth.readings,
-            "verdict": plan.worth.verdict,
-        },
+        "worth": None if plan.worth is None else _worth(plan.worth),
         **_detectability(plan.detectability),
         "power": _power(plan),
         "needed_poses": [_needed(entry) for entry in plan.needed],
-        "sufficiency": None
-        if plan.sufficiency is None
-        else {
-            "n_already": plan.sufficiency.n,
-            "enough": plan.sufficiency.enough,
-            "why": plan.sufficiency.why,
-            "now_m": plan.sufficiency.now,
-            "later_m": plan.sufficiency.later,
-            "of_model": plan.sufficiency.of_model,
-        },
+        "sufficiency": None if plan.sufficiency is None else _sufficiency(plan.sufficiency),
         "file_sha256": sha256(csv.encode()).hexdigest(),
+    }
+
+
+def _collisions(collisions: LinkCollisions | None) -> dict[str, Any] | None:
+    """Return the pairs of links that are checked, and those that overlap; None without a check."""
+    if collisions is None:
+        return None
+    return {
+        "pairs": [[collisions.shapes[i].link for i in pair] for pair in collisions.pairs],
+        "overlapping": [list(pair) for pair in collisions.overlapping],
+    }
+
+
+def _visits(plan: CampaignPlan) -> dict[str, Any]:
+    """Return the visits in order, in m and rad."""
+    visits = plan.visits()
+    assert visits.pose is not None
+    assert visits.direction is not None
+    assert visits.speed is not None
+    return {
+        "pose": [str(name) for name in visits.pose],
+        "role": list(plan.route.roles),
+        "q": rounded(plan.q),
+        "direction": visits.direction.T.astype(int),
+        "speed": rounded(visits.speed),
+        "payload_kg": plan.payload_kg,
+        "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
+    }
+
+
+def _payload_block(block: PayloadBlock) -> dict[str, float]:
+    """Return the visits with one payload."""
+    return {
+        "payload_kg": block.payload,
+        "first_visit": block.first,
+        "n_visits": block.n_visits,
+        "n_poses": block.n_poses,
+    }
+
+
+def _validation(plan: CampaignPlan) -> dict[str, Any] | None:
+    """Return the validation poses, in m and rad; None without any."""
+    if plan.validation is None:
+        return None
+    return {
+        "q": rounded(plan.validation),
+        "payload_kg": plan.validation_payload,
+        "target_in_base_m": rounded(targets_in_base(plan.robot, plan.validation)),
+    }
+
+
+def _worth(worth: Worth) -> dict[str, Any]:
+    """Return the predicted errors of more measurements, m rms."""
+    return {
+        "new_poses_rms_m": worth.new_poses,
+        "repeated_poses_rms_m": worth.repeated_poses,
+        "readings_rms_m": worth.readings,
+        "verdict": worth.verdict,
+    }
+
+
+def _sufficiency(sufficiency: Sufficiency) -> dict[str, Any]:
+    """Return whether the poses measured so far are enough, with the predicted errors, m."""
+    return {
+        "n_already": sufficiency.n,
+        "enough": sufficiency.enough,
+        "why": sufficiency.why,
+        "now_m": sufficiency.now,
+        "later_m": sufficiency.later,
+        "of_model": sufficiency.of_model,
     }
 
 

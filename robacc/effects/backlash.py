@@ -139,7 +139,10 @@ class Backlash(Effect):
         unknown = dict(settings)
         by, friction = unknown.pop("by", "approach"), unknown.pop("friction_nm", 0.0)
         if unknown or by not in ("approach", "gravity"):
-            raise ValueError(f"{cls.name} knows the setting by: approach or gravity, found {dict(settings)!r}")
+            raise ValueError(
+                f"{cls.name} knows the setting by: approach or gravity, and friction_nm with by: gravity; "
+                f"found {dict(settings)!r}"
+            )
         if isinstance(friction, bool) or not isinstance(friction, int | float) or not 0 <= friction < math.inf:
             raise ValueError(f"{cls.name}: friction_nm must be a number of at least 0, found {friction!r}")
         if friction and by != "gravity":
@@ -152,7 +155,8 @@ class Backlash(Effect):
         """Return that the load decides the flank, if it does."""
         if self.by == "approach":
             return None
-        friction = f"; below {self.friction:.3g} N m it stays on the flank of its approach" if self.friction else ""
+        unit = "N m" if arm.is_revolute(self.joints[0]) else "N"
+        friction = f"; below {self.friction:.3g} {unit} it stays on the flank of its approach" if self.friction else ""
         return (
             f"the gear rests on the flank that gravity presses it to{friction}: it jumps where the torque changes sign"
         )

@@ -26,21 +26,21 @@ def with_effect_units(robot: Robot, length: float = 1.0, angle: float = 1.0) -> 
     arm = Arm.of(robot)
 
     def converted(effects: Sequence[Mapping[str, Any]]) -> tuple[Mapping[str, Any], ...]:
-        entries = known_effects(dataclasses.replace(robot, effects=tuple(effects)))
-        return tuple(_entry(arm, known, length, angle) for known in entries)
+        stated = known_effects(dataclasses.replace(robot, effects=tuple(effects)))
+        return tuple(_entry(arm, entry, length, angle) for entry in stated)
 
     if campaign is not None:
         campaign = dataclasses.replace(campaign, effects=converted(campaign.effects))
     return dataclasses.replace(robot, effects=converted(robot.effects), effect_units=(length, angle), campaign=campaign)
 
 
-def _entry(arm: Arm, known: Known, length: float, angle: float) -> dict[str, Any]:
-    """Return the entry of an effect, whose values are in SI, in other units."""
-    effect = known.effect.from_units(arm, 1 / length, 1 / angle)
-    sizes = {term.name: unit_size(term, length, angle) for term in known.effect.terms(arm, every_column(arm))}
-    values = {name: value / sizes[name] for name, value in known.values.items()}
+def _entry(arm: Arm, stated: Known, length: float, angle: float) -> dict[str, Any]:
+    """Return the entry of an effect, whose values are in SI, in units of ``length`` m and ``angle`` rad."""
+    effect = stated.effect.from_units(arm, 1 / length, 1 / angle)
+    sizes = {term.name: unit_size(term, length, angle) for term in stated.effect.terms(arm, every_column(arm))}
+    values = {name: value / sizes[name] for name, value in stated.values.items()}
     validity = {}
-    for name, (low, high) in known.validity.items():
+    for name, (low, high) in stated.validity.items():
         unit = driver_unit(arm, name) if name in arm.names else ""
         size = {"rad": angle, "m": length}.get(unit, 1.0)
         validity[name] = (low / size, high / size)

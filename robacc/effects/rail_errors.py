@@ -19,7 +19,7 @@ from robacc.robots.arm import Arm
 _DEGREE = 8
 """Highest degree of the Chebyshev polynomials along the travel."""
 _ROW_LABELS = {"a": "x", "d": "z", "alpha": "roll", "beta": "pitch", "theta": "yaw"}
-"""Motions of a table's row that stand for those of the carriage."""
+"""Motions of a DH table's row, and the labels of the carriage's motions that they stand for."""
 
 
 @register
@@ -72,14 +72,14 @@ class RailErrors(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield each slide that carries the arm: those before the first rotary joint."""
+        """Yield the effect for each slide that carries the arm: those before the first rotary joint."""
         for joint in arm.names:
             if arm.is_revolute(joint):
                 return
             yield cls.default(arm, data, (joint,))
 
     def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` has the same slide, over any travel."""
+        """Return whether ``other`` is of the same slide, over any travel."""
         return isinstance(other, RailErrors) and self.joints == other.joints
 
     def search_key(self) -> tuple[Any, ...]:
@@ -130,7 +130,7 @@ class RailErrors(Effect):
 
 
 def _carriage(arm: Arm, joint: str) -> dict[str, int]:
-    """Return the motions of a slide's carriage, by label: shifts x, y, z and turns."""
+    """Return the numbers of the motions of a slide's carriage by label: shifts x, y, z; turns roll, pitch, yaw."""
     owner = arm.owners[arm.number(joint)]
     if arm.robot.convention == "urdf":
         motions = {label: arm.chain.find(owner, motion) for label, motion in FRAME_LABELS.items()}

@@ -13,7 +13,7 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 _COLUMNS = "read_q1 … read_qN"
-_FOLLOWS = 0.5
+FOLLOWED_SHARE = 0.5
 """Share from which the joints read back describe the arm better than those commanded."""
 
 
@@ -73,7 +73,7 @@ class ReadBack(Effect):
     ) -> str | None:
         """Return which joints the measured positions follow, and what to do."""
         share = values.get(self.name, 0.0)
-        if share < _FOLLOWS:
+        if share < FOLLOWED_SHARE:
             return (
                 f"the measured positions follow the joints read back by a share of {share:.2g} only: the joints were "
                 "read before the arm had settled; read and measure at the same time"
@@ -85,5 +85,6 @@ class ReadBack(Effect):
         )
 
     def _difference(self, data: Measurements) -> Array:
+        """Return the joints read back minus those commanded, ``(J, N)``, rad or m."""
         result: Array = needed(data.read_back, _COLUMNS, self.name) - commanded(data, self.name)
         return result

@@ -25,6 +25,7 @@ _FEWEST_NUMBERS = 2
 _ABOVE = 3
 """Lines above the first row in which its header is looked for: names, and units in a line of their own."""
 _UNIT_BEHIND = re.compile(r"\s*[\[(<{][^\])>}]*[\])>}]\s*$")
+"""Unit in brackets at the end of a name."""
 _UNIT_FIELD = re.compile(
     r"[\[(<{]?\s*(m|mm|um|µm|μm|in|inch|rad|mrad|deg|degrees?|°|s|ms|sec|kg|°C|degC|C|-|)\s*[\])>}]?"
 )
@@ -186,9 +187,9 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
 
 
 def _with_groups(names: tuple[str, ...], above: Sequence[str], dialect: TableDialect) -> tuple[str, ...]:
-    """Return names that stand several times with the group in the line above: ``Position X``, ``Rotation X``.
+    """Return names with their group in the line above where a name is repeated: ``Position X``, ``Rotation X``.
 
-    A group holds for the columns to its right that have none.
+    A group applies to the columns to its right up to the next group.
     """
     for line in reversed(above[-_ABOVE:]):
         stems = [_UNIT_BEHIND.sub("", name) for name in names]

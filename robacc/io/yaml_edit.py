@@ -16,9 +16,10 @@ from robacc.io.yaml_nodes import compose, is_null
 from robacc.quantities import significant
 
 _WIDTH = 120
+"""Characters of a line of new text."""
 
 
-def edited(text: str, document: Mapping[str, Any], file: str, *, whole: Collection[str] = ()) -> str:
+def edited(text: str, document: Mapping[str, Any], file: str, *, rewritten: Collection[str] = ()) -> str:
     """Return the text of a YAML file with the values of ``document``.
 
     A number keeps its text where it is the same to twelve digits. A key that only the file has stays. A key that the
@@ -29,25 +30,25 @@ def edited(text: str, document: Mapping[str, Any], file: str, *, whole: Collecti
         text: The file.
         document: Its new content.
         file: Its name, for messages.
-        whole: Keys of the document whose values are written anew if more than numbers and additions changes, so that
-            no key of the old value stays.
+        rewritten: Keys of the document whose values are written anew if more than numbers and additions changes, so
+            that no key of the old value stays.
 
     Raises:
         InputError: The text is not YAML.
     """
     text = text.removeprefix("\ufeff")
     text = text if text.endswith("\n") else f"{text}\n"
-    edits = _Edits(text, whole)
+    edits = _Edits(text, rewritten)
     edits.mapping(compose(text, file), document)
     return edits.applied()
 
 
 @dataclass
 class _Edits:
-    """Replacements of spans of a text."""
+    """Replacements of spans of a text: first index, index behind the last, new text."""
 
     text: str
-    whole: Collection[str] = ()
+    rewritten: Collection[str] = ()
     spans: list[tuple[int, int, str]] = field(default_factory=list)
 
     def applied(self) -> str:
@@ -76,7 +77,7 @@ class _Edits:
         for key, value in document.items():
             if key in entries:
                 place = entries[key][1]
-                is_new = key in self.whole and not (_is_alike(place, value) or _is_extended(place, value))
+                is_new = key in self.rewritten and not (_is_alike(place, value) or _is_extended(place, value))
                 (self.replace if is_new else self.value)(place, value)
             elif not _is_zero(value):
                 self.insert(node, place, key, value)
@@ -154,13 +155,14 @@ def _has_items_for(node: yaml.Node, value: Any) -> bool:
 
 
 def _kind(item: yaml.Node | Any) -> type:
+    """Return dict, list or, for any scalar, str."""
     if isinstance(item, yaml.MappingNode | Mapping):
         return dict
     return list if isinstance(item, yaml.SequenceNode | list) else str
 
 
 def _is_extended(node: yaml.Node, value: Any) -> bool:
-    """Return whether a list has the items of the node with other numbers, and possibly more."""
+    """Return whether a list has the items of the node, with other numbers, and possibly more items."""
     return (
         isinstance(node, yaml.SequenceNode)
         and isinstance(value, list)
@@ -226,5 +228,6 @@ def _entry(key: str, value: Any, column: int) -> str:
 
 
 def _indented(text: str, column: int) -> Iterator[str]:
+    """Yield the lines of a text, all but the first indented by ``column`` spaces."""
     for number, line in enumerate(text.split("\n")):
         yield f"{' ' * column}{line}" if number and line else line

@@ -33,15 +33,15 @@ def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
     units = file_units(text, robot.name)
     in_units = with_effect_units(robot, units.length, units.angle)
     document = rounded_document(robot_document(in_units, units))
-    kept = edited(text, _complete(document, robot), robot.name, whole=("effects", "campaign", "fit"))
-    if _is_read_as(kept, robot):
-        return comment_lines((*comments, *_remark(text))) + kept
+    updated = edited(text, _complete(document, robot), robot.name, rewritten=("effects", "campaign", "fit"))
+    if _is_read_as(updated, robot):
+        return comment_lines((*comments, *_remark(text))) + updated
     # The file states something in a form that no longer holds, such as a parameter that the fit removed.
     return robot_to_yaml(in_units, comments, rounded=True, units=units)
 
 
 def _remark(text: str) -> tuple[str, ...]:
-    """Return what to say of the comments of the file, if there are any and nothing is said yet."""
+    """Return the comment on the comments of the file; empty if it has none, or has this comment already."""
     return (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
 
 
@@ -71,6 +71,7 @@ def _is_read_as(text: str, robot: Robot) -> bool:
 
 
 def _is_close(first: Any, second: Any) -> bool:
+    """Return whether two documents are equal but for the rounding of numbers."""
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         return first.keys() == second.keys() and all(_is_close(first[key], second[key]) for key in first)
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):

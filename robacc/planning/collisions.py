@@ -2,7 +2,7 @@
 
 Shapes of one body and of bodies that one joint connects are not checked, nor pairs that touch at nearly all poses:
 they overlap by design. Shapes are surfaces of triangles: a shape wholly inside another does not touch it. Spheres
-around the shapes spare most exact tests.
+around the shapes make most exact tests unnecessary.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from robacc.robots.description import Robot
 from robacc.robots.summary import low_discrepancy
 
 SELF_COLLISION = "self-collision"
+"""Reason of poses that are excluded because two links touch."""
 _SAMPLED = 200
 """Poses over the joint ranges that show which pairs overlap by design."""
 _ALWAYS = 0.95
@@ -45,7 +46,7 @@ class LinkCollisions:
     first_body: int
     """First body that must keep clear of the surroundings: a turret that turns on the base does not count."""
     overlapping: tuple[tuple[str, str], ...] = ()
-    """Links that touch at nearly all poses, and are not checked."""
+    """Pairs of links that touch at nearly all poses and are not checked."""
 
     def self_collision(self, q: Array) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses ``(J, N)`` at which two links touch."""
@@ -93,12 +94,13 @@ class LinkCollisions:
         return result
 
     def _frames(self, q: Array) -> dict[int, Poses]:
+        """Return the frames of N poses in the base frame after each number of motions that carries a shape."""
         counts = sorted({shape.after for shape in self.shapes})
         n = q.shape[1]
         swept = self.chain.sweep(self.chain.scalars(q), n, (), counts).frames
-        shape = (3, n)
+        size = (3, n)
         return {
-            count: Poses(np.broadcast_to(frame.rotation, (3, *shape)), np.broadcast_to(frame.translation, shape))
+            count: Poses(np.broadcast_to(frame.rotation, (3, *size)), np.broadcast_to(frame.translation, size))
             for count, frame in zip(counts, swept, strict=True)
         }
 
@@ -113,6 +115,7 @@ class LinkCollisions:
 
     @cached_property
     def _objects(self) -> list[Any]:
+        """FCL's object of each shape."""
         import fcl
 
         objects = []
@@ -125,17 +128,20 @@ class LinkCollisions:
         return objects
 
     def _centre(self, number: int, frames: dict[int, Poses]) -> Array:
+        """Return ``(3, N)`` the centre of a shape's sphere, base frame, m."""
         frame = frames[self.shapes[number].after]
         result: Array = np.einsum("ijn,j->in", frame.rotation, self._spheres[number][0]) + frame.translation
         return result
 
     def _near(self, pair: tuple[int, int], frames: dict[int, Poses]) -> NDArray[np.bool_]:
+        """Return ``(N,)`` the poses at which the spheres of two shapes touch."""
         first, second = (self._centre(number, frames) for number in pair)
         reach = self._spheres[pair[0]][1] + self._spheres[pair[1]][1]
         near: NDArray[np.bool_] = np.linalg.norm(first - second, axis=0) <= reach
         return near
 
     def _touching(self, pair: tuple[int, int], frames: dict[int, Poses], at: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which of the poses ``at`` have two shapes that touch."""
         result = np.zeros(at.size, dtype=bool)
         for place, i in enumerate(at.tolist()):
             for number in pair:
@@ -144,6 +150,7 @@ class LinkCollisions:
         return result
 
     def _place(self, number: int, frames: dict[int, Poses], i: int) -> None:
+        """Move a shape's object to pose ``i``."""
         import fcl
 
         frame = frames[self.shapes[number].after]
@@ -152,6 +159,7 @@ class LinkCollisions:
 
     @staticmethod
     def _touch(first: Any, second: Any) -> bool:
+        """Return whether two objects of FCL touch."""
         import fcl
 
         return bool(fcl.collide(first, second, fcl.CollisionRequest(), fcl.CollisionResult()))
@@ -170,10 +178,10 @@ def link_collisions(robot: Robot, shapes: Sequence[LinkShape], seed: int = 0) ->
         (i, j) for i, j in itertools.combinations(range(len(shapes)), 2) if abs(shapes[i].body - shapes[j].body) > 1
     ]
     first = 2 if robot.variables[0].type == "revolute" else 1
-    everything = LinkCollisions(Arm.of(robot).chain, shapes, tuple(pairs), first)
-    is_always = everything.touching_shares(_spread_joints(robot, seed)) > _ALWAYS
+    every_pair = LinkCollisions(Arm.of(robot).chain, shapes, tuple(pairs), first)
+    is_always = every_pair.touching_shares(_spread_joints(robot, seed)) > _ALWAYS
     return LinkCollisions(
-        everything.chain,
+        every_pair.chain,
         shapes,
         tuple(pair for pair, always in zip(pairs, is_always, strict=True) if not always),
         first,

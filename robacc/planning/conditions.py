@@ -31,7 +31,8 @@ class Conditions:
     def at(self, q: Array, payload: Array | None, stream: int = 4) -> Measurements:
         """Return unmeasured poses at ``q`` ``(J, n)`` with ``payload`` ``(n,)``.
 
-        Directions and speeds of approach are random: the order, which is found later, gives each joint both directions.
+        Directions and speeds of approach are random: the order of the visits, which is chosen later, gives each joint
+        both directions.
         """
         speed = np.random.default_rng([self.seed, stream]).uniform(-1.0, 1.0, q.shape)
         n = q.shape[1]
@@ -45,15 +46,15 @@ class Conditions:
         )
 
     def constant_temperature(self, n: int) -> Array | None:
-        """Return ``(n,)`` the temperature."""
+        """Return ``(n,)`` the temperature, degrees Celsius; None where no effect of the model depends on it."""
         return None if self.temperature is None else np.full(n, self.temperature)
 
     def in_turn(self, n: int) -> Array | None:
-        """Return ``(n,)`` the payloads in turn, kg."""
+        """Return ``(n,)`` the payloads in turn, kg; None without payloads."""
         return np.resize(np.array(self.payloads, dtype=np.float64), n) if self.payloads else None
 
     def with_payloads(self, candidates: CandidatePoses) -> CandidatePoses:
-        """Return every candidate with every payload, the first payload of all of them first."""
+        """Return every candidate with every payload: all candidates with the first payload, then with the next."""
         count = len(self.payloads)
         if count == 0:
             return candidates
@@ -85,14 +86,14 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
         dataclasses.replace(bare, payload=np.array([0.0, 1.0])),
         dataclasses.replace(bare, temperature=np.array([0.0, 1.0])),
     )
-    known = [entry.effect for entry in model.known]
-    if not payloads and any(_lacks(effect, model, bare) and not _lacks(effect, model, loaded) for effect in known):
+    fixed = [entry.effect for entry in model.known]
+    if not payloads and any(_lacks(effect, model, bare) and not _lacks(effect, model, loaded) for effect in fixed):
         payloads = (0.0,)
-    is_warm = any(_lacks(effect, model, bare) and not _lacks(effect, model, warm) for effect in known)
+    is_warm = any(_lacks(effect, model, bare) and not _lacks(effect, model, warm) for effect in fixed)
     result = Conditions(payloads, _ROOM_TEMPERATURE if is_warm else None, seed)
-    given = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
+    planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
-        reason = _lacks(effect, model, given)
+        reason = _lacks(effect, model, planned)
         if reason is None:
             continue
         if not _lacks(effect, model, loaded):
@@ -107,6 +108,7 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
 
 
 def _lacks(effect: Effect, model: Model, data: Measurements) -> str | None:
+    """Return the reason why ``data`` cannot show an effect; None if it can."""
     return effect.missing(model.arm, data)
 
 

@@ -159,14 +159,14 @@ def _target(earlier: Measurements, data: Measurements) -> NDArray[np.str_]:
 
 
 def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
-    """Return the commanded part of measured poses; an approach that was not logged is at rest in all joints.
+    """Return the commanded part of measured poses; direction and speed of an approach that was not logged are zero.
 
     Raises:
         UsageError: They have no joint columns.
     """
     if data.q is None:
         raise UsageError("the poses measured already have no joint columns")
-    known = data.direction is not None and data.speed is not None
+    has_motion = data.direction is not None and data.speed is not None
     zero = np.zeros_like(data.q)
     temperature = data.temperature
     if temperature is None:
@@ -175,7 +175,7 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
         data,
         position=np.zeros_like(data.position),
         rotation=None,
-        direction=data.direction if known else zero,
-        speed=data.speed if known else zero,
+        direction=data.direction if has_motion else zero,
+        speed=data.speed if has_motion else zero,
         temperature=temperature,
     )

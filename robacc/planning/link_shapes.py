@@ -40,7 +40,7 @@ def read_link_shapes(path: str, robot: Robot) -> tuple[LinkShape, ...]:
         robot: The chain that was read from it.
 
     Raises:
-        InputError: A mesh is not there or cannot be read.
+        InputError: A mesh is missing or cannot be read.
         UsageError: The URDF has no collision geometry.
     """
     model = _loaded(path)
@@ -54,7 +54,8 @@ def read_link_shapes(path: str, robot: Robot) -> tuple[LinkShape, ...]:
         placed, name = graph.get(node, frame_from=link)
         mesh = scene.geometry[name]
         if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
-            message = f"the collision mesh {name} of link {link} has no triangles"
+            defect = "no triangles" if len(mesh.faces) == 0 else "vertices that are not finite"
+            message = f"the collision mesh {name} of link {link} has {defect}"
             raise InputError(Problem(message, path, fix="export the mesh again, or leave out `collisions`"))
         carrier = _carrier(link, parents, carriers, robot.base_link)
         on_carrier = np.asarray(graph.get(link, frame_from=carrier)[0]) @ placed
@@ -83,7 +84,7 @@ def _loaded(path: str) -> Any:
             missing.append(fname)
         return path_of_mesh
 
-    # The reader reports meshes that it cannot find in the log only.
+    # The reader reports missing meshes in its log only; `resolved` collects them.
     logging.getLogger("yourdfpy.urdf").setLevel(logging.CRITICAL)
     try:
         model = URDF.load(
@@ -96,12 +97,14 @@ def _loaded(path: str) -> Any:
         )
     except (ValueError, ImportError, OSError, KeyError, IndexError) as error:
         if not missing:
-            raise InputError(Problem(f"a collision mesh cannot be read: {error}", path)) from error
+            fix = "export the meshes again as STL or OBJ, or leave out `collisions`"
+            raise InputError(Problem(f"a collision mesh cannot be read: {error}", path, fix=fix)) from error
     _refuse_missing(missing, path)
     return model
 
 
 def _refuse_missing(missing: Sequence[str], path: str) -> None:
+    """Raise InputError if a mesh of the URDF is missing."""
     if missing:
         names = list(dict.fromkeys(missing))
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
@@ -110,7 +113,7 @@ def _refuse_missing(missing: Sequence[str], path: str) -> None:
 
 
 def _carriers(robot: Robot) -> dict[str, tuple[int, int]]:
-    """Return motions and moving joints before each link of the chain."""
+    """Return the numbers of motions and of moving joints before each link of the chain."""
     ends: dict[int, int] = {}
     for k, motion in enumerate(Arm.of(robot).chain.motions):
         if motion.owner >= 0:

@@ -106,15 +106,15 @@ class _Planner:
         self.noise = expected_noise(self.model, self.task, settings, self.record)
         self.repeatability = repeatability_at_target(self.model, self.task, self.noise.joints)
 
-    def _task(self, given: Measurements | None) -> Measurements:
-        """Return the poses of the task, with their payloads; by default each payload of the plan in turn."""
-        if given is None:
+    def _task(self, stated: Measurements | None) -> Measurements:
+        """Return the poses of the task with their payloads; those of the plan in turn where ``stated`` has none."""
+        if stated is None:
             q = task_joints(self.model, self.settings.constraints, self.settings.region, self.settings.seed)
-        elif given.q is None:
+        elif stated.q is None:
             raise UsageError("the poses of the task have no joint columns")
         else:
-            q = given.q
-        payload = None if given is None else given.payload
+            q = stated.q
+        payload = None if stated is None else stated.payload
         return self.conditions.at(q, self.conditions.in_turn(q.shape[1]) if payload is None else payload, _TASK_STREAM)
 
     def plan(self) -> CampaignPlan:
@@ -206,7 +206,7 @@ class _Planner:
         return choose(problem, count)
 
     def _spread(self, count: int) -> NDArray[np.int64]:
-        """Return poses that represent the task, with the payloads in turn."""
+        """Return the numbers of ``count`` candidates that represent the task, with the payloads in turn."""
         settings, n = self.settings, self.candidates.n_poses
         position, q = self.candidates.position[:, :n], self.candidates.q[:, :n]
         allowed = np.arange(n)

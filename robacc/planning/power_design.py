@@ -224,7 +224,7 @@ class _PowerSearch:
 def power_problem(
     model: Model, candidates: Measurements, noise: ExpectedNoise, already: Measurements | None
 ) -> PowerProblem:
-    """Return the problem for ``candidates``, whose directions and speeds of approach are known or random.
+    """Return the problem of choosing among ``candidates``, whose directions and speeds of approach are random.
 
     ``already`` has the commanded part of the poses measured already.
     """
@@ -241,9 +241,9 @@ def power_problem(
         n_already = already.n
         columns = np.moveaxis(_columns(model, already, noise, _terms_like(model, already, terms)), 1, 2)
         measured = (columns[:, :, planned.columns] * planned.prior_std).reshape(-1, planned.columns.size)
-        shown = (columns[:, :, count:] * sizes).reshape(-1, sizes.size)
-        information, with_free = information + measured.T @ measured, measured.T @ shown
-        products = shown.T @ shown
+        effect_rows = (columns[:, :, count:] * sizes).reshape(-1, sizes.size)
+        information, with_free = information + measured.T @ measured, measured.T @ effect_rows
+        products = effect_rows.T @ effect_rows
     dof = float(rows.shape[0] * max(n_already + 30, 60) - planned.columns.size)
     chance = {value: noncentrality_at_limit(1, dof, value, 1.0 - 1.0 / FOLDS) for value in set(log_priors)}
     even_chance = np.array([chance[value] for value in log_priors])

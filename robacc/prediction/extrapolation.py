@@ -50,7 +50,7 @@ def extrapolation(model: Model, data: Measurements) -> Array | None:
     return result
 
 
-def _growth(arm: Arm, data: Measurements, limits: Validity, bounded: bool) -> Array:
+def _growth(arm: Arm, data: Measurements, limits: Validity, is_bounded: bool) -> Array:
     """Return the standard deviation ``(n,)`` of a held effect over its size."""
     share = np.zeros(data.n)
     for name, (low, high) in limits.items():
@@ -58,7 +58,7 @@ def _growth(arm: Arm, data: Measurements, limits: Validity, bounded: bool) -> Ar
             excess = np.maximum(np.maximum(low - values, values - high), 0.0) / max(high - low, 1e-12)
             share = np.maximum(share, np.where(excess > MARGIN, excess, 0.0))
     within: Array = np.minimum(share / _SHARE, 1.0)
-    return within if bounded else np.maximum(within, share)
+    return within if is_bounded else np.maximum(within, share)
 
 
 def _mean_squares(arm: Arm, known: Known, data: Measurements, limits: Validity) -> dict[int, float]:

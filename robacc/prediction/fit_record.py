@@ -26,6 +26,7 @@ _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
 _ROUNDS = 20
 _FACTOR_ROUNDS = 4
+"""Updates of a factor: its bounds contain the noise, which it does not multiply."""
 _LEAST_SURPLUS = 0.2
 """Least surplus of measured values over coefficients in a fold, as a share of all values, that its inflation uses."""
 _FEWEST = 20
@@ -50,7 +51,7 @@ def fit_record(
         data: Poses of the fit.
         held_out: Poses that were held out and their residuals ``(M, N)``; None without any.
         repeatability: Scatter of the joints, if it is significant.
-        n_folds: Number of folds of the poses ``data`` that were held out; 0 for poses of their own.
+        n_folds: Number of folds, if ``held_out`` are the poses ``data``; 0 for separate validation poses.
     """
     columns = fit.identifiability.columns
     known = np.array([i for i in columns if np.all(np.isfinite(fit.covariance[i, columns]))], dtype=np.int64)
@@ -76,8 +77,8 @@ def fit_record(
             finite &= fit.inliers
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(np.flatnonzero(finite)), -1.0
     # The residuals of folds have the errors of fits to fewer poses.
-    of_folds = _fold_inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
-    compared = dataclasses.replace(record, covariance=of_folds * record.covariance)
+    inflation = _fold_inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
+    compared = dataclasses.replace(record, covariance=inflation * record.covariance)
     noise = _noise_variances(poses, fit, repeatability)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)

@@ -14,7 +14,7 @@ from robacc.prediction.predicting import Prediction
 from robacc.quantities import number_text
 
 _ACROSS = 10
-"""Voxels along the longest side of the workspace, about, where no edge is given."""
+"""Approximate number of voxels along the longest side of the workspace, where no edge is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,9 +22,9 @@ class WarrantyMap:
     """Predicted errors of the V voxels that have a configuration."""
 
     edge: float
-    """m"""
+    """Edge of a voxel, m."""
     centre: Array
-    """``(3, V)`` measuring frame, m."""
+    """``(3, V)`` centres of the voxels, measuring frame, m."""
     count: NDArray[np.int64]
     """``(V,)`` configurations in each voxel."""
     rms: tuple[Array, Array]
@@ -50,7 +50,7 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
     Args:
         prediction: Predicted errors of N configurations.
         position: ``(3, N)`` position of the target, measuring frame, m.
-        edge: Edge of a voxel, m; None for a round length that gives about ten voxels along the workspace.
+        edge: Edge of a voxel, m; None for a round length that gives ten to 25 voxels along its longest side.
     """
     edge = _round_edge(position) if edge is None else edge
     index = np.floor(position / edge).astype(np.int64)
@@ -66,7 +66,7 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
 
 
 def _round_edge(position: Array) -> float:
-    """Return 1, 2 or 5 times a power of ten, m."""
+    """Return the edge of a voxel, m: 1, 2 or 5 times a power of ten, for the positions ``(3, N)``."""
     wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
     power = 10.0 ** math.floor(math.log10(wanted))
     return float(power * max(step for step in (1, 2, 5) if step * power <= wanted))

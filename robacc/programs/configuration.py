@@ -22,6 +22,7 @@ _NUMBERS = re.compile(r"-?\d+")
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
 _CF_AXES = (0, 3, 5)
+"""Joints of cf1, cf4 and cf6."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +30,12 @@ class JointWindow:
     """Range of each joint that a configuration allows, rad; infinite where it says nothing."""
 
     low: Array
-    """``(J,)``"""
+    """``(J,)`` rad"""
     high: Array
+    """``(J,)`` rad"""
 
     def allows(self, q: Array) -> NDArray[np.bool_]:
-        """Return which joints ``(J, N)``, rad, lie in the window."""
+        """Return ``(N,)`` whether each column of joints ``(J, N)``, rad, lies in the window."""
         low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
         result: NDArray[np.bool_] = np.all((q > low) & (q < high), axis=0)
         return result
@@ -43,8 +45,8 @@ class JointWindow:
 
         Args:
             q: Joints, rad.
-            limits: ``(J,)`` lower and upper joint limits.
-            revolute: ``(J,)``
+            limits: Lower and upper joint limits, each ``(J,)``, rad or m.
+            revolute: ``(J,)`` whether a joint turns.
         """
         low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
         turns = np.maximum(np.ceil((low - q) / (2.0 * np.pi)), 0.0) - np.maximum(

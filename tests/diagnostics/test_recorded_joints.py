@@ -67,6 +67,20 @@ def test_joints_read_before_settling_leave_the_commanded_ones_in_force() -> None
     assert abs(share) < 0.05
 
 
+def test_a_fit_without_the_effect_says_where_the_arm_stood() -> None:
+    data = with_both(1.0)
+    (text,) = read_back_warning(fitted(data), data)
+    assert "give the joints read back as q1 … qN" in text
+    assert float(text.split("share of ")[1].split(" ")[0]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_exact_positions_show_no_rounding() -> None:
+    data = rounded(1.0, is_command=True)
+    result = fitted(data)
+    exact = dataclasses.replace(result, residual=np.zeros_like(result.residual))
+    assert evident_rounding(exact, data) is None
+
+
 def test_columns_come_back_from_a_file(tmp_path: pytest.TempPathFactory) -> None:
     data = dataclasses.replace(with_both(1.0), source=None)
     path = tmp_path / "poses.csv"  # type: ignore[operator]

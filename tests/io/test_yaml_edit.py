@@ -76,7 +76,7 @@ def test_keys_are_added_behind_those_that_precede_them() -> None:
 def test_a_part_that_is_another_is_written_anew() -> None:
     text = "a: 1\nfit:\n  old: 1\n  both: 2   # gone with the part\n# kept\nlast: {x: 1}\n"
     document = {"a": 1, "fit": {"both": 2, "new": [1, {"x": 3}]}, "last": {"y": 2}}
-    kept = edited(text, document, "m.yaml", whole=("fit",))
+    kept = edited(text, document, "m.yaml", rewritten=("fit",))
     assert "old" not in kept
     assert "# kept\nlast: {y: 2, x: 1}\n" in kept
     assert yaml.safe_load(kept) == {**document, "last": {"x": 1, "y": 2}}
@@ -119,7 +119,7 @@ def test_any_document_becomes_any_other(style: bool | None) -> None:
             if random.random() < 0.5:
                 new[name] = changed(random, old[name])
         text = yaml.safe_dump(old, default_flow_style=style, allow_unicode=True, sort_keys=False)
-        read = yaml.safe_load(edited(text, new, "any.yaml", whole=tuple(new)))
+        read = yaml.safe_load(edited(text, new, "any.yaml", rewritten=tuple(new)))
         assert read == {**old, **new}, (seed, text, new)
 
 

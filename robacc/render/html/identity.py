@@ -11,15 +11,16 @@ Document = Mapping[str, Any]
 
 
 def identity_rows(
-    documents: Sequence[Document], names: Sequence[str], given: Mapping[str, str]
+    documents: Sequence[Document], names: Sequence[str], identity: Mapping[str, str]
 ) -> list[tuple[str, str]]:
-    """Return labels and texts in the order of the page; a text that is given replaces those of the results.
+    """Return labels and texts in the order of the page; a text of ``identity`` replaces those of the results.
 
-    Results that state different texts, such as the serial numbers of two arms, stand side by side with their names.
+    Different texts of several results, such as the serial numbers of two arms, stand side by side with the results'
+    names.
     """
     rows = []
     for key, label in IDENTITY.items():
-        texts = dict(_stated(documents, names, key)) if key not in given else {"": given[key]}
+        texts = dict(_stated(documents, names, key)) if key not in identity else {"": identity[key]}
         distinct = list(dict.fromkeys(texts.values()))
         if len(distinct) == 1:
             rows.append((label, distinct[0]))
@@ -29,6 +30,7 @@ def identity_rows(
 
 
 def _stated(documents: Sequence[Document], names: Sequence[str], key: str) -> list[tuple[str, str]]:
+    """Return the name of each result whose robot file states ``key``, and its text."""
     return [
         (name, file["identity"][key])
         for name, document in zip(names, documents, strict=True)

@@ -94,7 +94,7 @@ class EffectFamily:
     unit: str
     usual: float
     limits: Array
-    """Known limits, ascending; empty where no form is ever found."""
+    """Limits that exist, ascending; empty where no form of the effect is ever found."""
     power: float
     """Mean probability that the usual size is found."""
 
@@ -123,7 +123,7 @@ def effect_families(document: Document) -> list[EffectFamily]:
 
 
 def _limits_chart(families: Sequence[EffectFamily]) -> Chart:
-    seen = [family for family in families if family.ends is not None]
+    detectable = [family for family in families if family.ends is not None]
     sure = sum(family.power >= 0.5 for family in families)
     rows = [
         [
@@ -141,10 +141,10 @@ def _limits_chart(families: Sequence[EffectFamily]) -> Chart:
         "Size of each effect that a trace of these poses finds with probability 1/2, over its usual size; a line joins "
         f"the most and the least visible joint. Left of 1, the usual size is found. {sure} of {len(families)} effects "
         "are found at their usual size with a mean probability of at least 1/2.",
-        f"Ranges of detection limits over usual sizes for {len(seen)} effects, logarithmic",
-        lambda figure: _draw_limits(figure, seen),
+        f"Ranges of detection limits over usual sizes for {len(detectable)} effects, logarithmic",
+        lambda figure: _draw_limits(figure, detectable),
         ChartTable(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
-        (4.9, 0.9 + 0.24 * max(len(seen), 3)),
+        (4.9, 0.9 + 0.24 * max(len(detectable), 3)),
     )
 
 

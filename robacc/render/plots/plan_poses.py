@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ROWS = 80
+"""Visits that the table lists."""
 _PAYLOAD_ROLES = ("after", "third", "fourth", "before", "nominal")
 
 
@@ -42,7 +43,7 @@ def planned_poses_chart(document: Document) -> Chart:
     at = vectors(visits["target_in_base_m"])
     groups = list(_groups(document, at))
     outline = (document["robot"] or {}).get("outline")
-    line = None if outline is None else vectors(outline["line_m"])
+    arm = None if outline is None else vectors(outline["line_m"])
     counts = ", ".join(
         f"{len(group.points)} {group.label[:-1] if len(group.points) == 1 and group.label[-1] == 's' else group.label}"
         for group in groups
@@ -52,12 +53,12 @@ def planned_poses_chart(document: Document) -> Chart:
         "planned-poses",
         "Planned poses in space",
         f"Target positions in the base frame: {counts}. The thin line is the route of the {len(at)} visits"
-        f"{', the grey line the arm at a typical pose' if line is not None else ''}.",
+        f"{', the grey line the arm at a typical pose' if arm is not None else ''}.",
         f"Points of {counts} in x, y, z in m of the base frame, joined by the route",
-        lambda figure: _draw(figure, groups, at, line),
+        lambda figure: _draw(figure, groups, at, arm),
         _table(visits, at),
         (4.9, 4.2),
-        _scene(groups, at, line),
+        _scene(groups, at, arm),
     )
 
 

@@ -91,8 +91,8 @@ def compare_paired(
         ('loaded', True)
     """
     arguments = locals()
-    arm, arm_records = (None, ()) if model is None else _one(load_robot(model))
-    controller, nominal_records = (None, ()) if nominal is None else _one(load_robot(nominal))
+    arm, arm_records = (None, ()) if model is None else _with_records(load_robot(model))
+    controller, nominal_records = (None, ()) if nominal is None else _with_records(load_robot(nominal))
     first, first_record = load_poses(before, controller or arm, kind="before")
     second, second_record = load_poses(after, controller or arm, kind="after")
     names, first_rows, second_rows = _shared(first, second)
@@ -119,7 +119,7 @@ def compare_paired(
     )
 
 
-def _one(loaded: tuple[Robot, Any]) -> tuple[Robot, tuple[Any, ...]]:
+def _with_records(loaded: tuple[Robot, Any]) -> tuple[Robot, tuple[Any, ...]]:
     return loaded[0], (loaded[1],)
 
 
@@ -143,7 +143,9 @@ def _shared(first: Measurements, second: Measurements) -> tuple[tuple[str, ...],
     else:
         keys = [_keys(data) for data in (first, second)]
         common = [key for key in dict.fromkeys(keys[0]) if key in set(keys[1])]
-        first_rows, second_rows = ([np.flatnonzero([key == own for own in file]) for key in common] for file in keys)
+        first_rows, second_rows = (
+            [np.flatnonzero([key == row_key for row_key in file]) for key in common] for file in keys
+        )
         names = tuple(common)
     if len(names) < _FEWEST:
         fix = "give the files of the same targets before and after the correction"

@@ -30,26 +30,26 @@ class Circumstances:
         if not self.follows_order:
             return self.columns.direction, self.columns.speed
         direction, speed = motion_between_visits(q, self.visits)
-        given = self.columns
+        columns = self.columns
         return (
-            direction if given.direction is None else given.direction,
-            speed if given.speed is None else given.speed,
+            direction if columns.direction is None else columns.direction,
+            speed if columns.speed is None else columns.speed,
         )
 
     def at(self, q: Array, motion: tuple[Array | None, Array | None], index: NDArray[np.int64]) -> Measurements:
         """Return the poses of the targets ``index`` at commands ``q`` ``(J, M)``, with their circumstances."""
-        given = self.columns
+        columns = self.columns
         direction, speed = motion
         return Measurements(
             position=np.zeros((3, index.size)),
             q=q,
-            target=_part(given.target, index),
-            time=_part(given.time, index),
-            temperature=_part(given.temperature, index),
-            payload=_part(given.payload, index),
+            target=_part(columns.target, index),
+            time=_part(columns.time, index),
+            temperature=_part(columns.temperature, index),
+            payload=_part(columns.payload, index),
             direction=None if direction is None else direction[:, index],
             speed=None if speed is None else speed[:, index],
-            rows=given.rows if given.rows is None else given.rows[index],
+            rows=columns.rows if columns.rows is None else columns.rows[index],
         )
 
 

@@ -77,8 +77,8 @@ def correction(
     oriented = targets.wanted.oriented
     position, orientation = None, None
     if fit is not None:
-        spread = model_uncertainty(model, fit, completed(model, fit, None, targets.data, 0), measured=False)
-        position, orientation = spread.position, spread.orientation if spread.is_oriented else None
+        uncertainty = model_uncertainty(model, fit, completed(model, fit, None, targets.data, 0), measured=False)
+        position, orientation = uncertainty.position, uncertainty.orientation if uncertainty.is_oriented else None
     before = expected_errors(targets.error_before, position, orientation, scale, oriented)
     after = expected_errors(targets.error_after, position, orientation, scale, oriented)
     return Correction(

@@ -166,11 +166,11 @@ def _orders(names: Sequence[str]) -> Iterator[JointChange]:
 
 
 def _ordered(names: Sequence[str], order: Sequence[int], complexity: int) -> JointChange:
-    held = [""] * len(names)
+    contents = [""] * len(names)
     for place, number in enumerate(order):
-        held[number] = names[place]
+        contents[number] = names[place]
     return JointChange(
-        f"the joint columns seem to be in another order: they hold {listing(held)}",
+        f"the joint columns seem to be in another order: they hold {listing(contents)}",
         "correct the names of the columns",
         _reordered(order),
         complexity,

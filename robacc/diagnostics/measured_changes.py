@@ -172,6 +172,6 @@ def axis_change(of_positions: Array, of_orientations: Array, mirrored: bool) -> 
     if len(moved) == 2 and np.all(signs > 0):
         text = f"the columns {'xyz'[moved[0]]} and {'xyz'[moved[1]]} seem to be exchanged"
     else:
-        held = ", ".join(("-" if s < 0 else "") + "xyz"[o] for s, o in zip(signs, order, strict=True))
-        text = f"the columns of the positions seem to be exchanged: x, y, z are {held} of the file"
+        contents = ", ".join(("-" if s < 0 else "") + "xyz"[o] for s, o in zip(signs, order, strict=True))
+        text = f"the columns of the positions seem to be exchanged: x, y, z are {contents} of the file"
     return text, "correct the names of the columns", signed

@@ -212,12 +212,12 @@ def _exchanged(data: Measurements, predicted: Array, spread: float) -> RowMistak
     after = [distance[i, match[i]] for members in sets for i in members]
     verb = "exchanged" if max(len(members) for members in sets) == 2 else "in another order than the joints"
     refused = len(rows) > _FEW * data.n
-    left = "" if refused else ", and these rows are left out of the fit as outliers until then"
+    consequence = "" if refused else ", and these rows are left out of the fit as outliers until then"
     change = _change([errors[rows]], [np.array(after)])
     return RowMistake(
         f"{data.counted}s {'; '.join(texts[:_LISTED])}{'; …' if len(texts) > _LISTED else ''}: the measured poses seem "
         f"to be {verb}: with base and tool registered, {change}; pair each measured pose with its own joint "
-        f"values{left}",
+        f"values{consequence}",
         refused,
         tuple(sorted(rows)),
     )
@@ -225,11 +225,11 @@ def _exchanged(data: Measurements, predicted: Array, spread: float) -> RowMistak
 
 def _cycles(match: NDArray[np.int64]) -> list[list[int]]:
     """Return the closed cycles of a partial permutation, -1 for no match, of at least two members."""
-    sets, seen = [], set()
+    sets, visited = [], set()
     for start in range(match.size):
         members, i = [], start
-        while i >= 0 and i not in seen:
-            seen.add(i)
+        while i >= 0 and i not in visited:
+            visited.add(i)
             members.append(i)
             i = int(match[i])
         if i == start and len(members) > 1:

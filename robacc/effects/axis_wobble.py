@@ -90,10 +90,10 @@ class AxisWobble(Effect):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``orders: [1, 2]``, ``tilts: [alpha]``."""
-        rest = dict(settings)
-        tilts = rest.pop("tilts", [])
+        other_settings = dict(settings)
+        tilts = other_settings.pop("tilts", [])
         if not isinstance(tilts, list) or not set(tilts) <= {"alpha", "beta", *FLEXURES}:
             raise ValueError(
                 f"{cls.name}: tilts must be a list of alpha, beta (a URDF's flex_x, flex_y), found {tilts!r}"
             )
-        return cls(joints, orders_setting(cls.name, rest, (1.0, 2.0)), tuple(tilts))
+        return cls(joints, orders_setting(cls.name, other_settings, (1.0, 2.0)), tuple(tilts))

@@ -102,11 +102,11 @@ class FrameDrift(Effect):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``origin_s``, ``span_s``, ``degree``, ``turning``."""
-        rest = dict(settings)
-        origin, span = float(rest.pop("origin_s", 0.0)), float(rest.pop("span_s", 1.0))
-        degree, turning = rest.pop("degree", 1), rest.pop("turning", False)
-        if rest:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        other_settings = dict(settings)
+        origin, span = float(other_settings.pop("origin_s", 0.0)), float(other_settings.pop("span_s", 1.0))
+        degree, turning = other_settings.pop("degree", 1), other_settings.pop("turning", False)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         if not span > 0 or degree not in range(1, 10) or not isinstance(turning, bool):
             raise ValueError(
                 f"{cls.name}: span_s above 0, degree 1 to 9, turning true or false; found {dict(settings)!r}"

@@ -113,12 +113,12 @@ class ThermalExpansion(Effect):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``reference_c: 20`` or ``time_constant_s: 1800``, and ``slides: false``."""
-        rest = dict(settings)
-        reference = rest.pop("reference_c", REFERENCE_TEMPERATURE)
-        time_constant = rest.pop("time_constant_s", None)
-        slides = rest.pop("slides", True)
-        if rest:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, rest))}")
+        other_settings = dict(settings)
+        reference = other_settings.pop("reference_c", REFERENCE_TEMPERATURE)
+        time_constant = other_settings.pop("time_constant_s", None)
+        slides = other_settings.pop("slides", True)
+        if other_settings:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         if time_constant is not None and not float(time_constant) > 0:
             raise ValueError(f"{cls.name}: time_constant_s must be above 0, found {time_constant!r}")
         if not isinstance(slides, bool):

@@ -156,8 +156,8 @@ def _question(
 ) -> InputError:
     shown = list(candidates) or [topic for topic in types if counts[topic]]
     listed = ", ".join(f"{topic} ({types[topic]}, {counts[topic]} messages)" for topic in shown[:_SHOWN])
-    what = {"joints": "joint states", "measured": "measured poses", "commanded": "commanded poses"}[role]
-    message = f"the recording does not say which topic has the {what}: it has {listed or 'no messages'}"
+    content = {"joints": "joint states", "measured": "measured poses", "commanded": "commanded poses"}[role]
+    message = f"the recording does not say which topic has the {content}: it has {listed or 'no messages'}"
     example = candidates[0] if candidates else "/tf:CHILD_FRAME" if _TRANSFORMS in types.values() else "/TOPIC"
     return InputError(Problem(message, path, fix=f"give `bag`, as in {role}={example}"))
 

@@ -51,8 +51,8 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         column = parse_column(text, index, names, log, header.line)
         if column is not None:
             known.setdefault(column.key, column)
-    found = find_columns(header, known, names, AS_NAMED, log)
-    statements = _statements(found)
+    foreign = find_columns(header, known, names, AS_NAMED, log)
+    statements = _statements(foreign)
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
@@ -61,10 +61,10 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         "robacc_columns: 1",
         *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
         "columns:",
-        *_entries(header, found),
+        *_entries(header, foreign),
     ]
     unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
-    return ColumnProposal("\n".join(lines) + "\n", unanswered, len(found.columns), _has_commands(found))
+    return ColumnProposal("\n".join(lines) + "\n", unanswered, len(foreign.columns), _has_commands(foreign))
 
 
 def _with_names_where_known(header: Header, name: str) -> Header:
@@ -76,28 +76,28 @@ def _with_names_where_known(header: Header, name: str) -> Header:
         return header
 
 
-def _statements(found: ForeignColumns) -> dict[str, tuple[str, str]]:
+def _statements(foreign: ForeignColumns) -> dict[str, tuple[str, str]]:
     """Return the value and the comment of each statement that the names leave open."""
     result: dict[str, tuple[str, str]] = {}
-    candidates = [options for options in found.angles.values() if options != ("fixed-xyz",)]
+    candidates = [options for options in foreign.angles.values() if options != ("fixed-xyz",)]
     if candidates:
         options = candidates[0]
         value = options[0] if len(options) == 1 else OPEN
         result["angles"] = (value, f"convention of the angles: {', '.join(options)}")
-    if found.without_unit:
+    if foreign.without_unit:
         result["units"] = (OPEN, "of the names below without a unit, for example mm,deg")
-    if any(column.key.startswith("sigma") and not is_documented(column.name) for column in found.columns.values()):
+    if any(column.key.startswith("sigma") and not is_documented(column.name) for column in foreign.columns.values()):
         result["coverage"] = (OPEN, "of the uncertainties: 1 if standard, 2 if expanded")
     return result
 
 
-def _has_commands(found: ForeignColumns) -> bool:
-    return any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in found.columns)
+def _has_commands(foreign: ForeignColumns) -> bool:
+    return any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in foreign.columns)
 
 
-def _entries(header: Header, found: ForeignColumns) -> list[str]:
-    by_index = {column.index: column for column in found.columns.values()}
-    fixed = {prefix for prefix, options in found.angles.items() if options == ("fixed-xyz",)}
+def _entries(header: Header, foreign: ForeignColumns) -> list[str]:
+    by_index = {column.index: column for column in foreign.columns.values()}
+    fixed = {prefix for prefix, options in foreign.angles.items() if options == ("fixed-xyz",)}
 
     lines = []
     for index, name in enumerate(header.names):

@@ -173,8 +173,8 @@ def _column(
     quantity = {"joint": "angle"}.get(kind, kind)
     expected = {"temperature_c": "temperature", "payload_kg": "mass"}.get(key, "time" if key in TIME_KEYS else quantity)
     if unit is not None and expected in ("length", "angle", "time", "temperature", "mass"):
-        found = {**UNITS, **FOREIGN_UNITS}[unit][0]
-        if found != expected and not (kind == "joint" and found == "length"):
+        stated = {**UNITS, **FOREIGN_UNITS}[unit][0]
+        if stated != expected and not (kind == "joint" and stated == "length"):
             log.add(f"found unit {unit} in the name of {key}, expected a unit of {expected}", line, heading.name)
             unit = None
     if unit is None and quantity in ("length", "angle"):

@@ -39,17 +39,17 @@ def calibrated_accuracy(
         seed: Seed of the directions.
     """
     data = completed(robot, fit, configurations.q if poses is None else None, poses, seed)
-    spread = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
-    position = predicted_errors("m", spread.position, configurations, scale.statistic)
-    orientation = predicted_errors("rad", spread.orientation, configurations, scale.statistic)
-    totals = np.sum(spread.shares, axis=0)
-    shares = spread.shares / np.where(totals > 0.0, totals, 1.0)
+    uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
+    position = predicted_errors("m", uncertainty.position, configurations, scale.statistic)
+    orientation = predicted_errors("rad", uncertainty.orientation, configurations, scale.statistic)
+    totals = np.sum(uncertainty.shares, axis=0)
+    shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
     budget = [
         Share(name, None, name, None, None, float(share[0]), float(share[1]))
         for name, share in zip(SOURCES, shares, strict=True)
     ]
     budget.sort(key=lambda share: -share.position)
-    notes = [*configurations.notes, *_notes(robot, fit, data, spread.is_oriented)]
+    notes = [*configurations.notes, *_notes(robot, fit, data, uncertainty.is_oriented)]
     return Prediction(
         parameters=(),
         configurations=configurations,
@@ -117,7 +117,7 @@ def coverage_notes(
     others, and the other way round, so that no error is one of the fit.
     """
     data = completed(robot, fit, None, measured, seed)
-    spread = model_uncertainty(robot, fit, data, measured=True)
+    uncertainty = model_uncertainty(robot, fit, data, measured=True)
     error = np.empty((3 if measured.rotation is None else 6, measured.n))
     half = measured.groups() % 2
     for part in (0, 1) if aligned else (None,):
@@ -127,9 +127,9 @@ def coverage_notes(
         error[:, rows] = residuals(measured.subset(rows), poses)
     fitted = f"; {' and '.join(aligned)} fitted to the other half of the poses" if aligned else ""
     notes = []
-    parts = ((spread.position, measured.sigma_position), (spread.orientation, measured.sigma_rotation))
+    parts = ((uncertainty.position, measured.sigma_position), (uncertainty.orientation, measured.sigma_rotation))
     for i, (name, (covariance, noise)) in enumerate(zip(("position", "orientation"), parts, strict=True)):
-        if error.shape[0] < 3 * i + 3 or (i == 1 and not spread.is_oriented):
+        if error.shape[0] < 3 * i + 3 or (i == 1 and not uncertainty.is_oriented):
             continue
         if noise is not None and fit.noise_is_separate:
             covariance = covariance + np.eye(3)[:, :, None] * np.square(noise)

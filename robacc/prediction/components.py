@@ -116,9 +116,9 @@ def variance_components(
         )
         if reason is not None:
             notes.append(reason)
-    given = sorted({parameter.component for parameter in parameters} & GIVEN)
-    if given:
-        notes.append(f"the tolerances of {' and '.join(given)} are used as given, not estimated")
+    not_estimated = sorted({parameter.component for parameter in parameters} & GIVEN)
+    if not_estimated:
+        notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")
     return VarianceComponents(tuple(components), confidence, tuple(notes))
 
 

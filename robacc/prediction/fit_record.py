@@ -176,19 +176,19 @@ def _noise_variances(data: Measurements, fit: Fit, repeatability: Repeatability 
     return 0.0, 0.0
 
 
-def _unexplained(residual: Array, spread: ModelUncertainty, sign: float, noise: tuple[float, float]) -> Array:
+def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, noise: tuple[float, float]) -> Array:
     """Return the covariance ``(M, M)`` of the residual beyond the known sources, in the target's frame.
 
     Where position or orientation shows no more than the known sources, its part is zero.
     """
     rows = residual.shape[0]
-    turned = np.concatenate([rotate_back(spread.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
+    turned = np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
     n = turned.shape[1]
     total = _scatter(turned)
-    local = spread.in_target_frame()
+    local = uncertainty.in_target_frame()
     explained = np.zeros((rows, rows))
     parts = (local.position, local.orientation)
-    for i, (part, variance, shares) in enumerate(zip(parts[: rows // 3], noise, spread.shares.T, strict=False)):
+    for i, (part, variance, shares) in enumerate(zip(parts[: rows // 3], noise, uncertainty.shares.T, strict=False)):
         block = slice(3 * i, 3 * i + 3)
         # The first share is that of the coefficients, the second that of the scatter of the joints.
         known = shares[0] + shares[1]
@@ -233,13 +233,15 @@ def _positive(matrix: Array) -> Array:
     return result
 
 
-def _bound_factors(residual: Array, spread: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:
+def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:
     """Return the factors that put 95 % of the held-out residuals within their bounds; 1 where they do by chance.
 
     A factor multiplies the model's standard deviations, not those of the measurement noise.
     """
     factors = [1.0, 1.0]
-    for i, (covariance, variance) in enumerate(zip((spread.position, spread.orientation), noise, strict=True)):
+    for i, (covariance, variance) in enumerate(
+        zip((uncertainty.position, uncertainty.orientation), noise, strict=True)
+    ):
         if residual.shape[0] < 3 * i + 3:
             continue
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)

@@ -35,8 +35,8 @@ class QuantileGuess:
     def __call__(self, shares: Array) -> Array:
         """Return the guess ``(N,)`` for shares ``(3, N)``, ascending, that add up to one."""
         low, middle, _ = shares
-        rest = np.maximum(1.0 - 3.0 * low, 1e-12)
-        b = np.clip(2.0 * (middle - low) / rest, 0.0, 1.0)
+        remainder = np.maximum(1.0 - 3.0 * low, 1e-12)
+        b = np.clip(2.0 * (middle - low) / remainder, 0.0, 1.0)
         result: Array = np.einsum(
             "in,in->n", _chebyshev(6.0 * low - 1.0), self._coefficients @ _chebyshev(2.0 * b - 1.0)
         )

@@ -29,9 +29,9 @@ def _loaded(tree: UrdfTree, joint: Joint, on_chain: set[str | None]) -> Joint:
     branches = _carried(tree, joint.link, np.eye(4), on_chain)
     if not branches:
         return joint
-    own = (joint.mass or 0.0, np.array(joint.com or (0.0, 0.0, 0.0)))
-    total = own[0] + sum(mass for mass, _ in branches)
-    moment = own[0] * own[1] + sum((mass * com for mass, com in branches), np.zeros(3))
+    link_mass, link_com = (joint.mass or 0.0, np.array(joint.com or (0.0, 0.0, 0.0)))
+    total = link_mass + sum(mass for mass, _ in branches)
+    moment = link_mass * link_com + sum((mass * com for mass, com in branches), np.zeros(3))
     return dataclasses.replace(joint, mass=total, com=cast(Vector, tuple(float(value) for value in moment / total)))
 
 

@@ -145,10 +145,10 @@ def lag_refitted(search_result: SearchResult, finding: Chosen, effect: Effect, d
         ]
         costs = [float(np.sum(squares)) for squares in errors]
         by_pose = np.bincount(poses, weights=errors[1] - errors[0])
-        spread = float(np.std(by_pose, ddof=1)) / math.sqrt(by_pose.size) if by_pose.size > 1 else 0.0
+        standard_error = float(np.std(by_pose, ddof=1)) / math.sqrt(by_pose.size) if by_pose.size > 1 else 0.0
         difference = (ranked.total - linear(ranked)) - (rival.total - linear(rival))
         dof = fit_with_rival.residual.size - fit_with_rival.identifiability.columns.size
-        separation = float(np.mean(by_pose)) / spread if spread > 0 else math.inf
+        separation = float(np.mean(by_pose)) / standard_error if standard_error > 0 else math.inf
         return FittedRival(difference + 0.5 * dof * math.log(costs[1] / costs[0]), separation)
 
     return lag

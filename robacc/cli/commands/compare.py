@@ -93,7 +93,7 @@ def compare(
 
 
 def _is_paired(
-    paired: bool, results: list[str], own: Mapping[str, str | None], others: Mapping[str, str | None]
+    paired: bool, results: list[str], paired_options: Mapping[str, str | None], stored_options: Mapping[str, str | None]
 ) -> bool:
     """Return whether the call compares targets before and after a correction.
 
@@ -103,13 +103,13 @@ def _is_paired(
     from robacc.errors import UsageError
 
     if not paired:
-        for name, value in own.items():
+        for name, value in paired_options.items():
             if value is not None:
                 raise UsageError(f"--{name} needs --paired")
         return False
     if len(results) != 2:
         raise UsageError(f"--paired compares two CSVs, before and after a correction, found {len(results)}")
-    for name, value in others.items():
+    for name, value in stored_options.items():
         if value is not None:
             raise UsageError(f"--{name} compares stored results; leave it out with --paired")
     return True

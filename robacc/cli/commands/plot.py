@@ -46,6 +46,6 @@ def plot(
     need("matplotlib")
     stored = read_result(result)
     with understood(stored.name, stored.command):
-        picture = chart_of(stored.document, kind, number)
-        drawn = as_file(picture.draw, picture.size, form)
-    write_bytes(output, drawn)
+        chart = chart_of(stored.document, kind, number)
+        image = as_file(chart.draw, chart.size, form)
+    write_bytes(output, image)

@@ -35,7 +35,7 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
     shares = ", ".join(f"{name} in {count}" for name, count in counts.items())
     unit = length_unit(float(bound.max()))
     worst = int(np.argmax(bound))
-    drawn = thinned(_DRAWN, bound)
+    rows = thinned(_DRAWN, bound)
     edge = f"{1e3 * voxels['voxel_m']:g} mm"
     yield Chart(
         "warranty",
@@ -43,12 +43,12 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
         f"Grade that the 95 % bound of every configuration meets, by voxel of {edge}: {shares} of {len(at)} voxels. "
         f"The largest bound is {unit.text(float(bound[worst]))} at x {at[worst, 0]:.2f}, y {at[worst, 1]:.2f}, "
         f"z {at[worst, 2]:.2f} m. Voxels without a configuration are empty."
-        f"{thinning_note(drawn.size, len(at))}",
+        f"{thinning_note(rows.size, len(at))}",
         f"Voxels of {edge} in x, y, z in m of the measuring frame, marked by grade: {shares}",
-        lambda figure: _draw(figure, at[drawn], [grades[i] for i in drawn], present),
+        lambda figure: _draw(figure, at[rows], [grades[i] for i in rows], present),
         _table(at, voxels, present, unit.text),
         (4.9, 4.2),
-        _scene(at[drawn], [grades[i] for i in drawn], bound[drawn], present, unit.text),
+        _scene(at[rows], [grades[i] for i in rows], bound[rows], present, unit.text),
     )
 
 

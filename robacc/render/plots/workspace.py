@@ -81,14 +81,16 @@ def _draw(figure: Figure, at: Array, radius: Array, values: Array, unit: Unit, q
     }
     side, above = figure.subplots(1, 2)
     side.hexbin(radius, at[:, 2], gridsize=_cells(radius, at[:, 2]), **looks)
-    drawn = above.hexbin(at[:, 0], at[:, 1], gridsize=_cells(at[:, 0], at[:, 1]), **looks)
+    hexagons = above.hexbin(at[:, 0], at[:, 1], gridsize=_cells(at[:, 0], at[:, 1]), **looks)
     side.set(xlabel="distance from axis, m", ylabel="height z, m", title="from the side")
     above.set(xlabel="x, m", ylabel="y, m", title="from above")
     for axes in (side, above):
         axes.grid(visible=False)
         axes.set_aspect("equal", adjustable="datalim")
         axes.locator_params(nbins=4)
-    figure.colorbar(drawn, ax=(side, above), location="bottom", shrink=0.8, aspect=30, label=f"{quantity}, {unit.name}")
+    figure.colorbar(
+        hexagons, ax=(side, above), location="bottom", shrink=0.8, aspect=30, label=f"{quantity}, {unit.name}"
+    )
 
 
 def _cells(x: Array, y: Array) -> tuple[int, int]:

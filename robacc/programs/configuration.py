@@ -2,8 +2,9 @@
 
 KRL writes ``S s,T t``: bit i of T is set where axis i + 1 is negative (KUKA, Expert Programming, "Status and Turn").
 RAPID writes ``[cf1,cf4,cf6,cfx]``: the quarter turns of axes 1, 4 and 6, 0 from 0 to 90 degrees and -1 from -90 to 0
-degrees (ABB, Technical reference manual, "confdata"). S and cfx are not read. The letters of a FANUC ``CONFIG`` depend
-on the arm and are not read.
+degrees (ABB, Technical reference manual, "confdata"). Both count the axes of a six-axis arm, so they are not read for
+other chains, such as an arm on a rail. S and cfx are not read. The letters of a FANUC ``CONFIG`` depend on the arm and
+are not read.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from robacc.programs.program import Dialect
 
 _TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _NUMBERS = re.compile(r"-?\d+")
+_N_AXES = 6
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
 _CF_AXES = (0, 3, 5)
@@ -60,13 +62,15 @@ class JointWindow:
 def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWindow | None:
     """Return the joints that a configuration allows; None where it is not given, or not read."""
     low, high = np.full(n_joints, -np.inf), np.full(n_joints, np.inf)
+    if n_joints != _N_AXES:
+        return None
     if dialect is Dialect.krl and (match := _TURN.search(configuration)):
         text = match[1]
         turn = int(text[1:], 2) if text[0] in "Bb" else int(text)
         is_negative = np.array([turn >> i & 1 for i in range(n_joints)], dtype=bool)
         return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
     quarters = [int(number) for number in _NUMBERS.findall(configuration)[:3]]
-    if dialect is Dialect.rapid and n_joints == 6 and len(quarters) == 3:
+    if dialect is Dialect.rapid and len(quarters) == 3:
         low[list(_CF_AXES)] = 0.5 * np.pi * np.array(quarters)
         high[list(_CF_AXES)] = 0.5 * np.pi * (np.array(quarters) + 1)
         return JointWindow(low, high)

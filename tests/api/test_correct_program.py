@@ -124,6 +124,8 @@ def test_the_configuration_of_the_program_decides() -> None:
         assert window is not None
         assert window.allows(q).tolist() == expected
     assert joint_window(Dialect.fanuc, "N U T, 0, 0, 0", 6) is None
+    # On a rail the bits are of the arm's axes, not of the chain's joints.
+    assert joint_window(Dialect.krl, "T 5", 7) is None
     assert joint_window(Dialect.krl, "", 6) is None
 
 

@@ -272,6 +272,7 @@ def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("name", ["estimate", "frames", "apart"])
+@pytest.mark.slow
 def test_figures_are_those_of_the_errors_they_are_tested_by(fits: dict[str, str], name: str) -> None:
     found = read_compared_result(json.loads(Path(fits[name]).read_text(encoding="utf-8")), name, name, "")
     owners = {"estimate": {"position"}, "frames": STAGES, "apart": STAGES}[name]

@@ -123,6 +123,7 @@ def test_robot_and_alignment() -> None:
     assert "largest AP before registration: 0.137 mm" in shown
 
 
+@pytest.mark.slow
 def test_several_files_are_robots(tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     made = run(

@@ -87,6 +87,7 @@ def test_one_document_holds_what_each_file_alone_gives(folder: Path) -> None:
         assert one["summary"]["n_poses"] == alone["n_poses"]
 
 
+@pytest.mark.slow
 def test_processes_change_nothing(folder: Path) -> None:
     alone = run(*files(folder), *HOW, "--format", "json", "--jobs", "1")
     several = run(*files(folder), *HOW, "--format", "json", "--jobs", "3")

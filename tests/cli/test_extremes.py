@@ -105,7 +105,7 @@ def answers(files: dict[str, str], command: str) -> tuple[int, dict[str, Any]]:
     return 0, document
 
 
-QUICK = ("1 joint", "no noise", "1 pose")
+QUICK = ("no noise", "1 pose")
 NAMES = [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in CASES]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_files import URDF_LIKE
 
 from robacc.effects.entry_units import with_effect_units
 from robacc.modelling.model_file import model_text
@@ -15,7 +16,6 @@ from robacc.modelling.robot_file import read_robot
 from robacc.robots.description import Campaign, Frame, Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_document
-from tests.robot_files import URDF_LIKE
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = [ROOT / "configs" / "robots" / f"{name}.yaml" for name in ("panda", "scara")]

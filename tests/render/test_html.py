@@ -261,6 +261,7 @@ def test_data_within_a_script_element_cannot_end_it() -> None:
     assert json.loads(text) == {"a": "</script><!--\u2028&"}
 
 
+@pytest.mark.slow
 def test_several_results_stand_side_by_side() -> None:
     documents = [results.document("calibrate"), results.document("iso9283")]
     report = parsed(render(documents, ["one", "two"]))

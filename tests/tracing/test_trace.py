@@ -167,6 +167,7 @@ def test_the_written_model_predicts_as_fitted_and_finds_nothing_more(which: str)
     assert second.verdict == "clean"
 
 
+@pytest.mark.slow
 def test_several_effects_at_once() -> None:
     gear, lag = entry("gear_ratio", "j2", 4e-4), entry("backlash", "j3", 2e-4)
     data = measured("puma560", gear, lag, WAVE)
@@ -324,6 +325,7 @@ def test_an_uncertainty_that_the_poses_refute_is_warned_of() -> None:
         assert any("too large (wrong unit, or k = 2)" in text for text in found.warnings) is warned
 
 
+@pytest.mark.slow
 def test_effects_that_do_the_same_are_alternatives() -> None:
     # The pedestal's tilt and the bearing of an upright first axis: the same moment, about the same place.
     one = arm("puma560")

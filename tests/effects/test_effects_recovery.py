@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arms import CONFIGURED, arm
 from scipy import stats
+from slow_parameters import some_fast
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
@@ -83,7 +84,7 @@ def worst_of_prediction(found: Fit, robot: Robot, n: int = 40) -> float:
     return float(np.max(np.abs(error) / np.sqrt(variance)))
 
 
-@pytest.mark.parametrize("arm_name", CONFIGURED)
+@pytest.mark.parametrize("arm_name", some_fast(CONFIGURED, 2))
 @pytest.mark.parametrize("name", REGISTRY)
 def test_recovery_within_four_standard_errors(name: str, arm_name: str) -> None:
     one = arm(arm_name)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from slow_parameters import some_fast
 
 from robacc.errors import InputError
 from robacc.geometry import rotation_from_rpy
@@ -69,7 +70,7 @@ def position(reference: Any, name: str, configuration: Mapping[str, float]) -> f
     return rule.multiplier * position(reference, rule.joint, configuration) + rule.offset
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("arm", some_fast(ARMS, 2))
 def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str, robots_folder: Path) -> None:
     yourdfpy = pytest.importorskip("yourdfpy")
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)

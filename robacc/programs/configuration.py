@@ -21,6 +21,7 @@ from robacc.programs.program import Dialect
 _TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _NUMBERS = re.compile(r"-?\d+")
 _N_AXES = 6
+"""Axes that both dialects count."""
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
 _CF_AXES = (0, 3, 5)
@@ -61,13 +62,13 @@ class JointWindow:
 
 def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWindow | None:
     """Return the joints that a configuration allows; None where it is not given, or not read."""
-    low, high = np.full(n_joints, -np.inf), np.full(n_joints, np.inf)
     if n_joints != _N_AXES:
         return None
+    low, high = np.full(_N_AXES, -np.inf), np.full(_N_AXES, np.inf)
     if dialect is Dialect.krl and (match := _TURN.search(configuration)):
         text = match[1]
         turn = int(text[1:], 2) if text[0] in "Bb" else int(text)
-        is_negative = np.array([turn >> i & 1 for i in range(n_joints)], dtype=bool)
+        is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
     quarters = [int(number) for number in _NUMBERS.findall(configuration)[:3]]
     if dialect is Dialect.rapid and len(quarters) == 3:

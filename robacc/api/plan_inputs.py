@@ -75,8 +75,9 @@ def load_planned_poses(
     from robacc.poses.csv_file import read_poses
 
     types = [joint.type for joint in arm.variables]
-    data = read_poses(pose_path(source), joint_names=arm.variable_names, joint_types=types, attained=False)
-    return require_poses(data), (record_of(data, kind),)
+    path = pose_path(source)
+    data = read_poses(path, joint_names=arm.variable_names, joint_types=types, attained=False)
+    return require_poses(data), (InputFile.at(path, data.sha256 or "", kind),)
 
 
 def load_already(

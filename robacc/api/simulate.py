@@ -223,14 +223,15 @@ def _planned(
         return None, ()
     if isinstance(at, Measurements):
         data = checked_poses(at, arm)
-    else:
-        # Not read_robot_poses: poses to visit name no target; the robot visits every target at each pose.
-        data = read_poses(
-            pose_path(at),
-            joint_names=arm.variable_names,
-            joint_types=[joint.type for joint in arm.variables],
-            limits=[joint.limits for joint in arm.variables],
-            ignore_limits=ignore_limits,
-            attained=False,
-        )
-    return require_poses(data), (record_of(data, "poses"),)
+        return require_poses(data), (record_of(data, "poses"),)
+    # Not read_robot_poses: poses to visit name no target; the robot visits every target at each pose.
+    path = pose_path(at)
+    data = read_poses(
+        path,
+        joint_names=arm.variable_names,
+        joint_types=[joint.type for joint in arm.variables],
+        limits=[joint.limits for joint in arm.variables],
+        ignore_limits=ignore_limits,
+        attained=False,
+    )
+    return require_poses(data), (InputFile.at(path, data.sha256 or "", "poses"),)

@@ -99,7 +99,7 @@ def _load(name: str) -> Any:
     module = f"{module}_" if iskeyword(module) else module
     function = getattr(import_module(f"robacc.cli.commands.{module}"), module)
     if name in POSE_PARAMETERS:
-        function = with_reading_options(function, POSE_PARAMETERS[name])
+        function = with_reading_options(function, name)
     program.command(name, cls=CheckedCommand)(function)
     return typer.main.get_command(program)
 

@@ -6,7 +6,7 @@ They are declared once here and added to the commands; a command gets paths that
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import wraps
 from typing import Annotated, Any, get_type_hints
 
@@ -19,8 +19,13 @@ POSE_PARAMETERS = {
     "iso9283": ("poses",),
     "predict": ("poses", "against"),
     "effects": ("poses",),
+    "correct": ("targets",),
+    "plan": ("candidates", "task", "already"),
+    "simulate": ("at",),
 }
 """Parameters of each command that name pose files."""
+_UNMEASURED = frozenset({"correct", "plan", "simulate"})
+"""Commands whose pose files need no measured poses."""
 
 _ANGLES = Annotated[
     str | None,
@@ -72,10 +77,18 @@ _OPTIONS: dict[str, tuple[Any, object]] = {
     "commanded": (_COMMANDED, None),
     "bag": (_BAG, None),
 }
+_OF_MEASUREMENTS = ("coverage", "commanded", "bag")
+"""Options that say something of measured poses only."""
 
 
-def with_reading_options(command: Callable[..., None], parameters: Sequence[str]) -> Callable[..., None]:
-    """Return the command with the options of this module; its ``parameters`` become paths with statements."""
+def with_reading_options(command: Callable[..., None], name: str) -> Callable[..., None]:
+    """Return the command of this name with the options of this module; its pose files become paths with statements."""
+    parameters = POSE_PARAMETERS[name]
+    options = {
+        option: value
+        for option, value in _OPTIONS.items()
+        if not (name in _UNMEASURED and option in _OF_MEASUREMENTS)
+    }
     hints = get_type_hints(command, include_extras=True)
     declared = [
         parameter.replace(annotation=hints[parameter.name])
@@ -83,13 +96,13 @@ def with_reading_options(command: Callable[..., None], parameters: Sequence[str]
     ]
     added = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-        for name, (annotation, default) in _OPTIONS.items()
+        for name, (annotation, default) in options.items()
     ]
     keyword_only = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in declared]
 
     @wraps(command)
     def run(**arguments: Any) -> None:
-        stated = {name: arguments.pop(name) for name in _OPTIONS}
+        stated = {name: arguments.pop(name) for name in options}
         if any(stated.values()):
             arguments |= {name: _stated(arguments[name], stated) for name in parameters}
         command(**arguments)
@@ -104,4 +117,5 @@ def _stated(paths: Any, stated: dict[str, Any]) -> Any:
 
     if isinstance(paths, list | tuple):
         return [PoseFile(path, **stated) for path in paths]
-    return None if paths is None else PoseFile(paths, **stated)
+    # The candidates of a plan may be a number of samples.
+    return paths if paths is None or paths.isdecimal() else PoseFile(paths, **stated)

@@ -99,8 +99,10 @@ class _Edits:
         if not _is_block(node):
             start = node.start_mark.index + 1 if place is None else self.end(place)
             item = _flow({key: value})[1:-1]
-            last = f"{item}, " if node.value else item
-            self.spans.append((start, start, last if place is None else f", {item}"))
+            if place is not None or any(span[0] == start for span in self.spans if not node.value):
+                self.spans.append((start, start, f", {item}"))
+            else:
+                self.spans.append((start, start, f"{item}, " if node.value else item))
             return
         column = node.start_mark.column
         if place is None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,23 +85,35 @@ def _loaded(path: str) -> Any:
             missing.append(fname)
         return path_of_mesh
 
-    # The reader reports missing meshes in its log only; `resolved` collects them.
-    logging.getLogger("yourdfpy.urdf").setLevel(logging.CRITICAL)
     try:
-        model = URDF.load(
-            path,
-            build_scene_graph=False,
-            load_meshes=False,
-            build_collision_scene_graph=True,
-            load_collision_meshes=True,
-            filename_handler=resolved,
-        )
+        # The reader reports missing meshes in its log only; `resolved` collects them.
+        with _silent("yourdfpy.urdf"):
+            model = URDF.load(
+                path,
+                build_scene_graph=False,
+                load_meshes=False,
+                build_collision_scene_graph=True,
+                load_collision_meshes=True,
+                filename_handler=resolved,
+            )
     except (ValueError, ImportError, OSError, KeyError, IndexError) as error:
         if not missing:
             fix = "export the meshes again as STL or OBJ, or leave out `collisions`"
             raise InputError(Problem(f"a collision mesh cannot be read: {error}", path, fix=fix)) from error
     _refuse_missing(missing, path)
     return model
+
+
+@contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """Keep a logger silent within a ``with`` block; its level is as before afterwards."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def _refuse_missing(missing: Sequence[str], path: str) -> None:

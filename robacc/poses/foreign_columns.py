@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from robacc.io.problem_log import ProblemLog
 from robacc.io.table import Header
-from robacc.poses.columns import FIXED_KINDS, FOREIGN_UNITS, UNITS, Column, Kind, Names
+from robacc.poses.columns import AXES, FIXED_KINDS, FOREIGN_UNITS, SIGMAS, UNITS, Column, Kind, Names
 from robacc.poses.headings import TIME_KEYS, Heading, Meaning, heading_of, is_of_ros, meaning_of
 from robacc.poses.reading import Reading
 
@@ -35,6 +35,8 @@ class ForeignColumns:
     remarks: list[str] = field(default_factory=list)
     without_unit: tuple[Column, ...] = ()
     """Lengths and angles whose unit is stated nowhere."""
+    unit_of_position: tuple[str, ...] = ()
+    """Keys of uncertainties whose unit is taken to be that of the position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +80,27 @@ def find_columns(
                 result.angles[prefix] = _CANDIDATES[candidate.meaning.family]
         if candidate.meaning.commanded is False and key.startswith("q"):
             result.remarks.append("joint variables are attained ones, used as commanded")
-    result.without_unit = tuple(nameless)
+    result.without_unit = tuple(_with_unit_of_position(nameless, result))
     _ask_coverage([item for item in chosen.values() if item.meaning.expanded], reading, log, header.line)
     taken = {column.index for column in result.columns.values()}
     result.unused = [name for i, name in enumerate(header.names) if i not in taken and name]
     result.remarks = [*dict.fromkeys(result.remarks), *units.remarks]
     return result
+
+
+def _with_unit_of_position(nameless: Sequence[Column], result: ForeignColumns) -> list[Column]:
+    """Give uncertainties without a unit the unit of the position; return the columns that stay without one."""
+    units = {result.columns[axis].unit for axis in AXES if axis in result.columns}
+    sigmas = [column for column in nameless if column.key in SIGMAS]
+    unit = next(iter(units)) if len(units) == 1 else None
+    if unit is None or not sigmas:
+        return list(nameless)
+    for column in sigmas:
+        result.columns[column.key] = replace(column, unit=unit)
+    result.unit_of_position = tuple(column.key for column in sigmas)
+    names = compact([column.name for column in sigmas])
+    result.remarks.append(f"{names} taken as {unit}, the unit of {result.columns['x'].name}; `units` states another")
+    return [column for column in nameless if column not in sigmas]
 
 
 def _candidates(header: Header, names: Names) -> Iterator[_Candidate]:
@@ -239,6 +256,17 @@ def _continues(before: Column, column: Column) -> bool:
     if numbers[0] is None or numbers[1] is None or numbers[0][1] != numbers[1][1]:
         return False
     return before.unit == column.unit and int(numbers[1][2]) == int(numbers[0][2]) + 1
+
+
+def documented_name(name: str) -> str | None:
+    """Return the documented name that another name stands for; None where it stands for none."""
+    heading = heading_of(name)
+    meaning = meaning_of(heading, frozenset())
+    if meaning is None or meaning.key in TIME_KEYS or meaning.key not in FIXED_KINDS:
+        return None
+    key = f"cmd_{meaning.key}" if meaning.commanded and f"cmd_{meaning.key}" in FIXED_KINDS else meaning.key
+    takes_unit = FIXED_KINDS[key] in ("length", "angle") and heading.unit in UNITS
+    return f"{key}_{heading.unit}" if takes_unit else key
 
 
 def _key_text(column: Column) -> str:

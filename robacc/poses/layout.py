@@ -12,7 +12,7 @@ from robacc.io.dialect import PLAIN
 from robacc.io.problem_log import ProblemLog, clip
 from robacc.io.table import Header
 from robacc.poses.columns import AXES, JOINT_COLUMN, ORIENTATIONS, SIGMAS, Column, Names, parse_column, time_column
-from robacc.poses.foreign_columns import find_columns, statement
+from robacc.poses.foreign_columns import documented_name, find_columns, statement
 from robacc.poses.headerless import with_known_names
 from robacc.poses.reading import AS_NAMED, Reading
 
@@ -38,6 +38,8 @@ class Layout:
     """Conventions that rx, ry, rz may belong to, by the prefix of the keys; without an entry they are documented."""
     without_unit: tuple[Column, ...] = ()
     """Columns of an export that need a unit and have none."""
+    unit_of_position: tuple[str, ...] = ()
+    """Keys of uncertainties of an export whose unit is taken to be that of the position."""
 
     def group(self, keys: Sequence[str]) -> tuple[Column, ...] | None:
         """Return the columns of ``keys``; None where one of them is missing."""
@@ -141,7 +143,13 @@ def _foreign_layout(
     if result.unused:
         warnings.append(f"{place}: not used: {', '.join(_with_suggestion(name, names) for name in result.unused)}")
     warnings += [f"{place}: {remark}" for remark in result.remarks]
-    return dataclasses.replace(layout, warnings=tuple(warnings), angles=result.angles, without_unit=result.without_unit)
+    return dataclasses.replace(
+        layout,
+        warnings=tuple(warnings),
+        angles=result.angles,
+        without_unit=result.without_unit,
+        unit_of_position=result.unit_of_position,
+    )
 
 
 def _with_suggestion(name: str, names: Names) -> str:
@@ -260,7 +268,7 @@ class _Completeness:
         unknown_names = [name for name in dict.fromkeys(self.unknown) if name]
         texts = [
             f"{self.log.at(self.line)}: unknown column {clip(name)} is ignored; "
-            f"the nearest known name is {self.names.nearest(name)!r}"
+            f"the nearest known name is {documented_name(name) or self.names.nearest(name)!r}"
             for name in unknown_names[:_MAX_WARNINGS]
         ]
         if len(unknown_names) > _MAX_WARNINGS:

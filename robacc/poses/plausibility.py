@@ -31,6 +31,8 @@ _DISTANCE = 200.0
 """m; beyond a laser tracker's range, so no instrument measures a robot there."""
 _SIGMA_LENGTH = (0.01, 0.1)
 """m; doubtful above the first; no instrument that tests a robot is as bad as the second."""
+_SIGMA_USUAL = (1e-6, 1e-3)
+"""m; an interferometer on the bench reaches the first, a camera over a cell stays below the second."""
 _SIGMA_ANGLE = (0.05, 0.5)
 """rad; the same for an orientation."""
 _THOUSAND = (300.0, 3000.0)
@@ -108,6 +110,12 @@ def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
     doubtful, impossible = _SIGMA_LENGTH if kind == "length" else _SIGMA_ANGLE
     typical = float(np.median(sigma))
     return typical > impossible, typical > doubtful
+
+
+def plausible_sigma(sigma: Array) -> bool:
+    """Return whether a measuring uncertainty of positions (m) is one of an instrument that tests robots."""
+    low, high = _SIGMA_USUAL
+    return low <= float(np.median(sigma)) <= high
 
 
 def check_scale(position: Array, nominal: Array, file: str | None) -> None:

@@ -17,6 +17,7 @@ from robacc.poses.plausibility import (
     doubtful_sigma,
     lengths_too_large,
     outside_limits,
+    plausible_sigma,
     thousandfold,
 )
 from robacc.poses.values import COMMANDED_AXES, Limits, Values
@@ -39,6 +40,7 @@ class UnitChecks:
         layout = self.values.layout
         if layout.without_unit:
             return self._ask_units()
+        self._ask_unit_of_sigma()
         wrong_joints = self._joints(limits)
         too_large = [keys for keys in (AXES, COMMANDED_AXES) if self._lengths(keys)]
         if not too_large:
@@ -66,6 +68,21 @@ class UnitChecks:
             "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg",
         )
         return frozenset(self.values.layout.joints())
+
+    def _ask_unit_of_sigma(self) -> None:
+        """Report uncertainties that are too large or too small in the unit of the position."""
+        layout = self.values.layout
+        sigma = self.values.column_set(SIGMAS)
+        if not layout.unit_of_position or sigma is None or plausible_sigma(sigma):
+            return
+        columns = [layout.columns[key] for key in layout.unit_of_position]
+        typical = float(np.median(sigma)) * columns[0].divisor
+        self.log.add(
+            f"these columns state no unit, and {typical:.3g} {columns[0].unit} is no usual measuring uncertainty",
+            self.line,
+            compact([column.name for column in columns]),
+            "give their unit with `units`, for example um, or write it into the names, as in Ux (um)",
+        )
 
     def _refuse(self, keys: Sequence[str], message: str, unit: str, likely_unit: str) -> None:
         columns = [self.values.layout.columns[key] for key in keys]

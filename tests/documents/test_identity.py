@@ -73,3 +73,19 @@ def test_two_arms_on_a_page_have_their_own_numbers() -> None:
         ("Place", "hall 4"),
     ]
     assert identity_rows([{"inputs": []}], ["a"], {}) == []
+
+
+def test_two_robot_files_of_a_result_keep_their_own_numbers() -> None:
+    files = [
+        {"name": name, "kind": "robot", "identity": {"serial_number": number, "place": "hall 4"}}
+        for name, number in (("model.yaml", "7"), ("robot.yaml", "8"))
+    ]
+    document = {"inputs": [{"kind": "poses"}, *files]}
+    assert identity_rows([document], ["a"], {}) == [
+        ("Serial number", "model.yaml: 7; robot.yaml: 8"),
+        ("Place", "hall 4"),
+    ]
+    other = {"inputs": [files[0]]}
+    expected = ("Serial number", "a, model.yaml: 7; a, robot.yaml: 8; b: 7")
+    assert identity_rows([document, other], ["a", "b"], {})[0] == expected
+    assert identity_rows([document], ["a"], {"serial_number": "9"})[0] == ("Serial number", "9")

@@ -123,6 +123,24 @@ def test_a_side_that_no_pose_can_keep_is_named(urdf: Path) -> None:
     assert "2000 are excluded by: below the minimum height of 0.31 m" in " ".join(result.stderr.split())
 
 
+def test_the_log_of_the_reader_of_urdfs_is_as_before(urdf: Path, tmp_path: Path) -> None:
+    import logging
+
+    logger = logging.getLogger("yourdfpy.urdf")
+    before = logger.level
+    try:
+        logger.setLevel(logging.INFO)
+        collisions_of(urdf)
+        assert logger.level == logging.INFO
+        broken = tmp_path / "broken.urdf"
+        broken.write_text(urdf.read_text().replace('<sphere radius="0.08"/>', '<mesh filename="hand.stl"/>'))
+        with pytest.raises(InputError, match="collision mesh"):
+            collisions_of(broken)
+        assert logger.level == logging.INFO
+    finally:
+        logger.setLevel(before)
+
+
 def test_messages(urdf: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="give the URDF of the robot"):
         robacc.plan(ROOT / "sample_data" / "robot.yaml", collisions=True)

@@ -124,6 +124,7 @@ def correct(
     from robacc.cli.output import Outlets
     from robacc.errors import UsageError
     from robacc.io.files import write_text
+    from robacc.poses.reading import AS_NAMED, reading_of
     from robacc.programs.reading import is_program
 
     options: dict[str, Any] = {
@@ -143,6 +144,11 @@ def correct(
         if output == "-" or outlets != Outlets(Format.table, "-") or per_target or frame is TargetFrame.base:
             raise UsageError(
                 "a program needs --output, and takes no --format, --gate, --report, --per-target and --frame"
+            )
+        if reading_of(targets) != AS_NAMED:
+            raise UsageError(
+                "a program states its own units and angles; leave out --angles, --units, --columns, --skip-gaps and "
+                "--sheet"
             )
         _correct_program(targets, model, nominal, frames or [], output, options)
         return

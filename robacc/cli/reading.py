@@ -85,9 +85,7 @@ def with_reading_options(command: Callable[..., None], name: str) -> Callable[..
     """Return the command of this name with the options of this module; its pose files become paths with statements."""
     parameters = POSE_PARAMETERS[name]
     options = {
-        option: value
-        for option, value in _OPTIONS.items()
-        if not (name in _UNMEASURED and option in _OF_MEASUREMENTS)
+        option: value for option, value in _OPTIONS.items() if not (name in _UNMEASURED and option in _OF_MEASUREMENTS)
     }
     hints = get_type_hints(command, include_extras=True)
     declared = [

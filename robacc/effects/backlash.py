@@ -38,9 +38,9 @@ class Backlash(Effect):
     extrapolates = "backlash has two values, one for each direction of approach"
     missing_reasons = ("no dir_q columns, `ordered` is not set, and no masses in the robot file",)
     about = About(
-        summary="play in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
+        summary="clearance in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
         equation="theta_j + c sign(approach_j); with by: gravity, c sign(tau_j + friction approach_j), tau_j the "
-        "moment of gravity about the axis",
+        "torque of gravity about the axis",
         unit="rad (m for a prismatic joint), half the gap",
         usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
         usual_range=(1e-05, 0.0005),

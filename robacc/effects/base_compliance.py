@@ -1,4 +1,4 @@
-"""A pedestal that tilts under the arm's moment."""
+"""A pedestal that tilts under the torque of the arm's weight."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from robacc.robots.arm import Arm
 @register
 @dataclass(frozen=True)
 class BaseCompliance(Elastic):
-    """The base tilted by c times the arm's moment about it, the same in both directions.
+    """The base tilted by c times the torque of the arm's weight, the same in both directions.
 
     With ``below`` it tilts about a point on its axis at an unknown distance below: the base also shifts by the tilt
-    times that distance. The shift follows the moment at the nominal pose. With masses ``unknown`` the moment's base
+    times that distance. The shift follows the torque at the nominal pose. With masses ``unknown`` the torque's base
     regressors are fitted, as those of ``joint_compliance`` are.
     """
 
@@ -33,17 +33,17 @@ class BaseCompliance(Elastic):
 
     name = "base_compliance"
     is_nonnegative = True
-    extrapolates = "Hooke's law: tilt in proportion to the arm's moment"
+    extrapolates = "Hooke's law: tilt in proportion to the torque of the arm's weight"
     per_joint = False
     about = About(
-        summary="the pedestal or floor gives way: the base tilts under the arm's moment about it",
-        equation="turns of the base about x and y + c (m_x, m_y), the moment of the arm's weight about them at the "
+        summary="the pedestal or floor gives way: the base tilts under the torque of the arm's weight",
+        equation="turns of the base about x and y + c (m_x, m_y), the torque of the arm's weight about them at the "
         f"deflected pose; with below: true base x, y + c h (m_y, -m_x) too, h the height of the base over the "
         f"point of the tilt; {DEFLECTIONS}",
         unit="rad/(N m); masses unknown: the same times kg or kg m",
         usual_size="1e-9 to 1e-6 rad/(N m)",
         usual_range=(1e-09, 1e-06),
-        needs="mass and com of the links; without them the moment's base regressors are fitted",
+        needs="mass and com of the links; without them the base regressors of the torque are fitted",
         confused_with="lateral_compliance of the first joint, joint_compliance of the second",
         source="a parameter times a regressor, as every effect here",
         example="{effect: base_compliance, values: {value: 5e-7}}",

@@ -39,7 +39,8 @@ class ComplianceVariation(Effect):
     missing_reasons = ("no masses in the robot file",)
     about = About(
         summary="the joint's spring is softer at some angles: a periodic error that grows with the torque",
-        equation="theta_j + tau_j (c cos(n q_j) + s sin(n q_j)), n = 1 or 2, tau_j gravity's moment about the axis",
+        equation="theta_j + tau_j (c cos(n q_j) + s sin(n q_j)), n = 1 or 2, tau_j the torque of gravity about "
+        "the axis",
         unit="rad/(N m)",
         usual_size="1e-8 to 1e-6 rad/(N m), a tenth to a third of the joint's compliance",
         usual_range=(1e-8, 1e-6),

@@ -20,9 +20,9 @@ DEFLECTIONS = (
 
 @dataclass(frozen=True)
 class Elastic(Effect):
-    """An effect of c times gravity's moment, in equilibrium: at the pose with all deflections.
+    """An effect of c times gravity's torque, in equilibrium: at the pose with all deflections.
 
-    With ``deflection: rigid`` the moment is that at the pose without any deflection, the first-order form. The two
+    With ``deflection: rigid`` the torque is that at the pose without any deflection, the first-order form. The two
     differ by the square of the deflection over the lever: nanometres on a stiff arm, micrometres on one that sags by
     millimetres.
     """

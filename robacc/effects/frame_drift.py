@@ -35,7 +35,7 @@ class FrameDrift(Effect):
     is_of_measurement = True
     describes_wander = True
     about = About(
-        summary="the base moves against the instrument: a tripod settles, a pedestal warms, the floor gives",
+        summary="the base moves against the instrument: a tripod settles, a pedestal warms, the floor yields",
         equation="base x, y, z (and its turns) + c ((t - t_mid) / span)^p, p = 1 … degree",
         unit="m, rad over the time span",
         usual_size="1e-5 to 1e-3 m",

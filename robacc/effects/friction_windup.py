@@ -25,7 +25,7 @@ class FrictionWindup(Effect):
     missing_reasons = ("no dir_q columns, and `ordered` is not set", "no masses in the robot file")
     about = About(
         summary="friction of the loaded gear holds the joint short of its pose: a lost motion that grows with the load",
-        equation="theta_j + c |tau_j| sign(approach_j), tau_j the moment of gravity about the axis",
+        equation="theta_j + c |tau_j| sign(approach_j), tau_j the torque of gravity about the axis",
         unit="rad/(N m) (m/N for a prismatic joint)",
         usual_size="1e-9 to 1e-6 rad/(N m); negative where the joint stops short",
         usual_range=(1e-9, 1e-6),

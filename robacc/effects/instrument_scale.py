@@ -44,7 +44,7 @@ class InstrumentScale(Effect):
     is_of_measurement = True
     shares_terms: ClassVar[bool] = True
     about = About(
-        summary="the instrument's own scale: refractive index, a camera's focal length, a wrong unit of 1 in 1000; "
+        summary="the instrument's own scale: refractive index, a camera's focal length, a length standard that is wrong; "
         "with drift, air whose index changes while the poses are measured",
         equation="p measured = (1 + k) p; with drift: p + k(t) (p - p0), k a polynomial of time, p0 the instrument",
         unit="1",

@@ -18,7 +18,7 @@ from robacc.robots.arm import Arm
 @register
 @dataclass(frozen=True)
 class JointCompliance(Elastic):
-    """Each joint turned by c times the moment of gravity about its axis, in equilibrium.
+    """Each joint turned by c times the torque of gravity about its axis, in equilibrium.
 
     With masses ``unknown`` the torque's base regressors are fitted; their coefficients are compliance x mass and
     compliance x first moment. With masses ``uncertain`` the file's are a start, and the same regressors, shrunk by a
@@ -33,7 +33,7 @@ class JointCompliance(Elastic):
     extrapolates = "Hooke's law: deflection in proportion to the torque"
     about = About(
         summary="the joint's gear gives way to the torque of the arm's own weight",
-        equation="theta_j + c_j tau_j, tau_j the moment of gravity about the axis at the deflected pose; "
+        equation="theta_j + c_j tau_j, tau_j the torque of gravity about the axis at the deflected pose; "
         f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint); masses unknown: the same times kg or kg m",
         usual_size="1e-7 to 1e-5 rad/(N m), large arms the stiffer",

@@ -41,8 +41,8 @@ class JointCorrection(Effect):
         unit="rad (m for a prismatic joint)",
         usual_size="1e-5 to 1e-3 rad",
         usual_range=(1e-05, 0.001),
-        needs="whatever drives it",
-        confused_with="everything that acts on the same joint: it is offered last",
+        needs="the driver's column, for example time_s",
+        confused_with="every effect of the same joint; a trace therefore tests it last",
         source="a parameter times a regressor, as every effect here; prior width by marginal likelihood (REML)",
         example="{effect: joint_correction, joints: [j3], drivers: [j2], range: [[-1, 1]], degree: 3, "
         "values: {j3.j2.T2: 1e-4}}",

@@ -29,8 +29,8 @@ class JointHardening(Effect):
     name = "joint_hardening"
     missing_reasons = ("no masses in the robot file",)
     about = About(
-        summary="the joint's spring hardens: strain-wave gears and gears with play are soft at small torque",
-        equation="theta_j + c (tau_j / tau_ref)^3, tau_j the moment of gravity about the axis",
+        summary="the joint's spring hardens: strain-wave gears and gears with clearance are soft at small torque",
+        equation="theta_j + c (tau_j / tau_ref)^3, tau_j the torque of gravity about the axis",
         unit="rad (m for a prismatic joint) at the reference torque",
         usual_size="1e-5 to 1e-3 rad; opposite in sign to the compliance where the spring hardens",
         usual_range=(1e-5, 1e-3),
@@ -107,4 +107,4 @@ class JointHardening(Effect):
 
 
 _LEAST_TORQUE = 1e-3
-"""N m below which gravity has no moment about a joint."""
+"""N m below which gravity has no torque about a joint."""

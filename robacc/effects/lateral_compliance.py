@@ -24,7 +24,7 @@ _UPRIGHT = 0.02
 class LateralCompliance(Elastic):
     """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions.
 
-    With masses ``unknown`` the moment's base regressors are fitted, as those of ``joint_compliance`` are.
+    With masses ``unknown`` the bending moment's base regressors are fitted, as those of ``joint_compliance`` are.
     """
 
     masses: Literal["known", "unknown"] = "known"
@@ -32,13 +32,13 @@ class LateralCompliance(Elastic):
     name = "lateral_compliance"
     extrapolates = "Hooke's law: deflection in proportion to the bending moment"
     about = About(
-        summary="the joint's bearing and link bend: the axis tilts under the moment across it",
-        equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the arm's moment of gravity about them "
+        summary="the joint's bearing and link bend: the axis tilts under the bending moment across it",
+        equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the bending moment of gravity about them "
         f"at the deflected pose; {DEFLECTIONS}",
         unit="rad/(N m); masses unknown: the same times kg or kg m",
         usual_size="1e-8 to 1e-5 rad/(N m)",
         usual_range=(1e-08, 1e-05),
-        needs="mass and com of the links; without them the moment's base regressors are fitted",
+        needs="mass and com of the links; without them the base regressors of the bending moment are fitted",
         confused_with="joint_compliance of neighbouring joints, base_compliance at the first joint",
         source="Tenhumberg and Baeuml 2021 (elastic calibration of Agile Justin)",
         example="{effect: lateral_compliance, joints: [j2], values: {j2: 1e-6}}",

@@ -15,18 +15,18 @@ from robacc.robots.arm import Arm
 @register
 @dataclass(frozen=True)
 class PayloadCompliance(Elastic):
-    """Each joint turned by c times the moment of the payload about its axis, in equilibrium."""
+    """Each joint turned by c times the torque of the payload about its axis, in equilibrium."""
 
     name = "payload_compliance"
     is_nonnegative = True
-    extrapolates = "Hooke's law: deflection in proportion to the payload's moment"
+    extrapolates = "Hooke's law: deflection in proportion to the payload's torque"
     missing_reasons = (
         "no payload_kg column",
         "payload_kg is zero throughout",
     )
     about = About(
         summary="the joint gives way to the payload, which was not the same at every pose",
-        equation="theta_j + c_j tau_j, tau_j the payload's moment of gravity about the axis at the deflected pose; "
+        equation="theta_j + c_j tau_j, tau_j the torque of the payload's weight about the axis at the deflected pose; "
         f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint)",
         usual_size="1e-7 to 1e-5 rad/(N m)",

@@ -42,8 +42,8 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
     cause = "the joints were read before the arm had settled"
     if share >= FOLLOWED_SHARE:
         cause = (
-            "the arm was measured before it had settled, or it stands off its command; give the joints read back as "
-            "q1 … qN"
+            "the arm was measured before it had settled, or its controller leaves a constant error; give the "
+            "joints read back as q1 … qN"
         )
     yield (
         f"{start}; the measured positions follow them by a share of {share:.2f} ± {std:.2f}: the commanded joints are "

@@ -44,8 +44,8 @@ class InstrumentScale(Effect):
     is_of_measurement = True
     shares_terms: ClassVar[bool] = True
     about = About(
-        summary="the instrument's own scale: refractive index, a camera's focal length, a length standard that is wrong; "
-        "with drift, air whose index changes while the poses are measured",
+        summary="the instrument's own scale: refractive index, a camera's focal length, a wrong length "
+        "standard; with drift, air whose index changes while the poses are measured",
         equation="p measured = (1 + k) p; with drift: p + k(t) (p - p0), k a polynomial of time, p0 the instrument",
         unit="1",
         usual_size="1e-6 to 1e-3; drift 1e-6 (1 K or 4 hPa) to 1e-4",

@@ -33,8 +33,8 @@ class LateralCompliance(Elastic):
     extrapolates = "Hooke's law: deflection in proportion to the bending moment"
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the bending moment across it",
-        equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the bending moment of gravity about them "
-        f"at the deflected pose; {DEFLECTIONS}",
+        equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the bending moment of gravity about "
+        f"them at the deflected pose; {DEFLECTIONS}",
         unit="rad/(N m); masses unknown: the same times kg or kg m",
         usual_size="1e-8 to 1e-5 rad/(N m)",
         usual_range=(1e-08, 1e-05),

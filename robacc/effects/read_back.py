@@ -34,8 +34,8 @@ class ReadBack(Effect):
     extrapolates = "the difference is that of each pose"
     missing_reasons = ("no read_q columns that differ from the commanded joints",)
     about = About(
-        summary="the arm stood at the joints read back, not at those commanded: it had not settled, or it stands off "
-        "its command",
+        summary="the arm stood at the joints read back, not at those commanded: it had not settled, or its "
+        "controller leaves a constant error",
         equation="theta_j + c (q_read_j - q_j), the same c for all joints",
         unit="1",
         usual_size="0.5 to 1: 1 where the arm stood at the joints read back",
@@ -80,8 +80,8 @@ class ReadBack(Effect):
             )
         return (
             f"the measured positions follow the joints read back, not those commanded (share {share:.2g}): the arm was "
-            "measured before it had settled, or it stands off its command; wait longer before a measurement, or give "
-            "the joints read back as q1 … qN"
+            "measured before it had settled, or its controller leaves a constant error; wait longer before "
+            "a measurement, or give the joints read back as q1 … qN"
         )
 
     def _difference(self, data: Measurements) -> Array:

@@ -12,6 +12,7 @@ from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.calibration import Calibration
 from robacc.calibration import calibrate as fit_effects
+from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.request import parse_requests
 from robacc.errors import UsageError
 from robacc.fitting.fit_result import Options
@@ -41,6 +42,11 @@ class Calibrated(FitResult, Calibration):
     def converged(self) -> bool:
         """Return whether the reported fit converged."""
         return self.fit.converged
+
+    @property
+    def suspicions(self) -> tuple[str, ...]:
+        """Return the data mistakes that the reported fit makes likely, in words."""
+        return suspected_mistakes(self.fit)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from robacc.api.inputs import PosesSource, StrPath, load_poses, load_robot
 from robacc.api.result import Provenance, Result, fields_of, options_of
-from robacc.comparison.paired_targets import PairedTargets, Promise, paired_targets
+from robacc.comparison.paired_targets import NoiseTreatment, PairedTargets, Promise, PromisedNoise, paired_targets
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.apply_fit import absorb_constants
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.prediction.calibrated import completed
-from robacc.prediction.model_fit import model_fit
-from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.prediction.model_fit import ModelFit, model_fit
+from robacc.prediction.model_uncertainty import fitted_jacobian, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
 
@@ -68,7 +68,9 @@ def compare_paired(
         after: Poses measured with the correction.
         model: Model of the correction, to test whether the remaining error is what it promised.
         nominal: Robot file that the controller computes with; only for files without ``cmd_`` columns.
-        noise: Standard deviation of the measurement noise along each axis, m or text; None for the files' own.
+        noise: Standard deviation of the measurement noise along each axis, m or text; None for that of ``after``, else
+            of the model's fit. Where the unexplained error of the model contains the noise of its own measurements, it
+            is only the lower bound of that error, with a warning.
 
     Returns:
         The gain with its interval, the remaining error, and whether the correction was loaded and kept its promise.
@@ -106,6 +108,9 @@ def compare_paired(
     promise = None
     if arm is not None:
         promise = _promise(arm, first, second, first_rows, second_rows, noise)
+        doubts += _noise_doubts(promise.noise)
+        fit = model_fit(arm)
+        doubts += () if fit is None else fit.warnings
     body = paired_targets(
         names, _means(first.position, first_rows), _means(second.position, second_rows), wanted, promise
     )
@@ -141,24 +146,24 @@ def _shared(first: Measurements, second: Measurements) -> tuple[tuple[str, ...],
         rows = [np.array([i]) for i in range(first.n)]
         names, first_rows, second_rows = tuple(str(i + 1) for i in range(first.n)), rows, rows
     else:
-        keys = [_keys(data) for data in (first, second)]
-        common = [key for key in dict.fromkeys(keys[0]) if key in set(keys[1])]
-        first_rows, second_rows = (
-            [np.flatnonzero([key == row_key for row_key in file]) for key in common] for file in keys
-        )
-        names = tuple(common)
+        rows_of = [_rows_of_targets(data) for data in (first, second)]
+        common = [key for key in rows_of[0] if key in rows_of[1]]
+        first_rows, second_rows = ([np.array(file[key]) for key in common] for file in rows_of)
+        names = tuple(" ".join(key) for key in common)
     if len(names) < _FEWEST:
         fix = "give the files of the same targets before and after the correction"
         raise InputError(Problem(f"the files share {len(names)} targets, {_FEWEST} are needed", second.source, fix=fix))
     return names, first_rows, second_rows
 
 
-def _keys(data: Measurements) -> list[str]:
-    """Return the name of each row's target: its pose, and the measured target if there are several."""
+def _rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
+    """Return the rows of each target by its name: its pose, and the measured target if the file has that column."""
     assert data.pose is not None
-    if data.target is None:
-        return [str(name) for name in data.pose]
-    return [f"{name} {target}" for name, target in zip(data.pose, data.target, strict=True)]
+    columns = (data.pose,) if data.target is None else (data.pose, data.target)
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for i, key in enumerate(zip(*(map(str, column) for column in columns), strict=True)):
+        rows.setdefault(key, []).append(i)
+    return rows
 
 
 def _means(values: Array, rows: Rows) -> Array:
@@ -205,31 +210,56 @@ def _promise(
         raise UsageError("`model` needs the joints q1, q2, … that were commanded, in both files")
     arm = absorb_constants(arm)
     full = [completed(arm, fit, None, data, 0) for data in (first, second)]
-    known = Model.of(arm)
-    predicted = [known.bind(data).poses(np.zeros(0)).translation for data in full]
-    bound = Model.of(arm, fit.effects).bind(full[1])
-    columns = np.array([bound.names.index(name) for name in fit.coefficients], dtype=np.int64)
-    jacobian = bound.linearise(np.zeros(len(bound.names)), columns)[1][:3]
+    predicted = Model.of(arm).bind(full[0]).poses(np.zeros(0)).translation
+    poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full[1])
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     separate = model_uncertainty(arm, alone, full[1], measured=True).position
-    # Otherwise the unexplained error of the model contains the noise already.
-    variance = _noise_variance(second, fit.noise[0], noise) if fit.noise_is_separate else 0.0
-    counts = np.array([index.size for index in second_rows])
+    noise_used = _noise_used(second, fit, noise)
     firsts = np.array([index[0] for index in second_rows])
-    repeated = np.eye(3)[:, :, None] * (variance / counts)
     return Promise(
-        _means(predicted[0], first_rows),
-        _means(predicted[1], second_rows),
-        jacobian[:, :, firsts],
-        fit.covariance,
-        separate[:, :, firsts] + repeated,
+        _means(predicted, first_rows),
+        _means(poses.translation, second_rows),
+        jacobian[:3, :, firsts],
+        covariance,
+        _with_noise(separate[:, :, firsts], noise_used, np.array([index.size for index in second_rows])),
+        noise_used,
     )
 
 
-def _noise_variance(data: Measurements, of_fit: float, noise: str | float | None) -> float:
-    """Return the variance of the measurement noise along an axis, m²: as given, from the file, else from the fit."""
+def _noise_used(data: Measurements, fit: ModelFit, noise: str | float | None) -> PromisedNoise:
+    """Return the measurement noise along an axis: as given, from the file, else from the fit."""
+    treatment: NoiseTreatment = "added" if fit.noise_is_separate else "contained"
     if noise is not None:
-        return size(noise, "length", "`noise`") ** 2
+        return PromisedNoise(size(noise, "length", "`noise`"), "given", treatment)
     if data.sigma_position is not None:
-        return float(np.mean(np.square(data.sigma_position)))
-    return of_fit**2
+        return PromisedNoise(float(np.sqrt(np.mean(np.square(data.sigma_position)))), "file", treatment)
+    return PromisedNoise(fit.noise[0] if fit.noise_is_separate else 0.0, "model", treatment)
+
+
+def _with_noise(covariance: Array, noise: PromisedNoise, counts: NDArray[np.int64]) -> Array:
+    """Return covariances ``(3, 3, T)`` with the noise of means of ``counts`` measurements.
+
+    Where they contain the noise of other measurements, their principal variances are at least this noise.
+
+    Raises:
+        UsageError: Neither the noise nor the model leaves a single measurement any error.
+    """
+    variance = (noise.position**2 / counts)[:, None]
+    values, vectors = np.linalg.eigh(np.moveaxis(covariance, 2, 0))
+    values = np.maximum(values, 0.0) + variance if noise.treatment == "added" else np.maximum(values, variance)
+    if not np.all(values > 0.0):
+        raise UsageError("the model has no unexplained error: `noise` must be more than 0")
+    total: Array = np.einsum("nik,nk,njk->ijn", vectors, values, vectors)
+    return total
+
+
+def _noise_doubts(noise: PromisedNoise) -> list[str]:
+    """Return a warning where noise is stated that the model's unexplained error may contain."""
+    if noise.treatment == "added" or noise.source == "model":
+        return []
+    stated = "`noise`" if noise.source == "given" else "the noise of `after`"
+    return [
+        f"the model's unexplained error contains the noise of its own measurements, so {stated} of "
+        f"{1e3 * noise.position:.3g} mm is not added, but is the least that this error counts as; to separate the two, "
+        "fit the model to poses with columns sigma_x, sigma_y, sigma_z or with several rows in a visit"
+    ]

@@ -199,7 +199,7 @@ def correct(
         model=arm,
         nominal=controller,
         given=data,
-        doubts=(*doubts, *left_out),
+        doubts=(*doubts, *left_out, *(() if fit is None else fit.warnings)),
         made=Provenance(options, (record, arm_record, *nominal_record, *scale_record), None),
     )
     if result.n_targets and not result.n_corrected:

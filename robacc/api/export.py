@@ -11,6 +11,7 @@ from robacc.api.result import Provenance, Result, check_choice, fields_of
 from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
+from robacc.prediction.model_fit import model_fit
 from robacc.robots.description import Robot
 
 ExportFormatName = Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets"]
@@ -23,11 +24,8 @@ class Exported(Result, ExportedModel):
     command: ClassVar[str] = "export"
     format: ExportFormatName
     made: Provenance
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """No warnings: :attr:`not_carried` lists what the format leaves out."""
-        return ()
+    warnings: tuple[str, ...] = ()
+    """Doubts about the model; :attr:`not_carried` lists what the format leaves out."""
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
@@ -102,4 +100,7 @@ def export(
         records.append(InputFile.at(path, sha256_of(path), "template"))
     body = export_model(robot, ControllerFormat(format), nominal=controller, arm=arm, template=text)
     options = {"format": format, "arm": arm, "base_link": base_link, "tip_link": tip_link}
-    return Exported(**fields_of(body), format=format, made=Provenance(options, tuple(records), None))
+    fit = model_fit(robot)
+    warnings = () if fit is None else fit.warnings
+    made = Provenance(options, tuple(records), None)
+    return Exported(**fields_of(body), format=format, made=made, warnings=warnings)

@@ -14,6 +14,7 @@ import numpy as np
 from robacc.api.inputs import STDIN, PosesSource, StrPath, load_poses, load_robot, path_of, with_fitted_poses
 from robacc.api.model_use import CampaignUse, ModelUse, use_model
 from robacc.api.result import Result
+from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
@@ -56,16 +57,24 @@ class FitResult(Result):
     def converged(self) -> bool:
         """Return whether the reported fit converged."""
 
+    @property
+    @abstractmethod
+    def suspicions(self) -> tuple[str, ...]:
+        """Return the data mistakes that the reported fit makes likely, in words; they are among the warnings too."""
+
     def model_yaml(self) -> str:
         """Return the robot file of the fitted robot; its first line names the command and the poses.
 
-        It has the units, comments and order of the robot file that was fitted; m and rad for a URDF.
+        It has the units, comments and order of the robot file that was fitted; m and rad for a URDF. Suspected data
+        mistakes stand in comments at its head, and in its part ``fit:``.
         """
         from robacc.modelling.model_file import model_text
 
         source = self.fit_inputs.names["poses"]
         origin = "arrays" if source is None else PurePath(source).name
-        return model_text(self.robot, (f"written by robacc {__version__} {self.command} from {origin}",))
+        caution = ("do not use this model before the following is settled:",) if self.suspicions else ()
+        origin = f"written by robacc {__version__} {self.command} from {origin}"
+        return model_text(self.robot, (origin, *caution, *self.suspicions))
 
     def write_model(self, path: StrPath) -> None:
         """Write :meth:`model_yaml` to a file, which every call and command reads as a robot.
@@ -92,7 +101,7 @@ def with_fit(robot: Robot, result: Calibration | Trace, fit: Fit, inputs: FitInp
     elif result.residuals.held_out_after is not None:
         held_out = (inputs.data, result.residuals.held_out_after)
     record = fit_record(fit, robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds)
-    return replace(robot, fit=record.entry())
+    return replace(robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
 
 
 def load_fit_inputs(

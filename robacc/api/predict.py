@@ -65,6 +65,8 @@ class Predicted(Result, Prediction):
         warnings = [warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings]
         warnings += fitted_pose_warnings(self.robot, [file for file in self.made.inputs if file.kind == "against"])
         warnings += () if self.made.use is None else self.made.use.warnings
+        fit = model_fit(self.robot)
+        warnings += () if fit is None else fit.warnings
         hint = None if self.comparison is None else self.comparison.hint
         return tuple(warnings) if hint is None else (*warnings, hint)
 

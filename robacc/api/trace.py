@@ -10,6 +10,7 @@ from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_
 from robacc.api.inputs import PosesSource, StrPath, fitted_pose_warnings
 from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
+from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.baseline import Baseline, default_baseline
 from robacc.effects.request import build, parse_requests
 from robacc.measurements import Measurements
@@ -42,6 +43,11 @@ class Traced(FitResult, Trace):
     def converged(self) -> bool:
         """Return whether the reported fit converged."""
         return self.final.converged
+
+    @property
+    def suspicions(self) -> tuple[str, ...]:
+        """Return the data mistakes that the reported fit makes likely, in words."""
+        return suspected_mistakes(self.final)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""

@@ -54,7 +54,10 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
 
 
 def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, table: Callable[[TextIO], None]) -> None:
-    """Write the model of a fit and deliver the result; a fit that did not converge ends with status 5, without a model.
+    """Write the model of a fit and deliver the result.
+
+    A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
+    status 5 too; its model says so.
 
     Args:
         write_model: File for the model; None for none.
@@ -64,14 +67,19 @@ def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, ta
 
     Raises:
         InputError: a file cannot be written, or the gate cannot be read.
-        typer.Exit: the gate did not pass (status 4 or 5), or the fit did not converge (status 5).
+        typer.Exit: the gate did not pass (status 4 or 5), or the fit did not converge or makes a data mistake
+            likely (status 5).
     """
     import typer
+
+    from robacc.render.text.console import say_warnings
 
     if write_model is not None and result.converged:
         result.write_model(write_model)
     deliver(outlets, result, table)
-    if not result.converged:
+    if result.suspicions and write_model is not None:
+        say_warnings((f"{write_model} is not to be used before the suspected data mistake is settled",))
+    if result.suspicions or not result.converged:
         raise typer.Exit(5)
 
 

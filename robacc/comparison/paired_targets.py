@@ -24,10 +24,25 @@ from robacc.statistics.distributions import chi2_sf
 
 Loaded = Literal["loaded", "partly loaded", "not loaded", "undecided"]
 
+NoiseSource = Literal["given", "file", "model"]
+NoiseTreatment = Literal["added", "contained"]
+
 _COVERAGE = 1.959963984540054
 """Standard deviations of an interval of 95 %."""
 _PROMISED = 0.01
 """Probability below which the remaining error is not what was promised."""
+
+
+@dataclass(frozen=True, slots=True)
+class PromisedNoise:
+    """Measurement noise in the test of the promise."""
+
+    position: float
+    """Standard deviation along each axis, m."""
+    source: NoiseSource
+    """``given``, from the poses after the correction, or from the model's fit."""
+    treatment: NoiseTreatment
+    """``added`` to the unexplained error of the model, or ``contained`` in it: then it is only its lower bound."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +58,7 @@ class Promise:
     """``(P, P)`` of the coefficients."""
     separate: Array
     """``(3, 3, N)`` covariance of all that targets do not share, m²."""
+    noise: PromisedNoise
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +83,7 @@ class PromiseTest:
     p_value: float
     promised_rms: float
     """Expected RMS of the remaining error, measurement noise included, m."""
+    noise: PromisedNoise
 
     @property
     def kept(self) -> bool:
@@ -171,4 +188,4 @@ def _promise_test(residual: Array, promise: Promise) -> PromiseTest:
         shared = 0.0
     dof = residual.size
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", promise.separate))))
-    return PromiseTest(chi_square, dof, chi2_sf(chi_square, float(dof)), expected)
+    return PromiseTest(chi_square, dof, chi2_sf(chi_square, float(dof)), expected, promise.noise)

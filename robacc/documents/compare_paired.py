@@ -41,6 +41,11 @@ def payload(result: PairedTargets) -> Document:
             "degrees_of_freedom": promise.degrees_of_freedom,
             "p_value": promise.p_value,
             "promised_rms_m": promise.promised_rms,
+            "noise": {
+                "position_m": promise.noise.position,
+                "source": promise.noise.source,
+                "treatment": promise.noise.treatment,
+            },
         },
         "targets": {
             "name": list(result.names),

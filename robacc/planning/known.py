@@ -71,11 +71,12 @@ def expected_noise(
 
 
 def _unexplained(record: ModelFit | None) -> float:
-    """Return the unexplained error along each axis, m; where the noise was not confirmed, the record contains it."""
+    """Return the unexplained error along each axis, m, without the noise that the record may contain."""
     if record is None:
         return 0.0
     variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
-    return float(np.sqrt(max(variance - record.noise[0] ** 2, 0.0)))
+    contained = 0.0 if record.noise_is_separate else record.noise[0] ** 2
+    return float(np.sqrt(max(variance - contained, 0.0)))
 
 
 def known_information(

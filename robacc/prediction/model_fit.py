@@ -38,7 +38,7 @@ class ModelFit:
     unexplained: Array
     """``(M, M)`` covariance of the unexplained error in the target's frame; M is 3 for positions alone, else 6."""
     noise: tuple[float, float | None]
-    """Standard deviation of the measurement noise, m and rad."""
+    """Standard deviation of the measurement noise, m and rad; where it is not separate, of all that is unexplained."""
     noise_is_separate: bool
     """``unexplained`` has no measurement noise: the poses of the fit state it, or it was separated from the scatter."""
     bound_factor: tuple[float, float]
@@ -48,6 +48,8 @@ class ModelFit:
     ranges: Mapping[str, tuple[float, float]]
     """Lowest and highest value over the poses of the fit, by joint and by column of circumstances."""
     n_poses: int
+    suspicions: tuple[str, ...] = ()
+    """Data mistakes that the fit made likely, in words."""
 
     def entry(self) -> dict[str, Any]:
         """Return the part of the robot file as plain values."""
@@ -70,7 +72,13 @@ class ModelFit:
             },
             "ranges": {name: [float(low), float(high)] for name, (low, high) in self.ranges.items()},
             "n_poses": self.n_poses,
+            **({"suspected_mistakes": list(self.suspicions)} if self.suspicions else {}),
         }
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return a warning for users of the model whose fit made a data mistake likely."""
+        return tuple(f"the model is doubtful since its fit: {text}" for text in self.suspicions)
 
 
 def model_fit(robot: Robot) -> ModelFit | None:
@@ -108,6 +116,7 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
         largest_correction=(float(largest["position"]), float(largest["orientation"])),
         ranges={name: (float(low), float(high)) for name, (low, high) in entry["ranges"].items()},
         n_poses=int(entry["n_poses"]),
+        suspicions=tuple(str(text) for text in entry.get("suspected_mistakes", ())),
     )
 
 

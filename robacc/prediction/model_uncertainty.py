@@ -23,7 +23,7 @@ import numpy as np
 from robacc.chain import BLOCK
 from robacc.effects.joint_offset import JointOffset
 from robacc.fitting.apply_fit import absorb_constants
-from robacc.geometry import Array, compose, transpose
+from robacc.geometry import Array, Poses, compose, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.prediction.extrapolation import extrapolation
@@ -92,14 +92,8 @@ def _blocks(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> 
     model = Model.of(robot, effects)
     if not measured:
         model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.is_of_measurement))
-    ranges = {known.effect.key(): known.validity for known in model.known}
-    bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in effects])
-    numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
-    coefficients_of_fit = _occurrences(fit.coefficients)
-    known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]
-    columns = np.array([numbers[coefficients_of_fit[i]] for i in known], dtype=np.int64)
-    poses, jacobian = bound.linearise(np.zeros(len(bound.names)), columns)
-    coefficients = _propagated(jacobian, fit.covariance[np.ix_(known, known)])
+    poses, jacobian, covariance = fitted_jacobian(model, fit, data)
+    coefficients = _propagated(jacobian, covariance)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
     scatter = np.zeros_like(coefficients)
     if stds.any():
@@ -108,6 +102,26 @@ def _blocks(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> 
     beyond = extrapolation(model, data)
     beyond = np.zeros_like(coefficients) if beyond is None else beyond
     return (coefficients, scatter, _turned(fit.unexplained, poses.rotation), beyond), poses.rotation
+
+
+def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Poses, Array, Array]:
+    """Return poses, their Jacobian ``(6, P, N)`` to the fitted coefficients, and the covariance ``(P, P)`` of these.
+
+    Coefficients of the fit that the poses do not have, such as those of a target that was not measured, are left out.
+
+    Args:
+        model: The fitted robot, with the effects of the fit, or some of them, as free effects.
+        fit: Record of the fit.
+        data: Poses with their circumstances.
+    """
+    ranges = {known.effect.key(): known.validity for known in model.known}
+    bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in model.free])
+    numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
+    coefficients_of_fit = _occurrences(fit.coefficients)
+    known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]
+    columns = np.array([numbers[coefficients_of_fit[i]] for i in known], dtype=np.int64)
+    poses, jacobian = bound.linearise(np.zeros(len(bound.names)), columns)
+    return poses, jacobian, fit.covariance[np.ix_(known, known)]
 
 
 def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:

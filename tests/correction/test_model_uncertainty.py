@@ -16,7 +16,7 @@ from robacc.fitting.apply_fit import absorb_constants
 from robacc.modelling.model import Model, predict
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import model_uncertainty
-from robacc.robots.description import Robot
+from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_to_yaml
 
@@ -266,9 +266,89 @@ def test_compare_paired_sees_gain_promise_and_a_correction_that_is_not_loaded() 
     assert result.promise is None
 
 
+@cache
+def without_stated_noise() -> Robot:
+    """A model whose poses do not show their noise: it is part of the unexplained error."""
+    data = robacc.simulate(TRUTH, poses=60, seed=4, noise="0.03mm", position_only=True).data
+    return robacc.calibrate(data, robot=ROBOT, fit=FIT, folds=4, shrink=False).robot
+
+
+def test_noise_that_the_unexplained_error_contains_is_not_ignored_without_a_word() -> None:
+    model = without_stated_noise()
+    fit = model_fit(model)
+    assert fit is not None
+    assert not fit.noise_is_separate
+    targets = robacc.simulate(ROBOT, poses=30, seed=7, motion=False).data
+    before, after = (measured(robacc.read_robot(TRUTH), targets, seed) for seed in (1, 2))
+    results = {noise: robacc.compare_paired(before, after, model=model, nominal=ROBOT, noise=noise)
+               for noise in (None, "0.001mm", "2mm")}  # fmt: skip
+    promises = {noise: result.document()["promise"] for noise, result in results.items()}
+    assert not any("is not added" in warning for warning in results[None].warnings)
+    for noise in ("0.001mm", "2mm"):
+        assert any(f"`noise` of {noise[:-2]} mm is not added" in warning for warning in results[noise].warnings)
+        assert promises[noise]["noise"]["treatment"] == "contained"
+        assert promises[noise]["noise"]["source"] == "given"
+    # Smaller than the unexplained error: nothing changes. Larger: the remaining error is at least the noise.
+    assert promises["0.001mm"]["chi_square"] == promises[None]["chi_square"]
+    assert promises["2mm"]["promised_rms_m"] == pytest.approx(np.sqrt(3) * 2e-3, rel=0.01)
+    # The noise of the file counts alike.
+    stated = dataclasses.replace(after, sigma_position=np.full((3, after.n), 2e-3))
+    result = robacc.compare_paired(before, stated, model=model, nominal=ROBOT)
+    assert result.document()["promise"]["noise"]["source"] == "file"
+    assert result.document()["promise"]["chi_square"] == pytest.approx(promises["2mm"]["chi_square"])
+    assert any("the noise of `after` of 2 mm is not added" in warning for warning in result.warnings)
+
+
+def test_noise_of_a_model_that_knows_it_is_added() -> None:
+    model = calibrated(2).robot
+    fit = model_fit(model)
+    assert fit is not None
+    assert fit.noise_is_separate
+    assert fit.noise == pytest.approx((0.03e-3, 0.03e-3))  # as the poses stated it, without what is unexplained
+    targets = robacc.simulate(ROBOT, poses=30, seed=7, motion=False).data
+    before, after = (measured(robacc.read_robot(TRUTH), targets, seed) for seed in (1, 2))
+    squares = []
+    for noise in (1e-5, 1e-3):
+        result = robacc.compare_paired(before, after, model=model, nominal=ROBOT, noise=noise)
+        assert not any("is not added" in warning for warning in result.warnings)
+        assert result.promise is not None
+        squares.append(result.promise.promised_rms**2)
+    assert squares[1] - squares[0] == pytest.approx(3e-6 - 3e-10, rel=1e-6)
+    bare = dataclasses.replace(fit, unexplained=0.0 * fit.unexplained, repeatability={})
+    certain = dataclasses.replace(model, fit=bare.entry())
+    with pytest.raises(robacc.UsageError, match="`noise` must be more than 0"):
+        robacc.compare_paired(before, after, model=certain, nominal=ROBOT, noise=0.0)
+
+
+def test_targets_of_equal_names_and_targets_that_were_not_fitted_are_compared() -> None:
+    """Coefficients of two targets share no column, and a target that is not measured again has none."""
+    from robacc.comparison.paired_targets import PairedTargets
+
+    robot = dataclasses.replace(
+        robacc.read_robot(ROBOT), targets={"A": Frame(xyz=(0.05, 0.0, 0.1)), "B": Frame(xyz=(-0.05, 0.02, 0.1))}
+    )
+    data = robacc.simulate(robot, poses=40, seed=3, noise="0.03mm", position_only=True, sigma=True).data
+    assert data.target is not None
+    model = robacc.calibrate(data, robot=robot, fit="base_frame,tool_frame,joint_offset", folds=2).robot
+    alone = data.subset(np.flatnonzero(data.target == "A")[:10])
+    result: PairedTargets = robacc.compare_paired(alone, alone, model=model, nominal=robot)
+    assert result.promise is not None
+    assert result.promise.degrees_of_freedom == 30
+
+
+def test_rows_belong_to_the_pair_of_pose_and_target() -> None:
+    """Pose "P" with target "A A" is another point than pose "P A" with target "A"."""
+    from robacc.api.compare_paired import _rows_of_targets
+
+    data = robacc.Measurements(
+        position=np.zeros((3, 4)), pose=np.array(["P", "P A", "P A", "P"]), target=np.array(["A A", "A", "A", "A A"])
+    )
+    assert _rows_of_targets(data) == {("P", "A A"): [0, 3], ("P A", "A"): [1, 2]}
+
+
 def test_promise_is_kept_as_often_as_it_claims() -> None:
     """The normalised square of what is drawn from the promised covariance has the mean and variance of a chi-square."""
-    from robacc.comparison.paired_targets import Promise, paired_targets
+    from robacc.comparison.paired_targets import Promise, PromisedNoise, paired_targets
 
     rng = np.random.default_rng(0)
     n, count = 12, 5
@@ -279,7 +359,8 @@ def test_promise_is_kept_as_often_as_it_claims() -> None:
         shared = np.einsum("ipn,p->in", jacobian, root @ rng.normal(size=count))
         own = np.sqrt([[1.0], [2.0], [0.5]]) * rng.normal(size=(3, n))
         predicted = rng.normal(size=(3, n))
-        promise = Promise(predicted + 10.0, predicted, jacobian, root @ root.T, separate)
+        noise = PromisedNoise(0.0, "model", "added")
+        promise = Promise(predicted + 10.0, predicted, jacobian, root @ root.T, separate, noise)
         names = tuple(map(str, range(n)))
         result = paired_targets(names, predicted + 10.0, predicted + shared + own, predicted, promise)
         assert result.promise is not None

@@ -3,30 +3,48 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import independent_arm as arm
 import numpy as np
 import pytest
+from results import run
 from test_mistake_sets import made
 
+import robacc
 from robacc.calibration import calibrate
 from robacc.diagnostics.suspected_mistakes import reach
 from robacc.effects.request import parse_requests
 from robacc.measurements import Measurements
+from robacc.robots.description import Robot
 
 N = 30
+EFFECTS = "base_frame,tool_frame,link_geometry[j4]"
 
 
-def warnings(length: float) -> list[str]:
-    """Warnings of a calibration with a nominal forearm that is wrong by ``length``."""
+def campaign(length: float) -> tuple[Robot, Measurements]:
+    """A robot file whose forearm is wrong by ``length``, and poses of the true arm."""
     q, position, _ = made(N, 5)
     robot = arm.robot()
     joints = list(robot.joints)
     joints[3] = dataclasses.replace(joints[3], parameters={**joints[3].parameters, "d": arm.DH[3][1] + length})
-    robot = dataclasses.replace(robot, joints=tuple(joints))
-    requests = parse_requests("base_frame,tool_frame,link_geometry[j4]")
-    result = calibrate(robot, Measurements(position=position, q=q), requests, n_folds=2)
+    return dataclasses.replace(robot, joints=tuple(joints)), Measurements(position=position, q=q)
+
+
+def warnings(length: float) -> list[str]:
+    """Warnings of a calibration with a nominal forearm that is wrong by ``length``."""
+    robot, data = campaign(length)
+    requests = parse_requests(EFFECTS)
+    result = calibrate(robot, data, requests, n_folds=2)
     return [text for text in result.warnings if text.startswith("suspected data mistake")]
+
+
+def files(folder: Path, length: float) -> list[str]:
+    """Words of the command line: poses and robot file of a campaign."""
+    robot, data = campaign(length)
+    robacc.write_robot(folder / "robot.yaml", robot)
+    robacc.write_poses(folder / "poses.csv", data)
+    return [str(folder / "poses.csv"), "--robot", str(folder / "robot.yaml")]
 
 
 def test_reach_is_the_sum_of_the_lengths() -> None:
@@ -35,8 +53,52 @@ def test_reach_is_the_sum_of_the_lengths() -> None:
 
 def test_a_length_that_is_far_off_is_suspected() -> None:
     (text,) = warnings(0.2)
-    assert "link_geometry.j4.d is corrected by -19" in text
+    assert "link_geometry.j4.d is corrected by -" in text
 
 
 def test_a_usual_correction_is_not() -> None:
     assert warnings(2e-3) == []
+
+
+FITS = (("calibrate", "--fit"), pytest.param("trace", "--declared", marks=pytest.mark.slow))
+
+
+@pytest.mark.parametrize(("command", "option"), FITS)
+def test_a_model_with_a_suspected_mistake_says_so_wherever_it_is_used(
+    command: str, option: str, tmp_path: Path
+) -> None:
+    model = tmp_path / "model.yaml"
+    words = [command, *files(tmp_path, 0.2), option, EFFECTS, "--folds", "2", "--write-model", str(model)]
+    outcome = run(*words)
+    assert outcome.exit_code == 5
+    assert "is not to be used before the suspected data mistake is settled" in outcome.stderr
+    head = model.read_text().splitlines()[:3]
+    assert head[1] == "# do not use this model before the following is settled:"
+    assert "link_geometry.j4.d is corrected by -" in head[2]
+    text = "the model is doubtful since its fit: suspected data mistake: link_geometry.j4.d is corrected by -"
+    for result in (robacc.predict(model, samples=20), robacc.export(model, format="mdh")):
+        assert any(warning.startswith(text) for warning in result.warnings)
+    # The model itself is as it was fitted: only the words are added.
+    assert robacc.read_robot(model).joints[3].parameters["d"] == pytest.approx(arm.DH[3][1], abs=10e-3)
+
+
+@pytest.mark.parametrize(("command", "option"), FITS)
+def test_a_model_without_a_suspicion_is_written_as_ever(command: str, option: str, tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    words = [command, *files(tmp_path, 2e-3), option, EFFECTS, "--folds", "2", "--write-model", str(model)]
+    assert run(*words).exit_code == 0
+    assert "suspected" not in model.read_text()
+    assert "do not use" not in model.read_text()
+    assert robacc.predict(model, samples=20).warnings == ()
+
+
+def test_a_trace_heeds_the_suspicions_on_its_final_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("robacc.api.trace", "robacc.api.fitting"):
+        monkeypatch.setattr(f"{module}.suspected_mistakes", lambda fit: ("suspected data mistake: a test",))
+    model = tmp_path / "model.yaml"
+    words = ["trace", *files(tmp_path, 2e-3), "--declared", EFFECTS, "--folds", "2", "--write-model", str(model)]
+    assert run(*words).exit_code == 5
+    assert model.read_text().splitlines()[2] == "# suspected data mistake: a test"
+    assert robacc.predict(model, samples=5).warnings == (
+        "the model is doubtful since its fit: suspected data mistake: a test",
+    )

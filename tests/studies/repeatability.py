@@ -467,14 +467,21 @@ def main() -> int:
     )
     parser.add_argument("--no-visit", action="store_true", help="leave the visit column out")
     parser.add_argument("--oracle", action="store_true", help="judge the study's own ideal fit and test, not robacc")
+    parser.add_argument("--rows", type=Path, metavar="FILE", help="append each set as it is done; skip those there")
+    parser.add_argument("--summary", action="store_true", help="print the figures of the sets in --rows, run none")
     options = parser.parse_args()
     names = tool.chosen(all_names(options), options)
     if options.list:
         print("\n".join(names))
         return 0
-    rows = []
+    rows, before = [], tool.earlier(options)
     for name in names:
+        if name in before:
+            rows.append(before[name])
+        if options.summary or name in before:
+            continue
         rows.append(run_set(design(name), options))
+        tool.keep(options, rows[-1])
         if options.v:
             row = rows[-1]
             held = "/".join("-" if x is None else f"{x:.1f}" for x in row.get("held_out_um", []))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -11,6 +12,7 @@ import shlex
 import subprocess
 import time
 import zlib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,7 +64,7 @@ def arguments(description: str | None, seeds: int) -> argparse.ArgumentParser:
     )
     parser.add_argument("--first-seed", type=int, default=0, metavar="S")
     parser.add_argument("--only", default="", help="regular expression on the names of sets; several with a space")
-    parser.add_argument("--sets", type=int, metavar="N", help="at most N sets, drawn evenly from those selected")
+    parser.add_argument("--sets", type=int, metavar="N", help="at most N sets, a balanced draw of those selected")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write summary and rows there")
     parser.add_argument("--limit", type=float, default=600, metavar="S", help="seconds for one command")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the files of each set there")
@@ -76,8 +78,45 @@ def chosen(names: Sequence[str], options: argparse.Namespace) -> list[str]:
     patterns = [re.compile(part) for part in options.only.split()]
     kept = [name for name in names if all(pattern.search(name) for pattern in patterns)]
     if options.sets is not None and options.sets < len(kept):
-        kept = sorted(kept, key=lambda name: zlib.crc32(f"draw {name}".encode()))[: options.sets]
+        kept = balanced(kept, options.sets)
     return kept
+
+
+def balanced(names: Sequence[str], count: int) -> list[str]:
+    """The first ``count`` names of an order in which each level of each factor comes about equally often.
+
+    Factors are the parts of a name between hyphens. The order does not depend on ``count``: more sets are added to
+    those that were run before.
+    """
+    left = sorted(names, key=lambda name: zlib.crc32(f"draw {name}".encode()))
+    levels = {name: list(enumerate(re.split(r"-(?!\d)", name))) for name in left}
+    totals: Counter[tuple[int, str]] = Counter(level for name in left for level in levels[name])
+    used: Counter[tuple[int, str]] = Counter()
+    picked = []
+    for _ in range(count):
+        name = min(left, key=lambda candidate: sum(used[level] / totals[level] for level in levels[candidate]))
+        left.remove(name)
+        used.update(levels[name])
+        picked.append(name)
+    return picked
+
+
+def earlier(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """The sets that ``--rows`` has already, by name; a line that was cut off is no set."""
+    rows = {}
+    if options.rows and options.rows.exists():
+        for line in options.rows.read_text().splitlines():
+            with contextlib.suppress(json.JSONDecodeError):
+                row = json.loads(line)
+                rows[row["name"]] = row
+    return rows
+
+
+def keep(options: argparse.Namespace, row: Mapping[str, Any]) -> None:
+    """Append a set to ``--rows``."""
+    if options.rows:
+        with options.rows.open("a") as file:
+            file.write(json.dumps(row, default=float) + "\n")
 
 
 def command(options: argparse.Namespace) -> list[str]:

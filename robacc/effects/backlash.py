@@ -19,7 +19,11 @@ from robacc.robots.arm import Arm
 _LEAST_LEVER = 1e-3
 """Lever of the arm's whole weight, m, below which gravity's torque presses against no flank."""
 _FRICTION_SHARES = (0.01, 0.02, 0.04, 0.08, 0.16)
-"""Friction that a search tries, over the largest torque of gravity on the joint."""
+"""Friction that a search tries first, over the largest torque of gravity on the joint."""
+_LARGEST_SHARE = 0.3
+"""Largest friction that a search tries, over the same."""
+_MOST_FRICTIONS = 60
+"""Largest number of frictions that a search tries."""
 
 
 @register
@@ -75,18 +79,28 @@ class Backlash(Effect):
                 yield cls((joint,))
             if moment.min() < 0 < moment.max():
                 yield cls((joint,), "gravity")
-                yield from cls._with_friction(joint, moment, data)
+                if varies(data.direction):
+                    yield from cls._with_friction(arm, joint, moment, data)
 
     @classmethod
-    def _with_friction(cls, joint: str, torque: Array, data: Measurements) -> Iterator[Effect]:
+    def _with_friction(cls, arm: Arm, joint: str, torque: Array, data: Measurements) -> Iterator[Effect]:
         """Yield the effect by gravity with each friction that changes the flank of some of the poses."""
-        if not varies(data.direction):
-            return
+        frictions = _distinct_frictions(arm.number(joint), torque, data)
         largest = float(np.abs(torque).max())
-        for share in _FRICTION_SHARES:
-            friction = float(f"{share * largest:.2g}")
-            if np.any(np.abs(torque) < friction):
-                yield cls((joint,), "gravity", friction)
+        nearest = [np.argmin(np.abs(frictions - share * largest)) for share in _FRICTION_SHARES if frictions.size]
+        yield from (cls((joint,), "gravity", float(frictions[i])) for i in sorted(set(nearest)))
+
+    def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield, by gravity with friction, every friction that leaves another set of poses on their flank."""
+        if self.friction > 0.0 and varies(data.direction):
+            number = arm.number(self.joints[0])
+            torque = gravity_torques(arm, commanded(data, self.name))[number]
+            frictions = _distinct_frictions(number, torque, data)
+            yield from (Backlash(self.joints, "gravity", friction) for friction in frictions.tolist())
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key without the size of the friction, which a search refines."""
+        return (self.name, self.joints, self.by, self.friction > 0.0)
 
     @property
     def follows_approach(self) -> bool:
@@ -114,10 +128,12 @@ class Backlash(Effect):
             loads = weight_needed(arm, f"{self.name} by gravity")
             torque = gravity_torques(arm, commanded(data, self.name))
             if self.friction > 0.0:
-                torque = torque + self.friction * needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
-            weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
-            # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
-            sign = np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
+                approach = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
+                sign = np.where(np.abs(torque) > self.friction, np.sign(torque), approach)
+            else:
+                weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
+                # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
+                sign = np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
         return tuple(
             Term(
                 f"{self.name}.{joint}",
@@ -160,3 +176,21 @@ class Backlash(Effect):
         return (
             f"the gear rests on the flank that gravity presses it to{friction}: it jumps where the torque changes sign"
         )
+
+
+def _distinct_frictions(number: int, torque: Array, data: Measurements) -> Array:
+    """Return frictions (N m) of which no two leave the same poses on the flank of their approach.
+
+    Only poses matter that gravity presses against the other flank. Each friction is the geometric mean of the torques
+    of two of them: as a scale, it is as likely in one decade as in another. At most :data:`_MOST_FRICTIONS` are kept,
+    evenly spread over their number.
+    """
+    direction = needed(data.direction, "dir_q1 …", Backlash.name)[number]
+    size = np.abs(torque)
+    opposed = np.unique(size[(np.sign(torque) * direction < 0) & (size < _LARGEST_SHARE * size.max())])
+    if opposed.size == 0:
+        return np.zeros(0)
+    between = np.sqrt(opposed * np.append(opposed[1:], 1.2 * opposed[-1]))
+    if between.size > _MOST_FRICTIONS:
+        between = between[np.linspace(0, between.size - 1, _MOST_FRICTIONS).round().astype(int)]
+    return np.array([float(f"{friction:.6g}") for friction in between.tolist()])

@@ -135,6 +135,18 @@ class Effect(abc.ABC):
         else:
             yield cls()
 
+    @classmethod
+    def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield forms that are candidates only beside the finding ``other``; by default none."""
+        yield from ()
+
+    def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield forms of the same finding of which a search takes the best once it is chosen; by default none.
+
+        Each moves one joint's variable, by terms of one part each.
+        """
+        yield from ()
+
     def settings(self) -> dict[str, Any]:
         """Return the settings besides the joints, as plain values for a robot file."""
         return {}

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from robacc.chain import BASE
 from robacc.effects.base import About, Effect, Part, Term, commanded, register, weight_needed
 from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
+from robacc.effects.unknown_masses import Masses, base_regressors, masses_setting
 from robacc.geometry import Poses
 from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import moments
@@ -29,7 +31,7 @@ class BaseCompliance(Elastic):
     """
 
     below: bool = False
-    masses: Literal["known", "unknown"] = "known"
+    masses: Masses = "known"
 
     name = "base_compliance"
     is_nonnegative = True
@@ -70,9 +72,10 @@ class BaseCompliance(Elastic):
         """Return the tilt, and with ``below`` the shift; with unknown masses a tilt for each base regressor."""
         turns = tuple(arm.chain.index(BASE, label) for label in ("turn_x", "turn_y"))
         if self.masses == "unknown":
-            return self._base_regressors(arm, turns)
+            tilt = partial(self.parts, turns)
+            return tuple(base_regressors(self.name, "rad/(N m)", 1e-6, unit_loads(arm, 0), tilt))
         loads = weight_needed(arm, self.name)
-        parts = tuple(self.part(turn, loads) for turn in turns)
+        parts = self.parts(turns, loads)
         if not self.below:
             return (Term(self.name, "rad/(N m)", 1e-6, parts),)
         moment_x, moment_y = moments(arm, commanded(data, self.name), turns)
@@ -84,15 +87,6 @@ class BaseCompliance(Elastic):
             Term(f"{self.name}.tilt", "rad/(N m)", 1e-6, parts),
             Term(f"{self.name}.shift", "m/(N m)", 1e-6, shift),
         )
-
-    def _base_regressors(self, arm: Arm, turns: Sequence[int]) -> tuple[Term, ...]:
-        terms = []
-        for label, loads in unit_loads(arm, 0).items():
-            is_mass = label.startswith("m")
-            unit = f"rad/(N m) {'kg' if is_mass else 'kg m'}"
-            parts = tuple(self.part(turn, loads) for turn in turns)
-            terms.append(Term(f"{self.name}.{label}", unit, 1e-6, parts, self.name, 5.0 if is_mass else 1.0))
-        return tuple(terms)
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -109,12 +103,10 @@ class BaseCompliance(Elastic):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``below: true``; ``masses: known`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
-        form, other_settings = deflection_setting(cls.name, settings)
-        below, masses = other_settings.pop("below", False), other_settings.pop("masses", "known")
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        other_settings = dict(settings)
+        below = other_settings.pop("below", False)
         if not isinstance(below, bool):
             raise ValueError(f"{cls.name}: below must be true or false, found {below!r}")
-        if masses not in ("known", "unknown") or (below and masses == "unknown"):
-            raise ValueError(f"{cls.name}: masses must be known, or unknown without below, found {masses!r}")
-        return cls(joints, below, masses, deflection=form)
+        possible: tuple[Masses, ...] = ("known",) if below else ("known", "unknown")
+        masses, other_settings = masses_setting(cls.name, other_settings, possible)
+        return cls(joints, below, masses, deflection=deflection_setting(cls.name, other_settings))

@@ -8,26 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import (
-    About,
-    Driver,
-    Effect,
-    Part,
-    Term,
-    commanded,
-    orders_setting,
-    register,
-    weight_needed,
-)
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import torque_driver
-from robacc.gravity.torques import gravity_torques
+from robacc.effects.orders import ORDER_STEP, SAME_ORDER
+from robacc.effects.periodic import searched_order
+from robacc.effects.torque_driven import TorqueDriven
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 
 @register
 @dataclass(frozen=True)
-class ComplianceVariation(Effect):
+class ComplianceVariation(TorqueDriven):
     """Joint variable plus gravity's torque times c cos(n q_j) + s sin(n q_j).
 
     It stands beside ``joint_compliance``, the mean over a turn. The torque is that at the commanded pose.
@@ -36,11 +28,10 @@ class ComplianceVariation(Effect):
     orders: tuple[float, ...] = (2.0,)
 
     name = "compliance_variation"
-    missing_reasons = ("no masses in the robot file",)
     about = About(
         summary="the joint's spring is softer at some angles: a periodic error that grows with the torque",
-        equation="theta_j + tau_j (c cos(n q_j) + s sin(n q_j)), n = 1 or 2, tau_j the torque of gravity about "
-        "the axis",
+        equation="theta_j + tau_j (c cos(n q_j) + s sin(n q_j)), tau_j the torque of gravity about the axis; "
+        "a trace tries n = 1, 2, and the orders of periodic errors that it has identified",
         unit="rad/(N m)",
         usual_size="1e-8 to 1e-6 rad/(N m), a tenth to a third of the joint's compliance",
         usual_range=(1e-8, 1e-6),
@@ -50,16 +41,6 @@ class ComplianceVariation(Effect):
         "over the angle",
         example="{effect: compliance_variation, joints: [j2], orders: [2], values: {j2.cos2: 2e-7, j2.sin2: 1e-7}}",
     )
-
-    @property
-    def uses_masses(self) -> bool:
-        """True: the torque is that of the file's masses."""
-        return True
-
-    @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there are no masses."""
-        return None if arm.chain.bodies else cls.missing_reasons[0]
 
     @classmethod
     def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
@@ -73,6 +54,12 @@ class ComplianceVariation(Effect):
             yield cls((joint,), (1.0,))
             yield cls((joint,), (2.0,))
 
+    @classmethod
+    def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield the order of a periodic error that a search has identified: gears err more under load."""
+        if (order := searched_order(other)) is not None and cls.missing(arm, data) is None:
+            yield cls(other.joints, (order,))
+
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return gravity's torque on the joint."""
         return None if joint is None else torque_driver(arm, data, joint, is_only=False)
@@ -83,9 +70,7 @@ class ComplianceVariation(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return a cosine and a sine for each order of each joint."""
-        weight_needed(arm, self.name)
-        q = commanded(data, self.name)
-        torque = gravity_torques(arm, q)
+        q, torque = commanded(data, self.name), self.torques(arm, data)
         terms = []
         for joint in self.joints:
             number = arm.number(joint)
@@ -94,6 +79,16 @@ class ComplianceVariation(Effect):
                     part = Part(arm.axis_motion(joint), torque[number] * wave(order * q[number]))
                     terms.append(Term(f"{self.name}.{joint}.{label}{order:g}", "rad/(N m)", 1e-6, (part,)))
         return tuple(terms)
+
+    def is_same_finding(self, other: Effect) -> bool:
+        """Return whether ``other`` has an order in common."""
+        if not isinstance(other, ComplianceVariation) or self.joints != other.joints:
+            return False
+        return any(abs(order - other_order) <= SAME_ORDER for order in self.orders for other_order in other.orders)
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key with searched orders rounded to the grid of orders."""
+        return (self.name, self.joints, tuple(round(order / ORDER_STEP) for order in self.orders))
 
     def settings(self) -> dict[str, Any]:
         """Return the orders."""

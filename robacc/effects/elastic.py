@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -38,6 +38,10 @@ class Elastic(Effect):
         """Return the part of a motion that deflects under ``loads``."""
         return Part(motion, 1.0, loads, deflected=self.deflection == "equilibrium")
 
+    def parts(self, motions: Sequence[int], loads: tuple[Load, ...]) -> tuple[Part, ...]:
+        """Return the part of each of several motions."""
+        return tuple(self.part(motion, loads) for motion in motions)
+
     def settings(self) -> dict[str, Any]:
         """Return the form, if it is not the equilibrium."""
         return {} if self.deflection == "equilibrium" else {"deflection": self.deflection}
@@ -45,20 +49,19 @@ class Elastic(Effect):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``deflection: equilibrium`` or ``rigid``."""
-        form, other_settings = deflection_setting(cls.name, settings)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
-        return cls(joints, deflection=form)
+        return cls(joints, deflection=deflection_setting(cls.name, settings))
 
 
-def deflection_setting(name: str, settings: Mapping[str, Any]) -> tuple[Deflection, dict[str, Any]]:
-    """Return the setting ``deflection``, and the other settings.
+def deflection_setting(name: str, settings: Mapping[str, Any]) -> Deflection:
+    """Return the setting ``deflection``, the only one that may be left.
 
     Raises:
-        ValueError: it is neither of its two values.
+        ValueError: it is neither of its two values, or there is another setting.
     """
-    other_settings = dict(settings)
-    form = other_settings.pop("deflection", "equilibrium")
+    form: Deflection = settings.get("deflection", "equilibrium")
     if form not in ("equilibrium", "rigid"):
         raise ValueError(f"{name}: deflection must be equilibrium or rigid, found {form!r}")
-    return form, other_settings
+    unknown = [key for key in settings if key != "deflection"]
+    if unknown:
+        raise ValueError(f"{name} has no setting {', '.join(map(repr, unknown))}")
+    return form

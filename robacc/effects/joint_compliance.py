@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Any
 
 from robacc.effects.base import About, Driver, Effect, Term, register, weight_needed
 from robacc.effects.driver import joint_driver, torque_driver
 from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
+from robacc.effects.unknown_masses import Masses, base_regressors, masses_setting
 from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -25,7 +27,7 @@ class JointCompliance(Elastic):
     prior in proportion to each link's own mass, correct them.
     """
 
-    masses: Literal["known", "uncertain", "unknown"] = "known"
+    masses: Masses = "known"
 
     name = "joint_compliance"
     is_nonnegative = True
@@ -81,13 +83,9 @@ class JointCompliance(Elastic):
                 terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (self.part(motion, own_weight),)))
             if self.masses == "known":
                 continue
-            stds = _regressor_stds(arm) if self.masses == "uncertain" else {}
-            for label, loads in unit_loads(arm, arm.owners[arm.number(joint)]).items():
-                name = f"{self.name}.{joint}.{label}"
-                load_unit = "kg" if label.startswith("m") else "kg m"
-                std = stds.get(label, 5.0 if load_unit == "kg" else 1.0)
-                part = self.part(motion, loads)
-                terms.append(Term(name, f"{unit} {load_unit}", 1e-5, (part,), f"{self.name}.{joint}", std))
+            stds = _regressor_stds(arm) if self.masses == "uncertain" else None
+            loads, parts = unit_loads(arm, arm.owners[arm.number(joint)]), partial(self.parts, (motion,))
+            terms.extend(base_regressors(f"{self.name}.{joint}", unit, 1e-5, loads, parts, stds))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
@@ -97,13 +95,8 @@ class JointCompliance(Elastic):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``masses: known``, ``uncertain`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
-        form, other_settings = deflection_setting(cls.name, settings)
-        masses = other_settings.pop("masses", "known")
-        if other_settings or masses not in ("known", "uncertain", "unknown"):
-            raise ValueError(
-                f"{cls.name} knows masses: known, uncertain or unknown, and deflection, found {dict(settings)!r}"
-            )
-        return cls(joints, masses, deflection=form)
+        masses, other_settings = masses_setting(cls.name, settings, ("known", "uncertain", "unknown"))
+        return cls(joints, masses, deflection=deflection_setting(cls.name, other_settings))
 
 
 def _regressor_stds(arm: Arm) -> dict[str, float]:

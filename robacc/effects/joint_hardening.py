@@ -8,55 +8,55 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register, weight_needed
-from robacc.effects.driver import torque_driver
+from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.effects.torque_driven import TorqueDriven
+from robacc.geometry import Array
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
+_LEAST_TORQUE = 1e-3
+"""N m below which gravity has no moment about a joint."""
+_KNEES = np.geomspace(0.02, 4.0, 40)
+"""Knees that a search tries, over the largest torque of gravity on the joint."""
+
 
 @register
 @dataclass(frozen=True)
-class JointHardening(Effect):
+class JointHardening(TorqueDriven):
     """Joint variable plus c times the cube of gravity's torque over a reference torque.
 
-    It stands beside ``joint_compliance``, whose torque is the first power. The torque is that at the commanded pose.
+    With a ``knee`` the spring is that of torque = k x (1 + (x / x_knee)^2), whose deflection grows with the cube root
+    of large torques. The coefficient is then the compliance 1 / k at small torques.
     """
 
     reference: float = 100.0
     """Torque at which the coefficient is the deflection, N m (N for a prismatic joint)."""
+    knee: float | None = None
+    """Torque k x_knee of the spring without its cubic part at x_knee, N m; None for the cube of the torque."""
 
     name = "joint_hardening"
-    missing_reasons = ("no masses in the robot file",)
     about = About(
-        summary="the joint's spring hardens: strain-wave gears and gears with clearance are soft at small torque",
-        equation="theta_j + c (tau_j / tau_ref)^3, tau_j the torque of gravity about the axis",
-        unit="rad (m for a prismatic joint) at the reference torque",
-        usual_size="1e-5 to 1e-3 rad; opposite in sign to the compliance where the spring hardens",
+        summary="the joint's spring hardens: strain-wave gears and gears with play are soft at small torque",
+        equation="theta_j + c (tau_j / tau_ref)^3, tau_j the torque of gravity about the axis; with knee_nm: "
+        "theta_j + c tau_k (z - tau_j / tau_k), z + z^3 = tau_j / tau_k",
+        unit="rad (m for a prismatic joint) at the reference torque; with knee_nm rad/(N m)",
+        usual_size="1e-5 to 1e-3 rad; opposite in sign to the compliance where the spring hardens; with knee_nm as "
+        "joint_compliance",
         usual_range=(1e-5, 1e-3),
         needs="mass and com of the links",
-        confused_with="joint_compliance where the torque's range is small, transmission_error of orders 1 and 3",
+        confused_with="joint_compliance where the torque's range is small, transmission_error of orders 1 and 3, "
+        "joint_correction by the torque",
         source="Tuttle and Seering, IEEE Trans. Robotics and Automation 12 (1996) 368: cubic stiffness of strain-wave "
         "gears",
         example="{effect: joint_hardening, joints: [j2], torque_nm: 50, values: {j2: -2e-4}}",
     )
 
-    @property
-    def uses_masses(self) -> bool:
-        """True: the torque is that of the file's masses."""
-        return True
-
-    @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there are no masses."""
-        return None if arm.chain.bodies else cls.missing_reasons[0]
-
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
         """Return the effect with the largest torque on these joints as the reference, to two digits."""
         chosen = tuple(joints) if joints is not None else arm.names
-        torque = gravity_torques(arm, commanded(data, cls.name))
-        largest = max((float(np.abs(torque[arm.number(joint)]).max(initial=0.0)) for joint in chosen), default=0.0)
+        largest = _largest_torque(arm, data, chosen)
         return cls(chosen, float(f"{largest:.2g}") if largest > _LEAST_TORQUE else cls.reference)
 
     @classmethod
@@ -64,47 +64,74 @@ class JointHardening(Effect):
         """Yield one joint at a time."""
         yield from (cls.default(arm, data, (joint,)) for joint in arm.names)
 
+    def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield the spring with each of many knees."""
+        largest = _largest_torque(arm, data, self.joints)
+        if largest > _LEAST_TORQUE:
+            yield from (JointHardening(self.joints, knee=float(f"{share * largest:.3g}")) for share in _KNEES)
+
     def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` is the same at any reference torque."""
+        """Return whether ``other`` is the same at any reference torque and knee."""
         return isinstance(other, JointHardening) and self.joints == other.joints
 
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the reference, which depends on the poses."""
-        return (self.name, self.joints)
+    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
+        """Return whether ``other`` is the same at any reference torque and knee."""
+        return self.is_same_finding(other)
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return gravity's torque on the joint."""
-        return None if joint is None else torque_driver(arm, data, joint)
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key without the reference, which depends on the poses, and without the knee."""
+        return (self.name, self.joints)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term a joint."""
-        weight_needed(arm, self.name)
-        torque = gravity_torques(arm, commanded(data, self.name)) / self.reference
-        return tuple(
-            Term(
-                f"{self.name}.{joint}",
-                "rad" if arm.is_revolute(joint) else "m",
-                1e-4,
-                (Part(arm.axis_motion(joint), torque[arm.number(joint)] ** 3),),
-            )
-            for joint in self.joints
-        )
+        torque = self.torques(arm, data)
+        terms = []
+        for joint in self.joints:
+            unit, force = ("rad", "N m") if arm.is_revolute(joint) else ("m", "N")
+            part = Part(arm.axis_motion(joint), self._regressor(torque[arm.number(joint)]))
+            unit, typical = (unit, 1e-4) if self.knee is None else (f"{unit}/({force})", 1e-5)
+            terms.append(Term(f"{self.name}.{joint}", unit, typical, (part,)))
+        return tuple(terms)
+
+    def _regressor(self, torque: Array) -> Array:
+        if self.knee is None:
+            return np.asarray((torque / self.reference) ** 3)
+        share = torque / self.knee
+        # The only real root of z + z^3 = share.
+        root = 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * share) / 3.0)
+        return np.asarray(self.knee * (root - share))
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return the torque of the knee, if there is one."""
+        if self.knee is None:
+            return None
+        unit = "N m" if arm.is_revolute(self.joints[0]) else "N"
+        # The slope k (1 + 3 z^2) is 2 k at z = 1 / sqrt(3).
+        doubled = self.knee * 4.0 / 3.0 / np.sqrt(3.0)
+        return f"the spring hardens: it is twice as stiff at {doubled:.3g} {unit} as without load"
 
     def settings(self) -> dict[str, Any]:
-        """Return the reference torque."""
-        return {"torque_nm": self.reference}
+        """Return the reference torque, or the knee."""
+        return {"torque_nm": self.reference} if self.knee is None else {"knee_nm": self.knee}
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``torque_nm``."""
-        other_settings = dict(settings)
-        reference = other_settings.pop("torque_nm", cls.reference)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
-        if isinstance(reference, bool) or not isinstance(reference, int | float) or not 0 < reference < np.inf:
-            raise ValueError(f"{cls.name}: torque_nm must be a number above 0, found {reference!r}")
-        return cls(joints, float(reference))
+        """Read ``torque_nm`` or ``knee_nm``."""
+        unknown = [key for key in settings if key not in ("torque_nm", "knee_nm")]
+        if unknown:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, unknown))}")
+        if len(settings) > 1:
+            raise ValueError(f"{cls.name} has torque_nm or knee_nm, not both")
+        for key, value in settings.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+                raise ValueError(f"{cls.name}: {key} must be a number above 0, found {value!r}")
+        knee = settings.get("knee_nm")
+        return cls(joints, float(settings.get("torque_nm", cls.reference)), None if knee is None else float(knee))
 
 
-_LEAST_TORQUE = 1e-3
-"""N m below which gravity has no torque about a joint."""
+def _largest_torque(arm: Arm, data: Measurements, joints: Sequence[str]) -> float:
+    """Return the largest torque of gravity on some joints, N m."""
+    torque = gravity_torques(arm, commanded(data, JointHardening.name))
+    return max((float(np.abs(torque[arm.number(joint)]).max(initial=0.0)) for joint in joints), default=0.0)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from robacc.effects.base import About, Effect, Term, commanded, register, weight_needed
 from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
+from robacc.effects.unknown_masses import Masses, base_regressors, masses_setting
 from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -27,7 +29,7 @@ class LateralCompliance(Elastic):
     With masses ``unknown`` the bending moment's base regressors are fitted, as those of ``joint_compliance`` are.
     """
 
-    masses: Literal["known", "unknown"] = "known"
+    masses: Masses = "known"
 
     name = "lateral_compliance"
     extrapolates = "Hooke's law: deflection in proportion to the bending moment"
@@ -73,20 +75,15 @@ class LateralCompliance(Elastic):
                 f"{self.name}.{joint}",
                 "rad/(N m)",
                 1e-5,
-                tuple(self.part(arm.motion(joint, label), weight) for label in FLEXURES),
+                self.parts(tuple(arm.motion(joint, label) for label in FLEXURES), weight),
             )
             for joint in self.joints
         )
 
-    def _base_regressors(self, arm: Arm, joint: str) -> tuple[Term, ...]:
-        terms = []
-        for label, loads in unit_loads(arm, arm.owners[arm.number(joint)]).items():
-            is_mass = label.startswith("m")
-            unit = f"rad/(N m) {'kg' if is_mass else 'kg m'}"
-            parts = tuple(self.part(arm.motion(joint, flexure), loads) for flexure in FLEXURES)
-            prefix = f"{self.name}.{joint}"
-            terms.append(Term(f"{prefix}.{label}", unit, 1e-5, parts, prefix, 5.0 if is_mass else 1.0))
-        return tuple(terms)
+    def _base_regressors(self, arm: Arm, joint: str) -> Iterator[Term]:
+        loads = unit_loads(arm, arm.owners[arm.number(joint)])
+        flexures = tuple(arm.motion(joint, flexure) for flexure in FLEXURES)
+        return base_regressors(f"{self.name}.{joint}", "rad/(N m)", 1e-5, loads, partial(self.parts, flexures))
 
     def settings(self) -> dict[str, Any]:
         """Return the form, and whether the masses are unknown."""
@@ -95,11 +92,8 @@ class LateralCompliance(Elastic):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``masses: known`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
-        form, other_settings = deflection_setting(cls.name, settings)
-        masses = other_settings.pop("masses", "known")
-        if other_settings or masses not in ("known", "unknown"):
-            raise ValueError(f"{cls.name} knows masses: known or unknown, and deflection, found {dict(settings)!r}")
-        return cls(joints, masses, deflection=form)
+        masses, other_settings = masses_setting(cls.name, settings, ("known", "unknown"))
+        return cls(joints, masses, deflection=deflection_setting(cls.name, other_settings))
 
 
 def _upright_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:

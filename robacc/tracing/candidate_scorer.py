@@ -10,20 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.instrument_place import LineOfSight
 from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.conditioned_columns import Columns, Conditioned, Family
 from robacc.tracing.evidence import Scores, judge
-from robacc.tracing.place_scans import PlaceFamily, PlaceScan, place_scan_for
+from robacc.tracing.place_scans import PlaceFamily, PlaceScan
 from robacc.tracing.ranking import Chosen, Ranked
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,
     credible_interval,
     first_places,
-    near_places,
     places_of,
     scan_for,
 )
@@ -34,8 +32,6 @@ _JUDGED = 12
 """Best candidates whose coefficients are judged."""
 _LEAST_EVIDENCE = 2.0
 """Evidence (log Bayes factor) below which no significance test is made."""
-_ORDERS_TRIED = 17
-"""Orders tried within a span."""
 _CACHED = 24
 """Conditioned systems in the cache: more than the findings that are tested between two steps."""
 
@@ -69,6 +65,10 @@ class CandidateScorer:
     """Function that returns the family of a scan's steps at several places."""
     place_scans: Sequence[PlaceScan] = ()
     """Forms of effects of the line of sight, scored only if no other candidate is significant."""
+    refinements: Callable[[Effect], Sequence[Batch]] = lambda effect: ()
+    """Function that returns the forms in which a search refines an effect."""
+    beside: Callable[[Effect], Sequence[Batch]] = lambda effect: ()
+    """Function that returns what is a candidate only beside an effect."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only at the caller's request."""
     _batches: list[tuple[list[int], NDArray[np.int64], Array]] = field(default_factory=list)
@@ -93,7 +93,7 @@ class CandidateScorer:
             weight = np.stack([self.pool[i].weights for i in members])
             self._batches.append((members, index, weight))
         self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
-        self._spectra = [self._spectrum(grid, grid.orders) for grid in self.order_grids]
+        self._spectra = [self.spectrum(grid, grid.orders) for grid in self.order_grids]
         for scan in self.step_scans:
             places = first_places(scan, self.poses)
             if self.family_of_steps is not None and places.size:
@@ -189,7 +189,7 @@ class CandidateScorer:
     def rank_high_orders(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
         """Return the best high order of each joint beside ``present``, best first."""
         if len(self._high_spectra) != len(self.high_grids):
-            self._high_spectra = [self._spectrum(grid, grid.orders) for grid in self.high_grids]
+            self._high_spectra = [self.spectrum(grid, grid.orders) for grid in self.high_grids]
         keys = {finding.candidate.key for finding in present}
         ranked: list[Ranked] = []
         for grid, family in zip(self.high_grids, self._high_spectra, strict=True):
@@ -213,12 +213,18 @@ class CandidateScorer:
                 ranked.append(_ranked(scan.candidate(scan.places[best]), scores, best))
         return sorted(ranked, key=lambda entry: -round(entry.total, 6))
 
-    def best_place(self, conditioned: Conditioned, effect: Effect) -> Candidate | None:
-        """Return the effect of the line of sight at the place of largest evidence; None if none is searched."""
-        scan = place_scan_for(self.place_scans, effect)
-        if scan is None or not isinstance(effect, LineOfSight):
-            return None
-        return scan.refined(conditioned, self.system, self.poses, effect.place)
+    def rank_beside(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
+        """Return what is a candidate only beside one of the findings ``present``, best first."""
+        keys = {finding.candidate.effect.search_key() for finding in present}
+        ranked: list[Ranked] = []
+        for batch in (batch for finding in present for batch in self.beside(finding.candidate.effect)):
+            scores = self.family_of(batch).judge(conditioned)
+            ranked.extend(
+                _ranked(candidate, scores, i)
+                for i, candidate in enumerate(batch.candidates)
+                if candidate.effect.search_key() not in keys
+            )
+        return sorted(ranked, key=lambda entry: -round(entry.total, 6))
 
     def order_evidence(self, conditioned: Conditioned, joint: str) -> tuple[Array, Array]:
         """Return all orders of a joint that the poses support, and the evidence of each."""
@@ -226,7 +232,7 @@ class CandidateScorer:
         for grid in (*self.order_grids, *self.high_grids):
             if grid.joint == joint:
                 orders.append(grid.orders)
-                evidence.append(self._spectrum(grid, grid.orders).judge(conditioned).evidence)
+                evidence.append(self.spectrum(grid, grid.orders).judge(conditioned).evidence)
         return (np.concatenate(orders), np.concatenate(evidence)) if orders else (np.zeros(0), np.zeros(0))
 
     def covers(self, present: Candidate, other: Candidate) -> bool:
@@ -266,23 +272,6 @@ class CandidateScorer:
         best = int(np.argmax(scores.evidence))
         return float(grid.orders[best]), float(scores.evidence[best])
 
-    def best_order(self, conditioned: Conditioned, grid: OrderGrid, order: float, span: float) -> float:
-        """Return the order of a joint within ``span`` of ``order`` with the largest evidence."""
-        orders = order + np.linspace(-span, span, _ORDERS_TRIED)
-        scores = self._spectrum(grid, orders).judge(conditioned, best_only=True)
-        return float(orders[int(np.argmax(scores.evidence))])
-
-    def best_step(self, conditioned: Conditioned, effect: Effect) -> Candidate | None:
-        """Return the step of the same form near ``effect`` with the largest evidence; None if none is searched."""
-        scan = scan_for(self.step_scans, effect)
-        if scan is None or self.family_of_steps is None:
-            return None
-        places = near_places(scan, self.poses, scan.place_index(effect))
-        if places.size == 0:
-            return None
-        scores = self.family_of_steps(scan, places).judge(conditioned, best_only=True)
-        return scan.candidate(int(places[int(np.argmax(scores.evidence))]))
-
     def step_interval(self, conditioned: Conditioned, effect: Effect) -> tuple[float, float] | None:
         """Return the first and last place of a step that the poses support at 95 %; None if none is searched."""
         scan = scan_for(self.step_scans, effect)
@@ -298,7 +287,11 @@ class CandidateScorer:
         """Return each form of a step at the middle of its places."""
         return [scan.candidate(int(steps.places[steps.places.size // 2])) for scan, steps in self._steps]
 
-    def _spectrum(self, grid: OrderGrid, orders: Array) -> Family:
+    def family_of(self, batch: Batch) -> Family:
+        """Return a batch of effects that are not shrunk as a family."""
+        return Family(self.system, self.joint_columns[:, batch.number], batch.basis, False)
+
+    def spectrum(self, grid: OrderGrid, orders: Array) -> Family:
         """Return cosine and sine of evenly spaced orders, each computed from the order before."""
         waves = np.empty((orders.size, grid.angle.size), dtype=np.complex128)
         waves[0] = np.exp(1j * orders[0] * grid.angle)

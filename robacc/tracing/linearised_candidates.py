@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BASE
+from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.change_points import CHANGE_POINT, is_step, mixed_places, places, step_forms
 from robacc.effects.orders import HIGHEST_ORDER
@@ -132,6 +133,8 @@ class LinearisedCandidates:
             at,
             family_of_steps,
             self.place_scans,
+            lambda effect: self._refinements(effect, at),
+            lambda effect: self._beside(effect, at),
         )
         choice = Selection(scorer)
         for effect in start:
@@ -148,10 +151,13 @@ class LinearisedCandidates:
 
     def _candidate(self, effect: Effect) -> Candidate:
         """Return the candidate of an effect, with its prior in the search."""
-        for candidate in self.pool:
+        same = [candidate for candidate in self.pool if candidate.effect.search_key() == effect.search_key()]
+        for candidate in same:
             if candidate.effect.key() == effect.key():
                 return candidate
         terms = effect.terms(self.model.arm, self.data)
+        if same:
+            return Candidate(effect, terms, same[0].log_prior)
         if is_step(effect) and (scan := scan_for(self.step_scans, effect)) is not None:
             return Candidate(effect, terms, scan.log_prior)
         if is_placed(effect) and (place_scan := place_scan_for(self.place_scans, effect)) is not None:
@@ -163,6 +169,19 @@ class LinearisedCandidates:
         searched = order_grids(self.model.arm, self.data, self.only, high=is_high)
         log_prior = next((grid.log_prior for grid in searched if (grid.joint,) == effect.joints), _OFF_GRID_LOG_PRIOR)
         return Candidate(effect, terms, log_prior)
+
+    def _refinements(self, effect: Effect, at: NDArray[np.int64]) -> list[Batch]:
+        """Return the forms in which a search refines an effect, on the poses ``at``."""
+        return self._batches_of(effect.refinements(self.model.arm, self.data), at)
+
+    def _beside(self, effect: Effect, at: NDArray[np.int64]) -> list[Batch]:
+        """Return what is a candidate only beside an effect, on the poses ``at``."""
+        classes = [cls for name, cls in REGISTRY.items() if self.only is None or name in self.only]
+        return self._batches_of([form for cls in classes for form in cls.beside(effect, self.model.arm, self.data)], at)
+
+    def _batches_of(self, effects: Iterable[Effect], at: NDArray[np.int64]) -> list[Batch]:
+        arm, log_prior = self.model.arm, -math.log(TYPICAL_CANDIDATES)
+        return batches(arm, [Candidate(effect, effect.terms(arm, self.data), log_prior) for effect in effects], at)
 
     def _columns_of(self, terms: Sequence[Term]) -> Array:
         """Return columns of terms that act on joint variables or on the base's x, y, z."""

@@ -6,13 +6,10 @@ import dataclasses
 from dataclasses import dataclass
 
 from robacc.effects.base import Effect
-from robacc.effects.change_points import is_step
-from robacc.effects.orders import ORDER_STEP
-from robacc.effects.periodic import of_order, searched_order
 from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.place_scans import is_placed
 from robacc.tracing.ranking import Chosen, Ranked
+from robacc.tracing.refinement import refined
 
 FALSE_ALARM = 0.002
 """Bound on the probability, over all candidates, that anything is found on a clean arm. The promise is one in a
@@ -59,35 +56,20 @@ class Selection:
         """Add a candidate to the model in place of the findings that it covers."""
         self.chosen = [other for other in self.chosen if not self.scorer.covers(ranked.candidate, other.candidate)]
         self.chosen.append(self.scorer.as_chosen(ranked.candidate, ranked.prior_var))
-        self._settle_order(self.chosen[-1])
+        self._settle(self.chosen[-1])
 
-    def _settle_order(self, finding: Chosen) -> None:
-        """Improve a searched order at once: off the grid, a harmonic's remainder would look like another harmonic."""
+    def _settle(self, finding: Chosen) -> None:
+        """Improve a searched setting at once: off the grid, a harmonic's remainder would look like another harmonic."""
         better = self._improved(finding)
         if better.key != finding.candidate.key:
             self.chosen[self.chosen.index(finding)] = self.scorer.as_chosen(better, 0.0)
 
     def refined(self, finding: Chosen) -> Effect:
-        """Return the effect of a finding, with a single searched order, or the place of a step, improved."""
+        """Return the effect of a finding, with a searched setting improved."""
         return self._improved(finding).effect
 
     def _improved(self, finding: Chosen) -> Candidate:
-        effect = finding.candidate.effect
-        if is_step(effect):
-            better = self.scorer.best_step(self.scorer.condition(self.chosen, without=finding), effect)
-            return better or finding.candidate
-        if is_placed(effect):
-            better = self.scorer.best_place(self.scorer.condition(self.chosen, without=finding), effect)
-            return better or finding.candidate
-        order = searched_order(effect)
-        grid = next((g for g in self.scorer.order_grids if g.joint in effect.joints), None)
-        if order is None or grid is None:
-            return finding.candidate
-        conditioned = self.scorer.condition(self.chosen, without=finding)
-        for span in (ORDER_STEP, ORDER_STEP / 8):
-            order = self.scorer.best_order(conditioned, grid, order, span)
-        effect = of_order(grid.joint, round(order, 4))
-        return dataclasses.replace(finding.candidate, effect=effect, terms=())
+        return refined(self.scorer, self.scorer.condition(self.chosen, without=finding), finding)
 
     def run(self, with_blocks: bool = False) -> None:
         """Add candidates until none is significant, with a new test of every earlier finding after each step."""
@@ -113,6 +95,7 @@ class Selection:
                 conditioned = self.scorer.condition(self.chosen)
                 high = self.scorer.rank_high_orders(conditioned, self.chosen)
                 high += self.scorer.rank_places(conditioned, self.chosen)
+                high += self.scorer.rank_beside(conditioned, self.chosen)
                 high.sort(key=lambda entry: -round(entry.total, 6))
                 best = high[0] if high and high[0].p_value <= FALSE_ALARM else best
                 ranking = high[:1] + ranking if high and best is high[0] else ranking
@@ -158,7 +141,7 @@ class Selection:
         if best.total > ranked.total + _SWAP:
             at = self.chosen.index(finding)
             self.chosen[at] = self.scorer.as_chosen(best.candidate, best.prior_var)
-            self._settle_order(self.chosen[at])
+            self._settle(self.chosen[at])
             self.steps.append(
                 SelectionStep("swap", f"{finding.candidate.effect} -> {best.candidate.effect}", ranking[:10])
             )

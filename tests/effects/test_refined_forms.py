@@ -1,0 +1,126 @@
+"""Effects whose setting a search refines, or that it tries beside another, on an arm with matrices of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from independent_arm import DECLARED, measured, robot, run, target, torques
+from scipy.optimize import brentq
+
+from robacc.effects import REGISTRY
+from robacc.effects.base import Effect
+from robacc.effects.request import build, parse_requests
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
+from robacc.tracing.loop import search
+
+NOISE = 1e-5
+ARM = Arm.of(robot())
+COMPLIANCE = 2.5e-6
+LARGEST = max(abs(torques(q)[1]) for q in run(200, seed=90).q.T)
+KNEE = 0.5 * LARGEST
+FRICTION = 0.05 * LARGEST
+PLAY = 1.5e-4
+ORDER = 62.0
+
+
+def hardened(torque: float) -> float:
+    """Deflection of a spring k x (1 + (x / x_knee)^2), by a search for its root."""
+    knee = KNEE * COMPLIANCE
+    return float(brentq(lambda x: x / COMPLIANCE * (1.0 + (x / knee) ** 2) - torque, -1.0, 1.0, xtol=1e-15))
+
+
+def poses(mechanism: str, n: int, seed: int, noise: float) -> Measurements:
+    """Poses of an arm whose joint 2 errs by one of three mechanisms."""
+    joints = run(n, seed)
+    torque = np.array([torques(q)[1] for q in joints.q.T])
+    approach = joints.direction[1]
+    turn = {
+        "hardening": lambda: np.array([hardened(value) for value in torque]),
+        "loaded harmonic": lambda: 2e-4 * (1.0 + 0.6 * torque / LARGEST) * np.cos(ORDER * joints.q[1] - 0.4),
+        "loaded play": lambda: PLAY * np.where(np.abs(torque) > FRICTION, np.sign(torque), approach),
+        "spring": lambda: COMPLIANCE * torque,
+    }[mechanism]()
+    moved = joints.q.copy()
+    moved[1] += turn
+    return measured(joints, np.array([target(q) for q in moved.T]).T, noise, seed, directed=True)
+
+
+def traced(mechanism: str, n: int, seed: int) -> tuple[list[Effect], dict[str, float], float]:
+    """Effects that a search finds, their coefficients, and the RMS error (m) at other poses without noise."""
+    data, fresh = poses(mechanism, n, seed, NOISE), poses(mechanism, 60, seed + 1, 0.0)
+    declared = build(parse_requests(DECLARED), ARM, data)
+    effects = search(Model(ARM, free=declared), data).effects
+    result = fit(Model(ARM, free=(*declared, *effects)), data, Options())
+    predicted = result.model.bind(fresh).poses(result.theta).translation
+    error = float(np.sqrt(np.mean(np.sum(np.square(fresh.position - predicted), axis=0))))
+    return list(effects), dict(zip(result.names, result.theta.tolist(), strict=True)), error
+
+
+def test_the_knee_of_a_hardening_spring_is_found() -> None:
+    """The cube of the torque alone leaves more than noise, which a correction would describe."""
+    effects, values, error = traced("hardening", 120, 71)
+    assert sorted(map(str, effects)) == ["joint_compliance[j2]", "joint_hardening[j2]"]
+    (hardening,) = [effect for effect in effects if effect.name == "joint_hardening"]
+    assert hardening.settings()["knee_nm"] == pytest.approx(KNEE, rel=0.15)
+    assert values["joint_compliance.j2"] == pytest.approx(COMPLIANCE, rel=0.05)
+    assert values["joint_hardening.j2"] == pytest.approx(COMPLIANCE, rel=0.15)
+    assert error < 1e-5
+    statement = hardening.statement(ARM, values)
+    assert statement is not None
+    assert "twice as stiff at" in statement
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 1.0, 5.0])
+def test_the_spring_is_the_root_of_its_cubic(share: float) -> None:
+    """The column plus the linear spring is the deflection found by bisection, at any torque over the knee."""
+    data = run(20, 5)
+    torque = np.array([torques(q)[1] for q in data.q.T])
+    effect = REGISTRY["joint_hardening"].from_settings(("j2",), {"knee_nm": KNEE})
+    scale = share * LARGEST / np.abs(torque).max()
+    regressor = effect._regressor(scale * torque)  # type: ignore[attr-defined]
+    expected = [hardened(value) for value in scale * torque]
+    np.testing.assert_allclose(COMPLIANCE * (regressor + scale * torque), expected, rtol=1e-8, atol=1e-13)
+
+
+def test_a_harmonic_that_grows_with_the_load_is_found() -> None:
+    effects, values, error = traced("loaded harmonic", 150, 73)
+    assert sorted(map(str, effects)) == ["compliance_variation[j2]", "transmission_error[j2]"]
+    orders = [effect.settings()["orders"][0] for effect in effects]
+    assert orders == pytest.approx([ORDER, ORDER], abs=0.2)
+    sizes = [np.hypot(*(value for name, value in values.items() if name.startswith(effect.name))) for effect in effects]
+    assert sizes[1] * LARGEST / sizes[0] == pytest.approx(0.6, rel=0.25)
+    assert error < 2e-5
+
+
+@pytest.mark.slow
+def test_a_harmonic_without_load_brings_no_variation_of_the_compliance() -> None:
+    joints = run(150, 75)
+    moved = joints.q.copy()
+    moved[1] += 2e-4 * np.cos(ORDER * joints.q[1] - 0.4)
+    data = measured(joints, np.array([target(q) for q in moved.T]).T, NOISE, 75, directed=True)
+    declared = build(parse_requests(DECLARED), ARM, data)
+    assert [str(effect) for effect in search(Model(ARM, free=declared), data).effects] == ["transmission_error[j2]"]
+
+
+def test_friction_that_keeps_the_flank_is_refined() -> None:
+    """The friction lies between the torques of the last pose that stays and of the first that is pressed over."""
+    effects, values, _ = traced("loaded play", 200, 77)
+    assert [(effect.name, effect.joints) for effect in effects] == [("backlash", ("j2",))]
+    joints = run(200, 77)
+    torque = np.array([torques(q)[1] for q in joints.q.T])
+    opposed = np.abs(torque[np.sign(torque) != joints.direction[1]])
+    low, high = opposed[opposed < FRICTION].max(), opposed[opposed > FRICTION].min()
+    assert low < effects[0].settings()["friction_nm"] < high
+    assert values["backlash.j2"] == pytest.approx(PLAY, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_linear_spring_has_no_knee() -> None:
+    effects, values, error = traced("spring", 120, 79)
+    assert [str(effect) for effect in effects] == ["joint_compliance[j2]"]
+    assert values["joint_compliance.j2"] == pytest.approx(COMPLIANCE, rel=0.05)
+    assert error < 1e-5

@@ -32,11 +32,10 @@ def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot
             reason = "does not say which arm it belongs to" if arm is None else f"cannot belong to {arm!r}"
             raise UsageError(f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}")
         return ur_robot(parse_deltas(text, file), arm)
+    robot = _parse_json(text, file) if text.lstrip().startswith("{") else parse_links(text, file)
     if arm is not None:
         raise UsageError(f"only a calibration.conf needs the name of its arm; {file} has all lengths")
-    if text.lstrip().startswith("{"):
-        return _parse_json(text, file)
-    return parse_links(text, file)
+    return robot
 
 
 def _parse_json(text: str, file: str) -> Robot:

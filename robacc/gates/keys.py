@@ -68,5 +68,5 @@ def nearest_key(key: str) -> str:
     known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
     similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
     if similar:
-        return f"did you mean {similar[0]}"
+        return f"did you mean {similar[0]}?"
     return "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"

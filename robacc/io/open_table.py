@@ -20,7 +20,21 @@ SIGNATURES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 """First bytes of zipped and of old workbooks."""
 _RECORDINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"#ROSBAG V")
 """First bytes of an MCAP file, of a ROS 2 bag in SQLite, and of a ROS 1 bag."""
-_LONGEST = max(map(len, _RECORDINGS))
+_OTHER_FILES = {
+    b"%PDF": "a PDF document",
+    b"\x1f\x8b": "compressed by gzip",
+    b"BZh": "compressed by bzip2",
+    b"7z\xbc\xaf": "an archive of 7-Zip",
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"<!doctype": "an HTML page",
+    b"<html": "an HTML page",
+    b"<?xml": "an XML document",
+    b"{": "a JSON document",
+}
+"""What a file is that begins with these bytes, in small letters, and is no table."""
+_LONGEST = 16
+"""Bytes that tell one kind of file from another."""
 _SUFFIXES = frozenset({".parquet", ".pq"})
 
 
@@ -93,6 +107,11 @@ def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:
         from robacc.io.workbook import WorkbookReader
 
         return WorkbookReader(stream, file, options or TableOptions())
+    start_of_text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
+    for start, kind in _OTHER_FILES.items():
+        if first.startswith(start) or start_of_text.lower().startswith(start):
+            fix = "unpack it first" if "compressed" in kind or "archive" in kind else "export the poses as CSV"
+            raise InputError(Problem(f"is {kind}, expected a table of poses", file, fix=fix))
     if PurePath(file).suffix.lower() in _SUFFIXES:
         fix = "export it again, or rename it to .csv if it is text"
         raise InputError(Problem("is not a Parquet file: it does not begin with PAR1", file, fix=fix))

@@ -94,6 +94,8 @@ class TableReader:
         self.options = options or TableOptions()
         self._dialect = PLAIN
         self._gaps: set[int] = set()
+        self._widths: list[tuple[int, int]] = []
+        """Line and number of fields of each row that does not fit the header."""
         self._reader = LineReader(stream, self.log)
         self._blocks = self._reader.blocks()
         self._pending: Block | None = None
@@ -156,6 +158,7 @@ class TableReader:
             lines.append(parsed.lines)
             for column, part in zip(columns, parsed.texts, strict=True):
                 column.append(part)
+        self._report_widths(body_rows=sum(part.size for part in lines))
         if self._dialect is PLAIN:
             for problem in self._reader.not_utf8:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
@@ -255,16 +258,27 @@ class TableReader:
         elif not any(fields):
             self.log.add("every field of the row is empty", number, fix="delete the line")
         else:
-            comma = "write decimals with a point, not a comma" if n_fields > 1.5 * expected else None
-            self.log.add(f"found {n_fields} fields, expected {expected} as in the header", number, fix=comma)
+            self._widths.append((number, n_fields))
         return None
+
+    def _report_widths(self, body_rows: int) -> None:
+        """Log the rows that do not have as many fields as the header; once if no row fits and all are alike."""
+        expected = len(self._names)
+        widths = {width for _, width in self._widths}
+        alike = not body_rows and len(widths) == 1 and len(self._widths) > 1
+        for number, width in self._widths[:1] if alike else self._widths:
+            more = f" here and in the {len(self._widths) - 1} rows below" if alike else ""
+            fix = "write decimals with a point, not a comma" if width > 1.5 * expected else None
+            if alike and fix is None:
+                fix = "give each column one name, with the same separator as in the rows"
+            self.log.add(f"found {width} fields{more}, expected {expected} as in the header", number, fix=fix)
 
     def _number(self, field: str, line: int, column: str) -> float:
         if self.options.skip_gaps and field.lower() in GAPS:
             self._gaps.add(line)
             return math.nan
         if not field:
-            self.log.add("the value is missing, expected a number", line, column)
+            self.log.add("the value is missing, expected a number", line, column, _SKIP)
             return math.nan
         found = field
         field = field.replace("\u2212", "-")
@@ -276,11 +290,12 @@ class TableReader:
         except ValueError:
             value = None
         if value is None:
-            fix = _advice(found, column, decimal_comma=self._dialect.decimal_comma)
+            fix = _SKIP if found.lower() in GAPS else _advice(found, column, self._dialect.decimal_comma)
             self.log.add(f"found {clip(found)}, expected a number", line, column, fix)
             return math.nan
         if not math.isfinite(value):
-            self.log.add(f"found {clip(found)}, expected a finite number", line, column)
+            fix = _SKIP if found.lower() in GAPS else None
+            self.log.add(f"found {clip(found)}, expected a finite number", line, column, fix)
             return math.nan
         return value
 
@@ -292,11 +307,12 @@ class TableReader:
         return field[:MAX_TEXT]
 
 
+_SKIP = "give `skip_gaps` to leave out rows with a missing value"
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?")
 _WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?\s*(mm|m|um|µm|in|deg|rad|°|%)", re.IGNORECASE)
 
 
-def _advice(field: str, column: str, *, decimal_comma: bool) -> str | None:
+def _advice(field: str, column: str, decimal_comma: bool) -> str | None:
     """Return what to do about a field that is no number."""
     if field == column:
         return "delete the repeated header row"

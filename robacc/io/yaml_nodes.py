@@ -63,7 +63,8 @@ def compose(text: str, file: str) -> yaml.Node:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"cannot be read as YAML: {', '.join(part for part in (error.context, error.problem) if part)}"
-        raise InputError(Problem(message, file, mark.line + 1 if mark else None)) from None
+        fix = "indent with blanks, not with tabs" if "'\\t'" in message else None
+        raise InputError(Problem(message, file, mark.line + 1 if mark else None, fix=fix)) from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         message = f"cannot be read as YAML: the character U+{ord(text[error.position]):04X} is not allowed"

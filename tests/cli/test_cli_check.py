@@ -148,7 +148,7 @@ def test_a_bad_gate_file_is_found_before_anything_is_computed(tmp_path: Path) ->
     lines = done.stderr.splitlines()
     assert lines[0] == f"error: {path}:4, criteria[0].key: no result has the key 'positon.p95'"
     assert "expected a number with its unit" in lines[1]
-    assert "  tip: did you mean position.p95" in lines
+    assert "  tip: did you mean position.p95?" in lines
 
 
 def test_a_stored_result_that_is_not_what_its_command_writes(stored: Path, tmp_path: Path) -> None:

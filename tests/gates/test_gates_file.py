@@ -84,8 +84,8 @@ def test_baselines_are_listed_once() -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ("key: positon.p95, limit: 1 mm", "key: no result has the key 'positon.p95'; did you mean position.p95"),
-        ("key: position.mean, limit: 1 mm", "did you mean position.mean_error"),
+        ("key: positon.p95, limit: 1 mm", "key: no result has the key 'positon.p95'; did you mean position.p95?"),
+        ("key: position.mean, limit: 1 mm", "did you mean position.mean_error?"),
         ("key: colour, limit: 1 mm", "no result has the key 'colour'; for example position.p95"),
         ("limit: 1 mm", "criteria[0].key: is missing"),
         ("key: position.rms", "limit: is missing; give a maximum (limit) or a minimum (at_least)"),

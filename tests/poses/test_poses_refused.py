@@ -129,12 +129,13 @@ def test_joint_columns_that_do_not_fit_the_robot(read: Reader) -> None:
     assert read("q1_mm,x,y,z\n100,1,2,3\n").q == pytest.approx(0.1)  # no robot, so it may be prismatic
 
 
+SKIP = "give `skip_gaps` to leave out rows with a missing value"
 BAD_VALUES: dict[str, tuple[dict[str, object], str]] = {
-    "missing": ({"y": ""}, "2, y: the value is missing, expected a number"),
+    "missing": ({"y": ""}, f"2, y: the value is missing, expected a number; {SKIP}"),
     "word": ({"q1": "abc"}, "2, q1: found 'abc', expected a number"),
     "long word": ({"q1": "a" * 99}, f"2, q1: found '{'a' * 39}…', expected a number"),
-    "nan": ({"z": "nan"}, "2, z: found 'nan', expected a finite number"),
-    "inf": ({"z": "-inf"}, "2, z: found '-inf', expected a finite number"),
+    "nan": ({"z": "nan"}, f"2, z: found 'nan', expected a finite number; {SKIP}"),
+    "inf": ({"z": "-inf"}, f"2, z: found '-inf', expected a finite number; {SKIP}"),
     "comma": ({"z": '"1,5"'}, "2, z: found '1,5', expected a number; write decimals with a point, not a comma"),
     "no text": ({"pose": " "}, "2, pose: the value is missing, expected text"),
     "long text": ({"pose": "p" * 300}, "2, pose: the text has 300 characters, expected at most 256"),
@@ -240,6 +241,32 @@ BAD_ROWS = {
 def test_rows_that_do_not_fit_the_header(read: Reader, row: str, header: str) -> None:
     problem = [text for text in problem_texts(read, f"{header}\n{row}\n") if text.startswith("2")]
     assert problem == [BAD_ROWS[row]]
+
+
+def test_rows_that_all_differ_alike_from_the_header_are_one_problem(read: Reader) -> None:
+    text = "q1,x,y,z,note, with a comma\n" + "0,1,2,3,a\n" * 50
+    assert problem_texts(read, text) == [
+        "2: found 5 fields here and in the 49 rows below, expected 6 as in the header; "
+        "give each column one name, with the same separator as in the rows"
+    ]
+    assert len(problem_texts(read, text + "0,1,2,3,a,b\n")) == 20  # a row fits: the others are named
+
+
+OTHER_FILES = {
+    b"%PDF-1.7\n": "is a PDF document, expected a table of poses; export the poses as CSV",
+    b"\x1f\x8b\x08\x00": "is compressed by gzip, expected a table of poses; unpack it first",
+    b"\xef\xbb\xbf\n<!DOCTYPE HTML><html>": "is an HTML page, expected a table of poses; export the poses as CSV",
+    b'{"q1": [1, 2]}': "is a JSON document, expected a table of poses; export the poses as CSV",
+}
+
+
+@pytest.mark.parametrize("start", OTHER_FILES)
+def test_files_of_another_kind_are_named(tmp_path: Path, start: bytes) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_bytes(start + b"1,2,3\n")
+    with pytest.raises(InputError) as caught:
+        read_poses(path)
+    assert str(caught.value) == f"{path}: {OTHER_FILES[start]}"
 
 
 def test_every_problem_at_once_in_the_order_of_lines(read: Reader) -> None:

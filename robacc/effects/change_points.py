@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.step import Step, sequence_of
+from robacc.effects.step import Step, sequence_of, unit_torques
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -20,6 +20,8 @@ FEWEST = 5
 """Poses on each side of a step that a search demands: fewer deviating poses are outliers."""
 _MIXED_SHARE = 0.25
 """Least rate, relative to random order, at which a pose and its neighbour in joint space are on either side."""
+_LEAST_TORQUE = 0.1
+"""Least torque of a load on a joint that a search for a changed load includes, over the largest on any joint."""
 _MOST_COMPARED = 800
 """Largest number of poses whose neighbours are sought."""
 
@@ -34,8 +36,23 @@ def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
         names = np.unique(data.target)
         forms += [Step((), "target", target=str(name), turning=turns) for name in names if names.size > 1]
     forms += [Step((joint,), "joint") for joint in arm.names]
+    # A load that changes is in the column of a payload that is logged.
+    loaded = () if data.payload is not None else _loaded_joints(arm, data)
+    forms += [Step(loaded, "payload")] if loaded else []
     for form in forms:
         yield form.starting(float(sequence_of(data).min()), data)
+
+
+def _loaded_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:
+    """Return the joints that a load at the flange turns most."""
+    torque = np.sqrt(np.mean(np.square(unit_torques(arm, data)), axis=1))
+    return tuple(joint for joint, size in zip(arm.names, torque, strict=True) if size > _LEAST_TORQUE * torque.max())
+
+
+def after_step(effect: Effect, data: Measurements) -> Array:
+    """Return ``(N,)`` 1 for poses after a step, 0 for poses before it."""
+    assert isinstance(effect, Step)
+    return effect.after(data)
 
 
 def at_place(form: Effect, place: float, data: Measurements) -> Effect:

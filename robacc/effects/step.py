@@ -1,4 +1,4 @@
-"""A step change between two poses: the base was moved, the target was bumped, or a joint's zero jumped."""
+"""A step change between two poses: of the base, the target, a joint's zero, or the load at the flange."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from robacc.chain import BASE, TOOL
-from robacc.effects.base import About, Driver, Effect, Part, Term, register, varies
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register, varies
 from robacc.effects.base_frame import FRAME_LABELS
 from robacc.effects.driver import circumstance_driver
 from robacc.geometry import Array
+from robacc.gravity.loads import payload
+from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -25,12 +27,14 @@ _SAME_SHARE = 0.1
 @register
 @dataclass(frozen=True)
 class Step(Effect):
-    """Coordinates of the base, of the target, or of one joint that change by a constant at one time or line.
+    """Coordinates of the base, the target, or one joint, or the load at the flange, that change at one time or line.
+
+    A load that nobody logged turns each of its joints by the compliance times the mass times the torque of 1 kg.
 
     Poses without a time, without lines, or of another file than ``file`` come after the step: the arm is as it is now.
     """
 
-    part: Literal["base", "target", "joint"] = "base"
+    part: Literal["base", "target", "joint", "payload"] = "base"
     from_line: int | None = None
     """Line (or row) of the first pose after the step, as messages count it."""
     from_time: float | None = None
@@ -49,14 +53,16 @@ class Step(Effect):
     joints_optional: ClassVar[bool] = True
     missing_reasons = ("the poses have neither a time_s that varies nor lines",)
     about = About(
-        summary="a step change between two poses: the base moved, the target was bumped, or a joint's zero jumped",
-        equation="base or tool x, y, z (and its turns), or theta_j, + c from one pose on, 0 before it",
-        unit="rad (m for a prismatic joint), m for the base and the target",
+        summary="a step change between two poses: the base moved, the target was bumped, a joint's zero jumped, or the "
+        "load changed",
+        equation="base or tool x, y, z (and its turns), or theta_j, + c from one pose on, 0 before it; part: payload: "
+        "theta_j + c_j times the torque of 1 kg at the flange from one pose on",
+        unit="rad (m for a prismatic joint), m for the base and the target; part: payload: rad/(N m) kg",
         usual_size="5e-5 to 5e-3 rad, 5e-5 to 5e-3 m; a motor turn over the gear ratio where an encoder lost a turn",
         usual_range=(5e-5, 5e-3),
         needs="time_s, or rows in the order of measurement",
         confused_with="frame_drift where it is gradual; joint errors where all poses after the step differ from those "
-        "before it in a joint",
+        "before it in a joint; payload_compliance where a load changes that was not logged",
         source="G. Lorden, Annals of Mathematical Statistics 42 (1971) 1897: likelihood ratio over all change points",
         example="{effect: step, part: target, from_time_s: 1800, values: {x: 2e-4, y: -1e-4, z: 5e-5}}",
     )
@@ -120,16 +126,11 @@ class Step(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term a joint, or three or six of the base or the target."""
         after = self.after(data)
+        if self.part == "payload":
+            after = after * unit_torques(arm, data)
+            return tuple(self._joint_term(arm, joint, after[arm.number(joint)], 5e-5) for joint in self.joints)
         if self.part == "joint":
-            return tuple(
-                Term(
-                    f"{self.name}.{joint}",
-                    "rad" if arm.is_revolute(joint) else "m",
-                    1e-4,
-                    (Part(arm.axis_motion(joint), after),),
-                )
-                for joint in self.joints
-            )
+            return tuple(self._joint_term(arm, joint, after, 1e-4) for joint in self.joints)
         owner = BASE if self.part == "base" else TOOL
         if self.target is not None:
             after = after * (data.target == self.target if data.target is not None else 1.0)
@@ -143,6 +144,11 @@ class Step(Effect):
             for label, motion in FRAME_LABELS.items()
             if self.turning or label in "xyz"
         )
+
+    def _joint_term(self, arm: Arm, joint: str, regressor: Array, typical: float) -> Term:
+        unit, force = ("rad", "N m") if arm.is_revolute(joint) else ("m", "N")
+        unit = f"{unit}/({force}) kg" if self.part == "payload" else unit
+        return Term(f"{self.name}.{joint}", unit, typical, (Part(arm.axis_motion(joint), regressor),))
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the time, or the line."""
@@ -161,7 +167,7 @@ class Step(Effect):
         return abs(float(places[0] or 0) - float(places[1] or 0)) <= _SAME_SHARE * span
 
     def _subject(self) -> tuple[object, ...]:
-        return (self.part, self.joints, self.target)
+        return (self.part, None if self.part == "payload" else self.joints, self.target)
 
     def settings(self) -> dict[str, Any]:
         """Return the part, the place of the step and what moved."""
@@ -185,15 +191,18 @@ class Step(Effect):
         turning = other_settings.pop("turning", False)
         if other_settings:
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
-        if part not in ("base", "target", "joint") or (part == "joint") != bool(joints):
-            raise ValueError(f"{cls.name}: part is base or target without joints, or leave it out and give joints")
+        if part not in ("base", "target", "joint", "payload") or (part in ("joint", "payload")) != bool(joints):
+            raise ValueError(
+                f"{cls.name}: part is base or target without joints, or payload with joints, or leave it out and "
+                "give joints"
+            )
         if (line is None) == (time is None):
             raise ValueError(f"{cls.name} needs from_line or from_time_s, the place of the step")
         if not _is_number(line, int) or not _is_number(time, int, float):
             raise ValueError(f"{cls.name}: from_line must be a whole number, from_time_s a number of seconds")
         if any(not isinstance(text, str | None) for text in (file, target)) or not isinstance(turning, bool):
             raise ValueError(f"{cls.name}: file and target are names, turning true or false")
-        if (target is not None and part != "target") or (turning and part == "joint"):
+        if (target is not None and part != "target") or (turning and part in ("joint", "payload")):
             raise ValueError(f"{cls.name}: target belongs to part: target, turning to the base or the target")
         return cls(joints, part, line, None if time is None else float(time), file, target, turning)
 
@@ -213,6 +222,9 @@ class Step(Effect):
             which = "target" if self.target is None else f"target {self.target}"
             check = "check its seat, and measure the poses before it again"
             return f"{start} the {which} sits {size} elsewhere: {check}"
+        if self.part == "payload":
+            check = "write payload_kg for each row (a part, another tool, a hose), and trace again"
+            return f"{start} the arm carries another load, to which {', '.join(self.joints)} give way: {check}"
         check = "look for a collision, a lost encoder count or a new mastering; master the joint and measure again"
         jumps = ", ".join(
             f"{joint} jumps by {1e3 * values.get(f'{self.name}.{joint}', 0.0):.3g} "
@@ -226,7 +238,14 @@ class Step(Effect):
 
     def __str__(self) -> str:
         """``step[j2]``, ``step[base]``."""
+        if self.part == "payload":
+            return f"{self.name}[payload]"
         return f"{self.name}[{','.join(self.joints) or self.target or self.part}]"
+
+
+def unit_torques(arm: Arm, data: Measurements) -> Array:
+    """Return ``(J, N)`` torque of gravity (N m) or force (N) on each joint by a payload of 1 kg."""
+    return gravity_torques(arm, commanded(data, Step.name), payload(arm, np.ones(data.n)))
 
 
 def sequence_of(data: Measurements) -> Array:

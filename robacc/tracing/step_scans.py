@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.change_points import FEWEST, at_place, place_of, same_form
+from robacc.effects.change_points import FEWEST, after_step, at_place, place_of, same_form
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -48,7 +48,7 @@ class StepScan:
 
     def whitened(self, candidate: Candidate, whitening: Whitening) -> Array:
         """Return ``(M, Q, n)`` whitened columns of a step of the form."""
-        after = np.stack([np.broadcast_to(term.parts[0].factor, self.data.n) for term in candidate.terms])
+        after = after_step(candidate.effect, self.data)
         return np.moveaxis(whitening.apply(np.moveaxis(self.columns * after, 1, 0)), 0, 1)
 
     def place_index(self, effect: Effect) -> int:

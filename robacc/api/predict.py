@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -29,9 +29,10 @@ from robacc.measurements import Measurements
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.allocation import allocate as allocate_tolerances
-from robacc.prediction.calibrated import calibrated_accuracy, coverage_notes
+from robacc.prediction.calibrated import calibrated_accuracy
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
 from robacc.prediction.configurations import Configurations, configurations_of, sampled_configurations
+from robacc.prediction.coverage import Coverage, coverage
 from robacc.prediction.model_fit import model_fit
 from robacc.prediction.parameters import NORMAL, uncertain_parameters
 from robacc.prediction.predicting import Prediction, predict_accuracy, step_limits
@@ -53,6 +54,8 @@ class Predicted(Result, Prediction):
     """Tolerances that would reach the requested grade."""
     comparison: MeasuredComparison | None
     """Comparison of the prediction with measured poses."""
+    coverage: tuple[Coverage, ...]
+    """Measured poses within the bounds of a model file; empty for predictions from tolerances."""
     planned: Measurements | None
     """Poses given for the prediction."""
     measured: Measurements | None
@@ -74,7 +77,7 @@ class Predicted(Result, Prediction):
         """Return the result's own keys; arrays stay arrays."""
         from robacc.documents.predict import payload, pose_payload
 
-        return {**payload(self, self.allocation, self.comparison), **pose_payload(self, self.robot)}
+        return {**payload(self, self.allocation, self.comparison, self.coverage), **pose_payload(self, self.robot)}
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row a configuration: joint variables and the prediction (m, rad, tool frame)."""
@@ -198,9 +201,10 @@ def predict(
         prediction = calibrated_accuracy(arm, fit, configurations, planned or measured, grades, seed)
     allocation = None if allocate is None else allocate_tolerances(arm, prediction, allocate)
     aligned = effect_names(align)
-    comparison = None
+    comparison: MeasuredComparison | None = None
+    covered: tuple[Coverage, ...] = ()
     if fit is not None and measured is not None:
-        prediction = replace(prediction, notes=(*prediction.notes, *coverage_notes(arm, fit, measured, seed, aligned)))
+        covered = coverage(arm, fit, measured, seed, aligned, noise_std)
     elif measured is not None:
         comparison = compare_with_measured(
             arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed
@@ -218,6 +222,7 @@ def predict(
         robot=arm,
         allocation=allocation,
         comparison=comparison,
+        coverage=covered,
         planned=planned,
         measured=measured,
         made=Provenance(options, inputs, seed, use),

@@ -14,6 +14,7 @@ from robacc.prediction.allocation import Allocation
 from robacc.prediction.comparison import MeasuredComparison
 from robacc.prediction.components import VarianceComponents
 from robacc.prediction.consistency import ChiSquare
+from robacc.prediction.coverage import Coverage
 from robacc.prediction.predicting import PredictedErrors, Prediction, Share
 from robacc.prediction.warranty_map import WarrantyMap, warranty_map
 from robacc.quantities import number_text
@@ -22,7 +23,10 @@ from robacc.robots.description import Robot
 
 
 def payload(
-    prediction: Prediction, allocation: Allocation | None = None, comparison: MeasuredComparison | None = None
+    prediction: Prediction,
+    allocation: Allocation | None = None,
+    comparison: MeasuredComparison | None = None,
+    coverage: Sequence[Coverage] = (),
 ) -> dict[str, Any]:
     """Return the keys of the prediction; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
     return {
@@ -44,6 +48,7 @@ def payload(
         "grade": _grade(prediction),
         "allocation": None if allocation is None else _allocation(allocation),
         "against": None if comparison is None else _comparison(comparison),
+        "coverage": _coverage(coverage),
         "notes": prediction.notes,
     }
 
@@ -200,6 +205,22 @@ def _comparison(comparison: MeasuredComparison) -> dict[str, Any]:
         "variance_components": None if comparison.components is None else _components(comparison.components),
         "one_draw": comparison.one_draw,
     }
+
+
+def _coverage(coverage: Sequence[Coverage]) -> dict[str, Any] | None:
+    if not coverage:
+        return None
+    shares: dict[str, Any] = {
+        item.quantity: {
+            "n_poses": item.n_poses,
+            "n_inside": item.n_inside,
+            "share": item.share,
+            "noise_source": item.noise_source,
+        }
+        for item in coverage
+    }
+    first = coverage[0]
+    return {"probability": first.probability, "registered": first.registered, "orientation": None, **shares}
 
 
 def _chi_square(test: ChiSquare | None) -> dict[str, Any] | None:

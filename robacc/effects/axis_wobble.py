@@ -10,7 +10,7 @@ import numpy as np
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import joint_driver
-from robacc.effects.orders import common_period
+from robacc.effects.orders import common_period, exact_period
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -63,6 +63,10 @@ class AxisWobble(Effect):
     def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
         """Return the joints that moved less than the period of the orders together: a whole period repeats itself."""
         return tuple(name for name, (low, high) in validity.items() if high - low < common_period(self.orders))
+
+    def period(self, arm: Arm, driver: str) -> float | None:
+        """Return the turn of the joint after which the orders repeat themselves."""
+        return exact_period(self.orders, arm.joint(driver).gear_ratio)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the variable of the joint that turns about the tilting axis."""

@@ -217,6 +217,10 @@ class Effect(abc.ABC):
         """
         return () if self.extrapolates else tuple(validity)
 
+    def period(self, arm: Arm, driver: str) -> float | None:
+        """Return the change of a driver after which the effect repeats itself; None if it does not."""
+        return None
+
     def validity(self, arm: Arm, data: Measurements) -> Validity:
         """Return the range of each driver over these poses."""
         return ranges(arm, data, self.validity_drivers(arm))

@@ -36,6 +36,21 @@ def common_period(orders: Sequence[float]) -> float:
     return 2.0 * math.pi / float(spacing[spacing > 0].min())
 
 
+def exact_period(orders: Sequence[float], gear_ratio: float | None) -> float | None:
+    """Return the turn of a joint (rad) after which a sum of these orders repeats itself; None if there is none.
+
+    A single order repeats after its own period. Several whole orders repeat after a turn at most; fitted within less
+    than a turn, they also imitate orders between them. The orders of a gear are whole if its ratio is; an unknown ratio
+    counts as whole, as that of strain-wave gears.
+    """
+    if len(orders) == 1:
+        return 2.0 * math.pi / orders[0]
+    whole = all(float(order).is_integer() for order in orders)
+    if not whole or not float(gear_ratio or 1.0).is_integer():
+        return None
+    return 2.0 * math.pi / math.gcd(*(int(order) for order in orders))
+
+
 def supported_orders(angle: Array) -> Array:
     """Return the orders between one period over the range of angles and the limit that the spacing of poses sets.
 

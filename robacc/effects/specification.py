@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
-from robacc.effects.validity import Validity, clip_drivers, is_outside, read_validity
+from robacc.effects.validity import Periods, Validity, clip_drivers, is_outside, read_validity
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -41,15 +41,27 @@ class Known:
 
     def is_held_at(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
         """Return ``(N,)`` the mask of poses where a driver of the effect is held at the end of its range."""
-        limits = {name: self.validity[name] for name in self.effect.held_drivers(arm, self.validity)}
-        return is_outside(arm, data, limits)
+        return is_outside(arm, data, *self.held_limits(arm))
+
+    def held_limits(self, arm: Arm) -> tuple[Validity, Periods]:
+        """Return the ranges of the drivers that the effect does not extrapolate, and their periods."""
+        return _held_limits(self.effect, arm, self.validity)
 
 
 def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:
     """Return the poses with the drivers that ``effect`` does not extrapolate held at the ends of their ranges."""
     if not validity:
         return data
-    return clip_drivers(arm, data, {name: validity[name] for name in effect.held_drivers(arm, validity)})
+    return clip_drivers(arm, data, *_held_limits(effect, arm, validity))
+
+
+def _held_limits(effect: Effect, arm: Arm, validity: Validity) -> tuple[Validity, Periods]:
+    names = effect.held_drivers(arm, validity)
+    periods = {name: effect.period(arm, name) for name in names}
+    return (
+        {name: validity[name] for name in names},
+        {name: period for name, period in periods.items() if period is not None},
+    )
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:

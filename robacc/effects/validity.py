@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,10 @@ from robacc.robots.arm import Arm
 
 Validity = Mapping[str, tuple[float, float]]
 """Driver to lowest and highest value, SI."""
+
+Periods = Mapping[str, float]
+"""Driver to the change of it, SI, after which an effect repeats itself."""
+NO_PERIODS: Periods = MappingProxyType({})
 
 _CIRCUMSTANCES = {"time_s": ("time", "s"), "temperature_c": ("temperature", "°C"), "payload_kg": ("payload", "kg")}
 _SPEED, _TORQUE = "speed_", "torque_"
@@ -64,13 +69,26 @@ def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tupl
     return result
 
 
-def is_outside(arm: Arm, data: Measurements, limits: Validity) -> NDArray[np.bool_]:
+def nearest_image(values: Array, low: float, high: float, period: float | None) -> Array:
+    """Return the values, each moved by whole periods to the place nearest to the middle of a range."""
+    if period is None:
+        return values
+    return values - period * np.round((values - 0.5 * (low + high)) / period)
+
+
+def range_excess(values: Array, low: float, high: float, period: float | None = None) -> Array:
+    """Return how far values, or their nearest images by whole periods, lie beyond a range; 0 within it."""
+    values = nearest_image(values, low, high, period)
+    return np.maximum(np.maximum(low - values, values - high), 0.0)
+
+
+def is_outside(arm: Arm, data: Measurements, limits: Validity, periods: Periods = NO_PERIODS) -> NDArray[np.bool_]:
     """Return ``(N,)`` the mask of poses that exceed one of the ranges by more than :data:`MARGIN` of it."""
     result = np.zeros(data.n, dtype=bool)
     for name, (low, high) in limits.items():
-        values, margin = driver_values(arm, data, name), MARGIN * (high - low)
+        values = driver_values(arm, data, name)
         if values is not None:
-            result |= (values < low - margin) | (values > high + margin)
+            result |= range_excess(values, low, high, periods.get(name)) > MARGIN * (high - low)
     return result
 
 
@@ -83,8 +101,11 @@ def united(first: Validity, second: Validity) -> dict[str, tuple[float, float]]:
     return result
 
 
-def clip_drivers(arm: Arm, data: Measurements, limits: Validity) -> Measurements:
-    """Return the poses with each driver of ``limits`` held at the end of its range; drivers that are absent stay so."""
+def clip_drivers(arm: Arm, data: Measurements, limits: Validity, periods: Periods = NO_PERIODS) -> Measurements:
+    """Return the poses with each driver of ``limits`` held at the end of its range; drivers that are absent stay so.
+
+    A joint with a period is moved by whole periods to the range first, and held at the end that is nearest then.
+    """
     changes: dict[str, Any] = {}
     for name, (low, high) in limits.items():
         values = driver_values(arm, data, name)
@@ -94,7 +115,7 @@ def clip_drivers(arm: Arm, data: Measurements, limits: Validity) -> Measurements
             changes[_CIRCUMSTANCES[name][0]] = np.clip(values, low, high)
         elif name in arm.names:
             q = changes.get("q", np.array(data.q))
-            q[arm.number(name)] = np.clip(values, low, high)
+            q[arm.number(name)] = np.clip(nearest_image(values, low, high, periods.get(name)), low, high)
             changes["q"] = q
         elif name.startswith(_SPEED):
             speed = changes.get("speed", np.array(data.speed))

@@ -15,7 +15,7 @@ import numpy as np
 from robacc.effects import effect_class
 from robacc.errors import UsageError
 from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.fit_result import Options
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.parameters import FittedParameter, parameters
 from robacc.fitting.solver import fit
 from robacc.geometry import Poses, rpy_from_rotation
@@ -50,12 +50,18 @@ def align(robot: Robot, data: Measurements, frames: Sequence[str]) -> Alignment:
         UsageError: ``frames`` is empty or names anything else than ``base_frame`` and ``tool_frame``.
         InputError: too few poses.
     """
-    check_frames(frames)
-    effects = tuple(name for name in ALIGNABLE if name in frames)
-    arm = Arm.of(robot)
-    fitted = fit(Model.of(robot, [effect_class(name).default(arm, data) for name in effects]), data, Options())
+    fitted = registration_fit(robot, data, frames)
+    effects = tuple(effect.name for effect in fitted.model.free)
     notes = tuple(dropped.why for dropped in fitted.dropped)
     return Alignment(apply_fit(fitted), effects, int(fitted.identifiability.columns.size), parameters(fitted), notes)
+
+
+def registration_fit(robot: Robot, data: Measurements, frames: Sequence[str]) -> Fit:
+    """Return the fit of base, tool or both to the measured poses; see :func:`align`."""
+    check_frames(frames)
+    arm = Arm.of(robot)
+    effects = [effect_class(name).default(arm, data) for name in ALIGNABLE if name in frames]
+    return fit(Model.of(robot, effects), data, Options())
 
 
 def align_commands(data: Measurements, frames: Sequence[str]) -> Alignment:

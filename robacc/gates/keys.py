@@ -31,6 +31,7 @@ def _known_keys() -> dict[str, Kind]:
         keys[f"{quantity}.worst.rms"] = keys[f"{quantity}.worst.radius95"] = kind
         keys[f"against.measured.{quantity}_rms"] = kind
         keys[f"noise.{quantity}"] = kind
+        keys[f"coverage.{quantity}.share"] = "number"
         for statistic in ("rms", "max"):
             keys[f"correction.{quantity}.{statistic}"] = kind
         for stage, statistic in product(("before", "after"), ("rms", "max", "expected_rms", "largest_bound95")):
@@ -49,7 +50,9 @@ def _known_keys() -> dict[str, Kind]:
 KEYS = _known_keys()
 """Kind of every key except those of ISO 9283 results."""
 LARGER_IS_BETTER = frozenset(
-    {"gain", "n_poses", "n_corrected", "position.n_commanded_poses", "orientation.n_commanded_poses"}
+    {"gain", "n_poses", "n_corrected"}
+    | {f"{q}.n_commanded_poses" for q, _ in _QUANTITIES}
+    | {f"coverage.{q}.share" for q, _ in _QUANTITIES}
 )
 
 

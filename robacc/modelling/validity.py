@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.specification import Known, known_effects
-from robacc.effects.validity import MARGIN, driver_unit, driver_values
+from robacc.effects.validity import MARGIN, driver_unit, driver_values, range_excess
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -99,7 +99,7 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
             values = driver_values(arm, data, driver)
             if values is None:
                 continue
-            excess = np.maximum(np.maximum(low - values, values - high), 0.0)
+            excess = range_excess(values, low, high, effect.effect.period(arm, driver))
             is_outside = excess > MARGIN * (high - low) + _ROUNDING
             if not is_outside.any():
                 continue

@@ -8,17 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from robacc.accuracy.grade_scale import Scale
-from robacc.fitting.apply_fit import absorb_constants
-from robacc.fitting.registration import align
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.modelling.observation import residuals
 from robacc.prediction.configurations import Configurations
-from robacc.prediction.lengths import length_quantiles, principal_variances
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import SOURCES, model_uncertainty
-from robacc.prediction.predicting import RADIUS_PROBABILITY, Prediction, Share, predicted_errors, predicted_grade
+from robacc.prediction.predicting import Prediction, Share, predicted_errors, predicted_grade
 from robacc.robots.description import Robot
 
 MEANING = "errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error"
@@ -105,38 +100,4 @@ def _notes(robot: Robot, fit: ModelFit, data: Measurements, is_oriented: bool) -
         )
     if not is_oriented:
         notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
-    return notes
-
-
-def coverage_notes(
-    robot: Robot, fit: ModelFit, measured: Measurements, seed: int, aligned: Sequence[str] = ()
-) -> Sequence[str]:
-    """Return how many measured poses lie within their 95 % bound about the model's prediction.
-
-    Frames in ``aligned`` are facts of one campaign. They are fitted to every second measured pose for the errors of the
-    others, and the other way round, so that no error is one of the fit.
-    """
-    data = completed(robot, fit, None, measured, seed)
-    uncertainty = model_uncertainty(robot, fit, data, measured=True)
-    error = np.empty((3 if measured.rotation is None else 6, measured.n))
-    half = measured.groups() % 2
-    for part in (0, 1) if aligned else (None,):
-        rows = np.arange(measured.n) if part is None else np.flatnonzero(half == part)
-        arm = robot if part is None else align(robot, data.subset(np.flatnonzero(half != part)), aligned).robot
-        poses = Model.of(absorb_constants(arm)).bind(data.subset(rows)).poses(np.zeros(0))
-        error[:, rows] = residuals(measured.subset(rows), poses)
-    fitted = f"; {' and '.join(aligned)} fitted to the other half of the poses" if aligned else ""
-    notes = []
-    parts = ((uncertainty.position, measured.sigma_position), (uncertainty.orientation, measured.sigma_rotation))
-    for i, (name, (covariance, noise)) in enumerate(zip(("position", "orientation"), parts, strict=True)):
-        if error.shape[0] < 3 * i + 3 or (i == 1 and not uncertainty.is_oriented):
-            continue
-        if noise is not None and fit.noise_is_separate:
-            covariance = covariance + np.eye(3)[:, :, None] * np.square(noise)
-        bound = length_quantiles(RADIUS_PROBABILITY, principal_variances(covariance))
-        inside = int(np.count_nonzero(np.linalg.norm(error[3 * i : 3 * i + 3], axis=0) <= bound))
-        notes.append(
-            f"{inside} of {measured.n} measured poses ({100 * inside / measured.n:.1f} %) lie within the 95 % bound of "
-            f"{name}, measurement noise included{fitted}"
-        )
     return notes

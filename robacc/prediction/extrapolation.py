@@ -16,15 +16,18 @@ import numpy as np
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.specification import Known
-from robacc.effects.validity import MARGIN, Validity, driver_values
+from robacc.effects.validity import MARGIN, Periods, Validity, driver_values, nearest_image, range_excess
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
+from robacc.statistics.distributions import normal_quantile
 
 _SAMPLES = 200
 _SHARE = 0.1
 """Share of a range beyond its end at which nothing of the effect is known any more."""
+_WAVES = 64
+"""Pairs of waves that make up a process."""
 _COLUMNS = {"time_s": "time", "temperature_c": "temperature", "payload_kg": "payload"}
 
 
@@ -37,12 +40,8 @@ def extrapolation(model: Model, data: Measurements) -> Array | None:
     """
     variance: dict[int, Array] = {}
     for known in model.known:
-        limits = {name: known.validity[name] for name in known.effect.held_drivers(model.arm, known.validity)}
-        growth = _growth(model.arm, data, limits, known.effect.is_bounded)
-        if not growth.any():
-            continue
-        for motion, square in _mean_squares(model.arm, known, data, limits).items():
-            variance[motion] = variance.get(motion, np.zeros(data.n)) + 2.0 * np.square(growth) * square
+        for motion, std in _motion_stds(model.arm, known, data).items():
+            variance[motion] = variance.get(motion, np.zeros(data.n)) + np.square(std)
     if not variance:
         return None
     jacobian = _motion_columns(model, data, tuple(variance))
@@ -50,12 +49,75 @@ def extrapolation(model: Model, data: Measurements) -> Array | None:
     return result
 
 
-def _growth(arm: Arm, data: Measurements, limits: Validity, is_bounded: bool) -> Array:
+def extrapolation_columns(model: Model, data: Measurements, sample: Measurements) -> Array | None:
+    """Return columns ``(6, K, n)`` whose products over two poses are the covariance of :func:`extrapolation`.
+
+    The error of a held effect is the same function of its drivers at every pose: a stationary Gaussian process of the
+    drivers, less its value at the end of the range, with a correlation length of half of :data:`_SHARE` of the range.
+    Source of the columns: A. Rahimi and B. Recht, "Random features for large-scale kernel machines", NIPS (2007), here
+    at the points of an additive recurrence.
+
+    Args:
+        model: Model with its known effects.
+        data: Poses with their circumstances.
+        sample: All poses, of which ``data`` are some: they decide the size of an effect.
+    """
+    columns: list[Array] = []
+    for known in model.known:
+        stds = _motion_stds(model.arm, known, data, sample)
+        waves = _difference_waves(model.arm, known, data) if stds else None
+        if waves is None:
+            continue
+        jacobian = _motion_columns(model, data, tuple(stds))
+        columns += [jacobian[:, i, None] * (std * waves) for i, std in enumerate(stds.values())]
+    return np.concatenate(columns, axis=1) if columns else None
+
+
+def _difference_waves(arm: Arm, known: Known, data: Measurements) -> Array | None:
+    """Return ``(K, n)`` the process at the poses less its value at the end of the range, of unit size."""
+    limits, periods = known.held_limits(arm)
+    rows = []
+    for name, (low, high) in limits.items():
+        if (values := driver_values(arm, data, name)) is not None:
+            image = nearest_image(values, low, high, periods.get(name))
+            rows.append(np.stack((image, np.clip(image, low, high))) / max(high - low, 1e-12))
+    if not rows:
+        return None
+    places = np.array(rows) / (0.5 * _SHARE)
+    phase = np.tensordot(_frequencies(len(rows)), places, axes=1)
+    waves = np.concatenate([wave(phase[:, 0]) - wave(phase[:, 1]) for wave in (np.cos, np.sin)])
+    length = np.linalg.norm(waves, axis=0)
+    result: Array = waves / np.where(length > 0.0, length, 1.0)
+    return result
+
+
+def _frequencies(count: int) -> Array:
+    """Return ``(K, count)`` normal quantiles of evenly spread points."""
+    # The generalised golden ratio g with g^(count + 1) = g + 1 spreads points evenly in any number of dimensions.
+    ratio = 2.0
+    for _ in range(50):
+        ratio = (1.0 + ratio) ** (1.0 / (count + 1))
+    points = np.modf(0.5 + np.outer(np.arange(_WAVES), ratio ** -np.arange(1.0, count + 1)))[0]
+    return np.array([[normal_quantile(float(value)) for value in row] for row in np.clip(points, 1e-6, 1.0 - 1e-6)])
+
+
+def _motion_stds(arm: Arm, known: Known, data: Measurements, sample: Measurements | None = None) -> dict[int, Array]:
+    """Return the standard deviation ``(n,)`` of the scalar of each motion; none if no pose is beyond the ranges."""
+    limits, periods = known.held_limits(arm)
+    growth = _growth(arm, data, limits, periods, known.effect.is_bounded)
+    # With ``sample``, poses are a block of many, which all have the columns of every held effect.
+    if not limits or (sample is None and not growth.any()):
+        return {}
+    squares = _mean_squares(arm, known, data if sample is None else sample, limits)
+    return {motion: np.sqrt(2.0 * square) * growth for motion, square in squares.items()}
+
+
+def _growth(arm: Arm, data: Measurements, limits: Validity, periods: Periods, is_bounded: bool) -> Array:
     """Return the standard deviation ``(n,)`` of a held effect over its size."""
     share = np.zeros(data.n)
     for name, (low, high) in limits.items():
         if (values := driver_values(arm, data, name)) is not None:
-            excess = np.maximum(np.maximum(low - values, values - high), 0.0) / max(high - low, 1e-12)
+            excess = range_excess(values, low, high, periods.get(name)) / max(high - low, 1e-12)
             share = np.maximum(share, np.where(excess > MARGIN, excess, 0.0))
     within: Array = np.minimum(share / _SHARE, 1.0)
     return within if is_bounded else np.maximum(within, share)

@@ -26,7 +26,7 @@ from robacc.fitting.apply_fit import absorb_constants
 from robacc.geometry import Array, Poses, compose, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.extrapolation import extrapolation
+from robacc.prediction.extrapolation import extrapolation, extrapolation_columns
 from robacc.prediction.model_fit import ModelFit
 from robacc.robots.description import Robot
 
@@ -88,20 +88,65 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measur
 
 def _blocks(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> tuple[tuple[Array, ...], Array]:
     """Return the covariances ``(6, 6, n)`` of the sources, and the predicted rotations."""
+    sources = pose_sources(robot, fit, data, measured)
+    beyond = extrapolation(sources.model, data)
+    coefficients = _propagated(sources.jacobian, sources.covariance)
+    beyond = np.zeros_like(coefficients) if beyond is None else beyond
+    return (coefficients, sources.scatter, _turned(fit.unexplained, sources.rotation), beyond), sources.rotation
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSources:
+    """Sources of a model's error at n poses, measuring frame."""
+
+    model: Model
+    data: Measurements
+    jacobian: Array
+    """``(6, P, n)`` derivative to the fitted coefficients."""
+    covariance: Array
+    """``(P, P)`` of the coefficients."""
+    scatter: Array
+    """``(6, 6, n)`` covariance by the scatter of the joints."""
+    rotation: Array
+    """``(3, 3, n)`` predicted orientation of the target."""
+
+    def columns(self, fit: ModelFit, sample: Measurements) -> Array:
+        """Return columns ``(6, K, n)`` of the errors that are the same function of the joints at all poses.
+
+        Their products over two poses are covariances. ``sample`` holds all poses, of which these are some.
+        """
+        factor = np.repeat(fit.bound_factor, 3)[:, None, None]
+        values, vectors = np.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        columns = factor * np.einsum("ipn,pk->ikn", self.jacobian, root, optimize=True)
+        beyond = extrapolation_columns(self.model, self.data, sample)
+        return columns if beyond is None else np.concatenate((columns, beyond), axis=1)
+
+
+def independent_covariance(fit: ModelFit, sources: PoseSources, data: Measurements) -> Array:
+    """Return the covariance ``(6, 6, n)`` of errors that are independent from pose to pose, measurement noise too."""
+    factor = np.repeat(fit.bound_factor, 3)
+    result: Array = (sources.scatter + _turned(fit.unexplained, sources.rotation)) * np.outer(factor, factor)[..., None]
+    if fit.noise_is_separate:
+        for part, noise in ((slice(0, 3), data.sigma_position), (slice(3, 6), data.sigma_rotation)):
+            if noise is not None:
+                result[part, part] += np.eye(3)[:, :, None] * np.square(noise)
+    return result
+
+
+def pose_sources(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> PoseSources:
+    """Return the sources of the error of the model ``robot``; see :func:`model_uncertainty`."""
     effects = tuple(effect for effect in fit.effects if measured or not effect.is_of_measurement)
     model = Model.of(robot, effects)
     if not measured:
         model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.is_of_measurement))
     poses, jacobian, covariance = fitted_jacobian(model, fit, data)
-    coefficients = _propagated(jacobian, covariance)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
-    scatter = np.zeros_like(coefficients)
+    scatter = np.zeros((6, 6, data.n))
     if stds.any():
         joints = Model(model.arm, model.known, (JointOffset(model.arm.names),)).bind(data)
         scatter = _propagated(joints.linearise(np.zeros(stds.size))[1], np.diag(np.square(stds)))
-    beyond = extrapolation(model, data)
-    beyond = np.zeros_like(coefficients) if beyond is None else beyond
-    return (coefficients, scatter, _turned(fit.unexplained, poses.rotation), beyond), poses.rotation
+    return PoseSources(model, data, jacobian, covariance, scatter, poses.rotation)
 
 
 def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Poses, Array, Array]:

@@ -120,8 +120,24 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     assert rows[0].startswith("x_m,y_m,z_m,configurations,rms_m,bound95_m")
     assert sum(int(row.split(",")[3]) for row in rows[1:]) == 200
     measured = robacc.simulate(TRUTH, poses=80, seed=55, noise="0.03mm", noise_orientation="0.03mrad").data
-    notes = robacc.predict(model, against=measured).notes
-    assert any("lie within the 95 % bound of position" in note for note in notes)
+    # The poses state no noise, which is larger than the model's error: the fit knows that of its own poses.
+    bare = robacc.predict(model, against=measured)
+    assert bare.coverage[0].noise_source == "fit"
+    assert 0.85 < bare.coverage[0].share <= 1.0
+    assert robacc.predict(model, against=measured, noise="0.001mm,0.001mrad").coverage[0].share < 0.5
+    against = robacc.predict(model, against=measured, noise="0.03mm,0.03mrad")
+    position, orientation = against.coverage
+    assert (position.quantity, orientation.quantity) == ("position", "orientation")
+    # Two standard errors of a share of 80 poses are 5 %, and the errors of one fit belong together.
+    assert 0.85 < position.share <= 1.0
+    document = against.payload()["coverage"]
+    assert document["position"] == {
+        "n_poses": 80,
+        "n_inside": position.n_inside,
+        "share": position.share,
+        "noise_source": "given",
+    }
+    assert list(document["registered"]) == []
     with pytest.raises(robacc.InputError, match="tolerance"):
         robacc.predict(ROBOT)
 

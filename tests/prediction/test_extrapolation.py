@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from arms import arm
 from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
+from robacc.modelling.validity import outside_validity
 from robacc.prediction.extrapolation import extrapolation
 from robacc.prediction.fit_record import _scatter
 from robacc.robots.description import Robot
@@ -29,6 +31,13 @@ def ripple() -> Robot:
         "validity": {"j2": [LOW, HIGH]},
     }
     return dataclasses.replace(arm("puma560").robot, effects=(entry,))
+
+
+def geared(ratio: float) -> Robot:
+    """The arm with a periodic error of several orders, and a gear ratio of its second joint."""
+    robot = ripple()
+    joints = tuple(dataclasses.replace(j, gear_ratio=ratio) if j.name == "j2" else j for j in robot.joints)
+    return dataclasses.replace(robot, joints=joints, effects=({**robot.effects[0], "orders": [2.0, 5.0]},))
 
 
 def poses(second: float, n: int = 5) -> Measurements:
@@ -63,7 +72,10 @@ def test_beyond_the_range_the_joint_is_uncertain_by_the_size_of_the_effect() -> 
 @pytest.mark.parametrize("periodic", [True, False])
 def test_the_uncertainty_grows_with_the_distance(periodic: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     model = Model.of(ripple())
-    monkeypatch.setattr(type(model.known[0].effect), "is_bounded", periodic)
+    effect = type(model.known[0].effect)
+    monkeypatch.setattr(effect, "is_bounded", periodic)
+    if not periodic:
+        monkeypatch.setattr(effect, "period", lambda *_: None)
     sizes = []
     for share in (0.02, 0.05, 0.1, 0.9, 2.0):
         covariance = extrapolation(model, poses(HIGH + share * (HIGH - LOW), 1))
@@ -71,7 +83,30 @@ def test_the_uncertainty_grows_with_the_distance(periodic: bool, monkeypatch: py
         reference = extrapolation(model, poses(HIGH + 0.5 * (HIGH - LOW), 1))
         assert reference is not None
         sizes.append(float(np.trace(covariance[3:, 3:, 0])) / float(np.trace(reference[3:, 3:, 0])))
-    assert sizes == pytest.approx([0.04, 0.25, 1.0, 1.0, 1.0 if periodic else 4.0], rel=1e-6)
+    expected = [0.04, 0.25, 1.0, 1.0, 4.0]
+    if periodic:
+        # Order 2 repeats after half a turn: 0.9 of the range is just before the next lower end, twice the range just
+        # behind the next upper end.
+        reach = HIGH - LOW
+        beyond = (math.pi - 1.9 * reach, 3.0 * reach - reach - math.pi)
+        expected[3:] = [(10.0 * excess / reach) ** 2 for excess in beyond]
+    assert sizes == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_pose_whole_turns_away_is_where_the_gear_was() -> None:
+    robot = geared(100.0)
+    near, far = poses(0.5), poses(0.5 + 2.0 * math.pi)
+    assert extrapolation(Model.of(robot), far) is None
+    np.testing.assert_allclose(predict(robot, near).translation, predict(robot, far).translation, atol=1e-12)
+    assert outside_validity(robot, far) is None or outside_validity(robot, far).n_poses == 0  # type: ignore[union-attr]
+    # Between the ends, the effect keeps the value of the nearest end, a turn away or not.
+    between = LOW + 2.0 * math.pi - 0.1
+    first, second = predict(robot, poses(between)), predict(robot, poses(between - 2.0 * math.pi))
+    np.testing.assert_allclose(first.translation, second.translation, atol=1e-12)
+
+
+def test_a_gear_of_a_ratio_that_is_not_whole_repeats_nothing() -> None:
+    assert extrapolation(Model.of(geared(107.815)), poses(0.5 + 2.0 * math.pi)) is not None
 
 
 def test_a_gross_residual_does_not_widen_the_covariance() -> None:

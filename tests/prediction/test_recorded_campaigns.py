@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,6 @@ DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur1
 FIT = "base_frame,tool_frame,joint_offset,link_geometry,joint_compliance,transmission_error"
 
 
-def inside(notes: tuple[str, ...]) -> tuple[float, ...]:
-    """Shares of the poses within their bound, of position and orientation."""
-    counts = [match for note in notes if (match := re.match(r"(\d+) of (\d+) measured poses", note))]
-    return tuple(int(match[1]) / int(match[2]) for match in counts)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.exists(), reason="needs the recorded UR10")
 def test_recorded_poses_lie_within_their_bounds() -> None:
@@ -27,13 +20,12 @@ def test_recorded_poses_lie_within_their_bounds() -> None:
     rows = np.arange(first.n)
     fitted, held, unseen = (first.subset(rows[rows % 3 == k]) for k in range(3))
     model = robacc.calibrate(fitted, robot=DATA / "robot.yaml", fit=FIT, holdout=held).robot
-    position, orientation = inside(robacc.predict(model, against=unseen).notes)
-    # Two standard errors of a share of 498 poses are 2 %.
-    assert 0.93 < position < 0.97
-    assert 0.91 < orientation < 0.97
+    position, orientation = robacc.predict(model, against=unseen).coverage
+    assert 0.93 < position.share < 0.97
+    assert 0.93 < orientation.share < 0.97
     # Another day, the target mounted anew, and every pose beyond the ranges of the fit.
     again = robacc.predict(model, against=DATA / "series_D.csv", align="base_frame,tool_frame")
     assert any("632 of 632 configurations lie outside" in note for note in again.notes)
-    position, orientation = inside(again.notes)
-    assert 0.93 < position < 0.97
-    assert 0.88 < orientation < 0.97
+    position, orientation = again.coverage
+    assert 0.93 < position.share < 0.97
+    assert 0.93 < orientation.share < 0.97

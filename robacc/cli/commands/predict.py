@@ -135,7 +135,7 @@ def predict(
     def table(stream: TextIO) -> None:
         from robacc.render.text.predict import draw_prediction
 
-        draw_prediction(result.robot, result, result.allocation, result.comparison, stream)
+        draw_prediction(result.robot, result, result.allocation, result.comparison, result.coverage, stream)
 
     if warranty_map is not None:
         from robacc.io.files import write_text

@@ -63,8 +63,9 @@ def predict_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``predict``."""
     position, grade = document["position"], document["grade"]
     first = document["budget"][0] if document["budget"] else None
+    source = "The tolerances give" if document["tolerances"]["parameters"] else "The fit of the model gives"
     summary = (
-        f"The tolerances give an expected position error of {length(position['rms_m'])} rms over robots and poses, "
+        f"{source} an expected position error of {length(position['rms_m'])} rms over robots and poses, "
         f"95 % of the errors within {length(position['p95_m'])}: grade {grade['grade']}."
     )
     if first is not None:
@@ -83,8 +84,15 @@ def predict_headline(document: Document) -> ReportHeadline:
     ]
     if document["against"] is not None:
         facts.append(("Compared with measured poses", str(document["against"]["verdict"]).replace("_", " ")))
+    if document["coverage"] is not None:
+        facts.append(("Measured poses within their 95 % bound", _covered(document)))
     badge = Badge(f"grade {grade['grade']}, expected", "plain")
     return ReportHeadline(f"Predicted accuracy{of_robot(document)}", summary, tiles, (badge,), facts)
+
+
+def _covered(document: Document) -> str:
+    shares = [(name, document["coverage"][name]) for name in ("position", "orientation")]
+    return ", ".join(f"{name} {100 * part['share']:.1f} %" for name, part in shares if part is not None)
 
 
 def iso9283_headline(document: Document) -> ReportHeadline:

@@ -7,10 +7,11 @@ from typing import TextIO
 
 from robacc.prediction.allocation import Allocation
 from robacc.prediction.comparison import MeasuredComparison
+from robacc.prediction.coverage import Coverage
 from robacc.prediction.predicting import PredictedErrors, Prediction, Share
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
-from robacc.render.text.predict_against import comparison_lines
+from robacc.render.text.predict_against import comparison_lines, coverage_lines
 from robacc.render.text.predict_parts import FACTORS, amount, bar, percent, with_unit
 from robacc.robots.description import Robot
 
@@ -32,10 +33,11 @@ def draw_prediction(
     prediction: Prediction,
     allocation: Allocation | None,
     comparison: MeasuredComparison | None,
+    coverage: Sequence[Coverage],
     stream: TextIO,
 ) -> None:
     """Write the report of ``robacc predict`` to ``stream``."""
-    write_lines(prediction_lines(robot, prediction, allocation, comparison, width_of(stream)), stream)
+    write_lines(prediction_lines(robot, prediction, allocation, comparison, coverage, width_of(stream)), stream)
 
 
 def prediction_lines(
@@ -43,6 +45,7 @@ def prediction_lines(
     prediction: Prediction,
     allocation: Allocation | None,
     comparison: MeasuredComparison | None,
+    coverage: Sequence[Coverage],
     width: int,
 ) -> Iterator[TextLine]:
     """Return the report's lines; text is wrapped to ``width`` columns, tables take at most 80."""
@@ -71,6 +74,8 @@ def prediction_lines(
         yield from _allocation(prediction, allocation, width)
     if comparison is not None:
         yield from comparison_lines(comparison, width)
+    if coverage:
+        yield from coverage_lines(coverage, width)
     if prediction.notes:
         yield from (BLANK, heading("Limitations"))
         yield from items(prediction.notes, width)

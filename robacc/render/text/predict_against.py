@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from robacc.prediction.comparison import MeasuredComparison
 from robacc.prediction.components import VarianceComponents
 from robacc.prediction.consistency import ChiSquare, ScaleTest
+from robacc.prediction.coverage import Coverage
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import p_value, three_digits
-from robacc.render.text.predict_parts import FACTORS, with_unit
+from robacc.render.text.predict_parts import FACTORS, percent, with_unit
 
+_NOISE_SOURCES = {"file": "from the file", "given": "given by the user", "fit": "that of the fit"}
 _SOURCES = {"file": "from the file", "given": "given by the user", "estimated": "estimated from the poses"}
 
 
@@ -84,3 +86,17 @@ def _components(components: VarianceComponents, width: int) -> Iterator[TextLine
     yield from columns(header, rows)
     dof = "dof: effective number of independent parameter errors in the estimate"
     yield from items((dof, *components.notes), width)
+
+
+def coverage_lines(coverage: Sequence[Coverage], width: int) -> Iterator[TextLine]:
+    """Return the lines on measured poses within the bounds of a model."""
+    first = coverage[0]
+    bound = f"{100 * first.probability:g} % bound"
+    yield from (BLANK, heading(f"Measured poses within the {bound} of their error"))
+    rows = [(item.quantity, f"{item.n_inside} of {item.n_poses}", percent(item.share)) for item in coverage]
+    yield from columns(("", "poses", "share"), rows)
+    sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[item.noise_source] for item in coverage))
+    texts = [f"the bound contains the measurement noise, {sources}"]
+    if first.registered:
+        texts.append(f"{' and '.join(first.registered)} fitted to one half of the poses for the errors of the other")
+    yield from items(texts, width)

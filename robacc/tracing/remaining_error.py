@@ -11,6 +11,7 @@ import numpy as np
 from robacc.diagnostics.approach_memory import memory_of_play
 from robacc.diagnostics.residual_correlation import residual_correlations
 from robacc.diagnostics.rounded_joints import Rounding
+from robacc.diagnostics.row_loads import unlogged_loads
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
@@ -140,6 +141,8 @@ def remaining_error(
     for p_value, hint in _memory_hints(search_result, final, data):
         p_values.append(p_value)
         hints.append(hint)
+    if hints and (loads := unlogged_loads(final, data)) is not None:
+        hints.insert(0, loads.text)
     residual = final.residual[:3, final.inliers]
     rms = float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
     hints.extend(_scatter_hints(repeatability, rounding))

@@ -1,0 +1,68 @@
+"""Loads that differ from row to row: the groups of an arm with matrices of its own, and errors that are no loads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from independent_arm import DECLARED, GRAVITY, TOOL, measured, robot, run, target, torques
+
+from robacc.diagnostics.row_loads import RowLoads, unlogged_loads
+from robacc.effects.request import build, parse_requests
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
+from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
+
+NOISE = 2e-5
+N = 90
+COMPLIANCE = np.array([0.0, 8e-7, 1.2e-6, 0.0, 0.0, 0.0])
+ARM = Arm.of(robot())
+
+
+def groups_of(turn: np.ndarray, seed: int, declared: str = DECLARED) -> RowLoads | None:
+    """Groups of an arm whose joints are turned by ``turn`` ``(6, N)`` beyond the commanded."""
+    poses = run(N, seed)
+    position = np.array([target(q) for q in (poses.q + turn).T]).T
+    data = measured(poses, position, NOISE, seed, directed=True)
+    model = Model(ARM, free=build(parse_requests(declared), ARM, data))
+    return unlogged_loads(fit(model, data, Options()), data)
+
+
+def deflections(seed: int, mass: np.ndarray) -> np.ndarray:
+    """Turns ``(6, N)`` of the joints by the arm's weight and a load of ``mass`` ``(N,)`` at the tool."""
+    result = []
+    for q, load in zip(run(N, seed).q.T, mass, strict=True):
+        weight = load * GRAVITY
+        result.append(
+            COMPLIANCE
+            * torques(q, lambda frames, weight=weight: weight * float((frames[-1] @ np.append(TOOL, 1.0))[2]))
+        )
+    return np.array(result).T
+
+
+@pytest.mark.parametrize("loads", [(0.0, 20.0, 40.0), (0.0, 30.0)])
+def test_rows_are_grouped_by_their_load(loads: tuple[float, ...]) -> None:
+    number = np.random.default_rng(3).integers(0, len(loads), N)
+    turn = deflections(11, np.array(loads)[number])
+    found = groups_of(turn, 11, DECLARED + ",joint_compliance[j2,j3]")
+    assert found is not None
+    assert len(found.rows) == len(loads)
+    right = sum(np.count_nonzero(number[rows] == i) for i, rows in enumerate(found.rows))
+    assert right >= 0.95 * N
+    assert found.loads == pytest.approx(np.array(loads) / loads[-1], abs=0.1)
+    assert "write payload_kg" in found.text
+
+
+def test_other_errors_are_no_loads() -> None:
+    """A constant load, play, scatter of a joint, a spring that is not in the model, and noise alone."""
+    rng = np.random.default_rng(5)
+    joint_two = np.array([[0], [1], [0], [0], [0], [0]])
+    poses = run(N, 12)
+    for turn in (
+        deflections(12, np.full(N, 30.0)),
+        1.5e-4 * poses.direction * joint_two,
+        3e-4 * rng.normal(size=N) * joint_two,
+        deflections(12, np.zeros(N)) * 3.0,
+        np.zeros((6, N)),
+    ):
+        assert groups_of(turn, 12) is None

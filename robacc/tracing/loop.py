@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.fitting.fit_repeatability import is_same, significant_components, with_scatter
+from robacc.fitting.fit_repeatability import is_same, scatter_evidence, significant_components, with_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
 from robacc.fitting.solver import fit
@@ -26,6 +27,8 @@ _BETTER = 10.0
 """Evidence (log Bayes factor) by which a selection with a correction must beat the named one (odds of 20,000 to 1)."""
 _SCATTER_ROUNDS = 3
 """Largest number of estimates of the scatter of the joints."""
+_LEAST_SHARE = 0.25
+"""Least evidence for scatter alone, as a share of that for effects, for which a search starts with scatter too."""
 _LEAST_WORTH = 5.0
 """Least evidence (log Bayes factor) of a step or a drift of the scale beside errors that wander (odds of 150 to 1)."""
 _MANY = 3
@@ -211,10 +214,45 @@ class _Search:
         if is_same(self.options, components) or last.fit.theta.size > MANY_COEFFICIENTS:
             # With profiles of joints in the model, scatter is reported beside them and does not change them.
             return False
+        self._use(components)
+        return True
+
+    def _use(self, components: Components) -> None:
+        """Fit the baseline with the joints' scatter, and linearise the candidates there."""
         self.options = with_scatter(self.options, components)
         self.baseline = refit(self.baseline, self.baseline.model.free, self.data, self.options)
         self.first = linearise(self.baseline, self.data, self.model.free, self.only)
-        return True
+
+    def beside_scatter(self) -> _Search | None:
+        """Return a search that starts with the joints' scatter; None if it is not significant at the baseline."""
+        components = significant_components(self.baseline, self.data)
+        if components is None:
+            return None
+        other = copy.copy(self)
+        other.components, other.steps = components, []
+        other._use(components)
+        return other
+
+    def settle_with_scatter(self) -> tuple[_Round, bool]:
+        """Search until the choice settles, with the scatter of the joints that remains beside it."""
+        last, settled = self.settle(self.start())
+        for _ in range(_SCATTER_ROUNDS):
+            if not self.update_scatter(last):
+                break
+            last, settled = self.settle(self.follow(dataclasses.replace(last, next=last.selection)))
+        return last, settled
+
+    def worth(self, last: _Round, white: LinearisedCandidates) -> float:
+        """Return the evidence for effects and scatter together against the baseline with neither of them.
+
+        Args:
+            last: The effects and their fit.
+            white: Candidates at the baseline without scatter.
+        """
+        others = [effect for effect in last.effects if not effect.is_frame]
+        evidence = white.selection(self.all_rows, others).total()
+        components = significant_components(last.fit, self.data)
+        return evidence if components is None else evidence + scatter_evidence(components, self.data)
 
 
 def _others(last: _Round, effect: Effect) -> tuple[Effect, ...]:
@@ -257,11 +295,9 @@ def search(
     effects, so that a real effect does not pass for scatter, and each finding is tested again beside it.
     """
     state = _Search(model, data, options, only, empirical, progress)
-    last, settled = state.settle(state.start())
-    for _ in range(_SCATTER_ROUNDS):
-        if not state.update_scatter(last):
-            break
-        last, settled = state.settle(state.follow(dataclasses.replace(last, next=last.selection)))
+    last, settled = state.settle_with_scatter()
+    if last.effects and state.options.scatter is None:
+        state, last, settled = _better_with_scatter(state, last, settled)
     last = state.without_wander(last)
     return SearchResult(
         declared=state.baseline,
@@ -276,6 +312,23 @@ def search(
         rounds=state.count,
         settled=settled,
     )
+
+
+def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_Search, _Round, bool]:
+    """Return the search that starts with the joints' scatter, with its end, if that explains the data better.
+
+    Where rows of a visit share scatter, a search without it explains it by many effects, and none is left to estimate.
+    """
+    other = state.beside_scatter()
+    if other is None or other.components is None:
+        return state, last, settled
+    worth = state.worth(last, state.first)
+    if scatter_evidence(other.components, state.data) < _LEAST_SHARE * worth:
+        return state, last, settled
+    end, is_settled = other.settle_with_scatter()
+    if other.worth(end, state.first) <= worth:
+        return state, last, settled
+    return other, end, is_settled
 
 
 def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:

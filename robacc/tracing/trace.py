@@ -40,6 +40,7 @@ from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, describe_finding
 from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit, search
 from robacc.tracing.remaining_error import Unexplained, remaining_error
+from robacc.tracing.remaining_scatter import with_remaining_scatter
 from robacc.tracing.selection import SelectionStep
 from robacc.tracing.verdict import Verdict, assumption_of, explained_share, verdict_of
 
@@ -127,6 +128,10 @@ def trace(
     search_result = reproduced(first_search, validation, data)
     validation = reduced(validation, first_search, search_result, data, holdout, n_folds, seed)
     search_result, validation, withdrawn = with_held_out_gain(search_result, validation, data, holdout, n_folds, seed)
+    confirmed = search_result
+    search_result = with_remaining_scatter(first_search, confirmed, data)
+    if search_result.effects != confirmed.effects:
+        validation = reduced(validation, confirmed, search_result, data, holdout, n_folds, seed)
     converged = dataclasses.replace(
         Options(), scatter=search_result.options.scatter, misfit=search_result.options.misfit
     )

@@ -21,17 +21,18 @@ _MEDIAN = {3: 2.3660 / 3, 6: 5.3481 / 6}
 """Median of a chi-square variable over its degrees of freedom, 3 and 6."""
 
 
-def estimate(data: Measurements, residual: Array, inliers: NDArray[np.bool_], used: float) -> tuple[float, float]:
+def estimate(
+    data: Measurements, residual: Array, inliers: NDArray[np.bool_], used: tuple[float, float]
+) -> tuple[float, float]:
     """Return the misfit of position (m) and orientation (rad) at which the cost equals the degrees of freedom.
 
-    ``used`` is the number of effective coefficients; position and orientation share them.
+    ``used`` are the numbers of effective coefficients that position and orientation determine: the sums of the
+    leverages of their residuals (restricted maximum likelihood at given weights).
     """
+    position = _misfit(residual[:3, inliers], _variance(data.sigma_position, inliers), used[0])
     if residual.shape[0] == 3:
-        return _misfit(residual[:, inliers], _variance(data.sigma_position, inliers), used), 0.0
-    return (
-        _misfit(residual[:3, inliers], _variance(data.sigma_position, inliers), 0.5 * used),
-        _misfit(residual[3:, inliers], _variance(data.sigma_rotation, inliers), 0.5 * used),
-    )
+        return position, 0.0
+    return position, _misfit(residual[3:, inliers], _variance(data.sigma_rotation, inliers), used[1])
 
 
 def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:

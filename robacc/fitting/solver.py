@@ -80,7 +80,7 @@ class _Solver:
         # The first misfit, if not given, is that of the start.
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
         self.predicted = self.equations.predict(start, ahead=not start.any())
-        self.misfit = options.misfit or misfits.estimate(data, self.predicted.residual, self.inliers, 0.0)
+        self.misfit = options.misfit or misfits.estimate(data, self.predicted.residual, self.inliers, (0.0, 0.0))
         self.columns = self.equations.joint_columns(model) if self._has_scatter else None
         self.weight = misfits.row_weights(data, self.misfit)
         self.normal: NormalEquations | None = None
@@ -177,7 +177,7 @@ class _Solver:
                 components = float(np.count_nonzero(self.inliers) * self.equations.rows)
                 known, settled = self.options.misfit is not None, 10 * self.options.settled
                 changed = self.priors.update(linear, columns, components, known, settled)
-            changed = self._update_misfit(self.priors.effective(linear, columns)) or changed
+            changed = self._update_misfit(linear) or changed
             if not changed:
                 return linear
         return self._minimise()
@@ -192,14 +192,33 @@ class _Solver:
         self.normal = None
         return minimum.normal
 
-    def _update_misfit(self, effective: float) -> bool:
+    def _update_misfit(self, linear: NormalEquations) -> bool:
         """Estimate the misfit again; return whether it changed significantly."""
         if self.options.misfit is not None:
             return False
         previous = self.misfit
-        self.misfit = misfits.estimate(self.data, self.predicted.residual, self.inliers, effective)
+        used = self._effective(linear)
+        self.misfit = misfits.estimate(self.data, self.predicted.residual, self.inliers, used)
         self.weight = misfits.row_weights(self.data, self.misfit)
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
+
+    def _effective(self, linear: NormalEquations) -> tuple[float, float]:
+        """Return the effective coefficients that position and orientation determine: the sums of their leverages.
+
+        With N_p and N_o the normal matrices of position and orientation and P the precision of the priors, these are
+        the traces of (N_p + N_o + P)^-1 N_p and of (N_p + N_o + P)^-1 N_o.
+        """
+        columns = self.equations.columns
+        effective = self.priors.effective(linear, columns)
+        if self.equations.rows == 3 or not columns.size:
+            return effective, 0.0
+        theta = self.predicted.theta.copy()
+        theta[columns] = linear.theta
+        weight = self.weight * self.inliers
+        weight[3:] = 0.0
+        _, of_position = self.equations.linearise(theta, Whitening(weight))
+        position = float(np.sum(linear.posterior(self.priors.precision[columns]) * of_position.gram))
+        return position, effective - position
 
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""

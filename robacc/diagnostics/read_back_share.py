@@ -16,6 +16,8 @@ from robacc.measurements import Measurements
 
 READ_BACK = "read_back"
 """Effect whose coefficient is the share."""
+_SURE, _IMPLAUSIBLE = 3.0, 0.1
+"""Standard errors, and share, by which a share outside 0 to 1 contradicts that the arm follows the difference."""
 _UNDECIDED = 0.25
 """Standard error of the share from which the poses do not decide."""
 
@@ -38,6 +40,13 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
     start = f"the joints read back are {1e3 * size:.3g} mm rms (at the target) off the commanded ones"
     if not np.isfinite(std) or std > _UNDECIDED:
         yield f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used"
+        return
+    margin = _SURE * std + _IMPLAUSIBLE
+    if not -margin <= share <= 1.0 + margin:
+        yield (
+            f"{start}; a fit gives them a share of {share:.2f} ± {std:.2f} in the measured positions, where 0 to 1 is "
+            "possible: the model lacks an effect that resembles the difference; the commanded joints are used"
+        )
         return
     cause = "the joints were read before the arm had settled"
     if share >= FOLLOWED_SHARE:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 from independent_arm import DECLARED, LIMITS, Run, measured, robot, run, target
 
+import robacc
 from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding, joint_step
 from robacc.effects.request import build, parse_requests
@@ -151,3 +153,49 @@ def test_commands_in_whole_steps_are_exact() -> None:
     data = rounded(0.1, is_command=True)
     assert evident_rounding(fitted(data), data) is None
     assert len(LIMITS) == 6
+
+
+def test_an_error_that_resembles_the_difference_is_no_settling() -> None:
+    """The measured positions move against the difference, as no arm between command and reading does."""
+    (text,) = read_back_warning(fitted(with_both(-0.8)), with_both(-0.8))
+    assert "where 0 to 1 is possible" in text
+    assert "settled" not in text
+
+
+UR10 = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
+needs_data = pytest.mark.skipif(not UR10.is_dir(), reason="the real data are not here")
+
+
+def recorded(series: str) -> tuple[Arm, Measurements]:
+    """Every fifth pose of a recorded campaign."""
+    arm = robacc.read_robot(UR10 / "robot.yaml")
+    data = robacc.read_poses(UR10 / f"series_{series}.csv", robot=arm)
+    return Arm.of(arm), data.subset(np.arange(0, data.n, 5))
+
+
+@needs_data
+@pytest.mark.parametrize("series", ["B", "D"])
+def test_real_joints_are_not_rounded_until_they_are(series: str) -> None:
+    arm, data = recorded(series)
+    assert data.q is not None
+    model = Model(arm, free=build(parse_requests(DECLARED), arm, data))
+    assert evident_rounding(fit(model, data), data) is None
+    for step, is_evident in ((1e-4, False), (1e-3, False), (0.1, True)):
+        rounded = dataclasses.replace(data, q=np.radians(step * np.round(np.degrees(data.q) / step)))
+        rounding = evident_rounding(fit(model, rounded), rounded)
+        assert (rounding is not None) is is_evident, step
+
+
+@needs_data
+@pytest.mark.slow
+@pytest.mark.parametrize("series", ["B", "D"])
+def test_joints_read_back_that_a_real_arm_did_not_follow_are_no_finding(series: str) -> None:
+    """Random readings beside a residual full of other errors."""
+    arm, data = recorded(series)
+    assert data.q is not None
+    model = Model(arm, free=build(parse_requests(DECLARED), arm, data))
+    rng = np.random.default_rng(0)
+    for size in (1e-5, 3e-4):
+        both = dataclasses.replace(data, read_back=data.q + size * rng.standard_normal(data.q.shape))
+        names = {effect.name for effect in search(model, both, only=["read_back", "gear_ratio"]).effects}
+        assert "read_back" not in names

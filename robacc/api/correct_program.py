@@ -17,7 +17,8 @@ from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.programs.configuration import joint_window
 from robacc.programs.flange import FlangeTargets, flange_targets, joint_targets, values_at
-from robacc.programs.program import Program
+from robacc.programs.krl_status import allowed_by_status
+from robacc.programs.program import Dialect, Program
 from robacc.programs.reading import read_program
 from robacc.programs.writing import with_targets
 from robacc.robots.arm import Arm
@@ -156,6 +157,8 @@ def _configured(
         if window is not None:
             q = window.turned(q, limits, revolute)
             usable = usable & window.allows(q)
+            if program.dialect is Dialect.krl:
+                usable &= allowed_by_status(arm, target.configuration, q)
         elif before is not None:
             previous = before[:, i]
         if not usable.any():

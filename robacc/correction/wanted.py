@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 from robacc.correction.circumstances import Circumstances
 from robacc.correction.robots import RobotPair, arm_length
 from robacc.correction.solving import JointSpace, solve
-from robacc.effects.joint_offset import JointOffset
+from robacc.effects.base import Part, Term
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses, compose, log_so3, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
 
 Given = Literal["joints", "poses", "poses and joints"]
@@ -127,12 +129,20 @@ class PoseEvaluator:
         thousandths of it. The errors are exact, so this costs a step at most.
         """
         arm, data = self.model.arm, self.setting.at(q, self.motion, index)
-        rigid = Model(arm, free=(JointOffset(arm.names),)).bind(data)
+        rigid = dataclasses.replace(Model(arm).bind(data), terms=_variables(arm), owners=tuple(range(len(arm.names))))
         poses, jacobian = rigid.linearise(np.zeros(len(arm.names)))
         if self.model.known:
             poses = self.model.bind(data).poses(np.zeros(0))
         error = pose_error(part_of(self.wanted, index), poses, self.oriented)
         return error, jacobian[: error.shape[0]]
+
+
+def _variables(arm: Arm) -> tuple[Term, ...]:
+    """Return each joint variable as a term: it turns its joint with the joint's sign, and those that mimic it."""
+    parts: list[list[Part]] = [[] for _ in arm.names]
+    for drive in arm.chain.drives:
+        parts[drive.joint].append(Part(drive.motion, drive.coefficient))
+    return tuple(Term(name, "", 1.0, tuple(moved)) for name, moved in zip(arm.names, parts, strict=True))
 
 
 def _nominal_joints(

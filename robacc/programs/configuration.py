@@ -1,9 +1,10 @@
 """Configurations of Cartesian targets as programs write them: which joints they allow.
 
-KRL writes ``S s,T t``: bit i of T is set where axis i + 1 is negative (KUKA, Expert Programming, "Status and Turn").
+KRL writes ``S s,T t``: bit i of T is set where axis i + 1 is negative (KUKA, Expert Programming, "Status and Turn");
+for S see :mod:`robacc.programs.krl_status`.
 RAPID writes ``[cf1,cf4,cf6,cfx]``: the quarter turns of axes 1, 4 and 6, 0 from 0 to 90 degrees and -1 from -90 to 0
 degrees (ABB, Technical reference manual, "confdata"). Both count the axes of a six-axis arm, so they are not read for
-other chains, such as an arm on a rail. S and cfx are not read. The letters of a FANUC ``CONFIG`` depend on the arm and
+other chains, such as an arm on a rail. cfx is not read. The letters of a FANUC ``CONFIG`` depend on the arm and
 are not read.
 """
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
+from robacc.programs.krl_status import status_number
 from robacc.programs.program import Dialect
 
 _TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
@@ -65,7 +67,10 @@ def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWi
     if n_joints != _N_AXES:
         return None
     low, high = np.full(_N_AXES, -np.inf), np.full(_N_AXES, np.inf)
-    if dialect is Dialect.krl and (match := _TURN.search(configuration)):
+    if dialect is Dialect.krl:
+        match = _TURN.search(configuration)
+        if match is None:
+            return None if status_number(configuration) is None else JointWindow(low, high)
         text = match[1]
         turn = int(text[1:], 2) if text[0] in "Bb" else int(text)
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)

@@ -159,7 +159,7 @@ def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:
     a, b, c = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
     place = ",".join(f"{name} {1e3 * value:.6f}" for name, value in zip("XYZ", pose[:3, 3], strict=True))
     lines = [
-        f"PTP {{{place},A {a:.8f},B {b:.8f},C {c:.8f},S 0,T {sum(1 << i for i, v in enumerate(joints) if v < 0)}}}"
+        f"PTP {{{place},A {a:.8f},B {b:.8f},C {c:.8f},T {sum(1 << i for i, v in enumerate(joints) if v < 0)}}}"
         for joints in (q, other)
     ]
     text = "DEF two()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n" + "\n".join(lines) + "\nEND\n"

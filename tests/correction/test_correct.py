@@ -375,3 +375,19 @@ def test_work_grows_in_proportion_to_the_targets() -> None:
     per_target = [counts[n] / n for n in counts]
     assert max(per_target) < 15
     assert all(a < 1.6 * b for a, b in itertools.permutations(per_target, 2))
+
+
+def test_joints_that_count_against_the_table_are_corrected() -> None:
+    """Axes 1, 4 and 6 of a KUKA count against the table."""
+    nominal = robacc.read_robot("robacc/data/robots/kr10_r1100_sixx.yaml")
+    shifted = tuple(
+        dataclasses.replace(joint, parameters={**joint.parameters, "theta": joint.parameters["theta"] + 2e-4})
+        for joint in nominal.joints
+    )
+    q = np.radians([[20.0, -100.0, 100.0, 30.0, 40.0, 10.0], [-60.0, -70.0, 60.0, -50.0, -30.0, 90.0]]).T
+    targets = Measurements(np.zeros((3, 2)), q=q)
+    result = robacc.correct(targets, model=dataclasses.replace(nominal, joints=shifted), nominal=nominal, frame="base")
+    assert result.targets.is_corrected.all()
+    signs = np.array([joint.sign for joint in nominal.joints])
+    assert (signs < 0).sum() == 3
+    np.testing.assert_allclose(result.targets.q - q, np.outer(-2e-4 * signs, [1, 1]), atol=1e-8)

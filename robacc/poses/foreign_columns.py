@@ -20,7 +20,9 @@ _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "ur": ("rotvec",),
 }
 """Conventions that a family of angle names may belong to; one alone is certain."""
-_PREAMBLE_UNITS = re.compile(r"\bunits?\b\W*(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE)
+_PREAMBLE_UNITS = re.compile(
+    r"\b(?:units?|einheit(?:en)?)\b\W*(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE
+)
 
 
 @dataclass(slots=True)

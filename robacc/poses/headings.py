@@ -151,6 +151,7 @@ TIME_KEYS = ("time", "date", "seconds", "nanoseconds")
 """Keys of the columns that give a time together, as text."""
 _CIRCUMSTANCES = {
     **dict.fromkeys(("temperature", "temp", "temperatur", "air temperature", "t air"), "temperature_c"),
+    **dict.fromkeys(("ambient temperature", "room temperature", "lufttemperatur", "raumtemperatur"), "temperature_c"),
     **dict.fromkeys(("payload", "load", "nutzlast", "traglast"), "payload_kg"),
 }
 

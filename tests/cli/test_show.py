@@ -212,3 +212,36 @@ def test_effects_are_shown_with_their_values() -> None:
     found = json.loads(run("sample_data/trace/truth.yaml", "--format", "json").stdout)["robot"]["coefficients"]
     # The file has degrees.
     assert {"name": "backlash.j3", "value": pytest.approx(np.deg2rad(-0.009)), "unit": "rad"} in found
+
+
+def test_numbers_of_a_wide_table_stay_whole(tmp_path: Path) -> None:
+    origin = '<origin xyz="-0.61265292 -0.11586873 0.1639417" rpy="1.5707963 0.0049321 -0.0845777"/>'
+    links = "".join(f'<link name="l{i}"/>' for i in range(4))
+    joints = "".join(
+        f'<joint name="shoulder_lift_joint_{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>{origin}'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        for i in range(3)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{links}{joints}</robot>')
+    lines = run(str(path)).stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    words = [line.split() for line in lines]
+    assert ["shoulder_lift_joint_1", "-612.6529", "-115.8687", "163.9417"] in words
+    assert ["shoulder_lift_joint_1", "90", "0.2826", "-4.8459", "z"] in words
+
+
+def test_many_coefficients_are_counted(tmp_path: Path) -> None:
+    entries = "".join(
+        f"  - {{effect: transmission_error, joints: [j{i}], orders: [{', '.join(map(str, range(1, 25)))}], "
+        f"values: {{{', '.join(f'j{i}.cos{n}: 1.0e-5' for n in range(1, 25))}}}}}\n"
+        for i in (1, 2)
+    )
+    path = tmp_path / "arm.yaml"
+    text = (PROJECT / "sample_data" / "robot.yaml").read_text()
+    path.write_text(f"{text}\neffects:\n{entries}")
+    output = run(str(path)).stdout
+    assert "effects  transmission_error (2 entries)" in output
+    shown = sum(line.lstrip().startswith("transmission_error.") for line in output.splitlines())
+    (more,) = [line for line in output.splitlines() if "more coefficients" in line]
+    assert more.split() == ["…", "and", str(48 - shown), "more", "coefficients,", "in", "the", "robot", "file"]

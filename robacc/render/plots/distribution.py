@@ -78,7 +78,8 @@ def _chart(document: Document, name: str, unit: str, curves: Curves) -> Chart:
 def _caption(document: Document, name: str, curves: Curves, limits: Sequence[Limit], unit: Unit) -> str:
     errors = stages_of(document, "m")
     pose_set = "held-out poses" if errors is not None and errors.held_out else "all poses"
-    text = f"Share of {pose_set} with a {name} error up to the given size. Curves further left are better. "
+    article = "an" if name[0] in "aeiou" else "a"
+    text = f"Share of {pose_set} with {article} {name} error up to the given size. Curves further left are better. "
     text += _meaning(document)
     medians = [f"{unit.text(float(np.median(sizes)))} ({label})" for _, label, sizes in curves]
     text += f"Half of the poses are within {', '.join(medians)}."

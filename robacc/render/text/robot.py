@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from robacc.render.text.console import PLAIN_WIDTH
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.summary import Reach, Summary
 
@@ -20,6 +22,12 @@ _CHAINS = {
 }
 
 
+_GAP = 3
+"""Blanks between columns, and a reserve."""
+_MOST = 40
+"""Coefficients of effects that are listed."""
+
+
 def render_robot(summary: Summary) -> RenderableType:
     """Return the report of ``robacc show`` for a rich console."""
     from rich.console import Group
@@ -27,7 +35,7 @@ def render_robot(summary: Summary) -> RenderableType:
 
     robot = summary.robot
     parts: list[RenderableType] = [Text(robot.name, style="bold"), Text(_chain_line(robot)), Text("")]
-    parts.append(_geometry_table(robot))
+    parts.extend(_geometry_tables(robot))
     parts.append(_drive_table(robot))
     if robot.has_masses or any(joint.mass is not None for joint in robot.joints):
         parts.append(_mass_table(robot))
@@ -53,18 +61,35 @@ def _table(title: str, columns: Iterable[str]) -> Table:
     return table
 
 
-def _geometry_table(robot: Robot) -> Table:
+def _geometry_tables(robot: Robot) -> list[Table]:
+    """Return the geometry as one table, or as one of lengths and one of angles if a line would not fit."""
     names = DH_PARAMETERS if robot.convention != "urdf" else ORIGIN_PARAMETERS
     # Empty columns are omitted: beta of most DH tables, offsets of most URDFs.
     shown = [name for name in names if name not in ("beta", "offset") or any(_value(j, name) for j in robot.joints)]
     is_urdf = robot.convention == "urdf"
     units = ["" if name == "offset" else " mm" if name in LENGTH_PARAMETERS else "°" for name in shown]
     headings = [f"{name}{unit}" for name, unit in zip(shown, units, strict=True)]
-    table = _table("Geometry", ["joint", *headings, *(["axis"] if is_urdf else [])])
-    for joint in robot.joints:
-        cells = [_parameter(joint, name) for name in shown]
-        axis = "fixed" if joint.type == "fixed" else _axis(joint.axis)
-        table.add_row(joint.name, *cells, *([axis] if is_urdf else []))
+    columns = [["joint", *(joint.name for joint in robot.joints)]]
+    columns += [
+        [heading, *(_parameter(joint, name) for joint in robot.joints)]
+        for heading, name in zip(headings, shown, strict=True)
+    ]
+    if is_urdf:
+        columns.append(["axis", *("fixed" if j.type == "fixed" else _axis(j.axis) for j in robot.joints)])
+    if sum(max(map(len, column)) + _GAP for column in columns) <= PLAIN_WIDTH:
+        return [_filled("Geometry", columns)]
+    lengths = {heading for heading, name in zip(headings, shown, strict=True) if name in LENGTH_PARAMETERS}
+    return [
+        _filled("Geometry: lengths", [column for column in columns if column[0] in {"joint", *lengths}]),
+        _filled("Geometry: angles", [column for column in columns if column[0] not in lengths]),
+    ]
+
+
+def _filled(title: str, columns: Sequence[Sequence[str]]) -> Table:
+    """Return the table of columns that begin with their headings."""
+    table = _table(title, [column[0] for column in columns])
+    for row in zip(*(column[1:] for column in columns), strict=True):
+        table.add_row(*row)
     return table
 
 
@@ -126,9 +151,13 @@ def _facts(summary: Summary) -> list[str]:
     lines += [f"reach    {_reach(name, reach, len(summary.reach) > 1)}" for name, reach in summary.reach.items()]
     mass = "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"
     lines.append(f"masses   {mass}")
-    effects = ", ".join(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
+    counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
+    effects = ", ".join(f"{name} ({count} entries)" if count > 1 else name for name, count in counts.items())
     lines.append(f"effects  {effects or 'none'}")
-    lines += [f"         {name} = {value:.6g}{f' {unit}' * bool(unit)}" for name, value, unit in summary.coefficients]
+    listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
+    lines += [f"         {name} = {value:.6g}{f' {unit}' * bool(unit)}" for name, value, unit in listed]
+    if len(listed) < len(summary.coefficients):
+        lines.append(f"         … and {len(summary.coefficients) - len(listed)} more coefficients, in the robot file")
     for effect in (*robot.effects, *(robot.campaign.effects if robot.campaign else ())):
         ranges = ", ".join(f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in _validity(effect).items())
         lines += [f"valid    {effect.get('effect')}: {ranges}"] if ranges else []

@@ -74,6 +74,8 @@ class Effect(abc.ABC):
     """True if joints give way about their axes to the arm's own weight."""
     is_nonnegative: ClassVar[bool] = False
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
+    implausible_is_impossible: ClassVar[bool] = False
+    """True if implausible coefficients rule the effect out; otherwise it only competes with a handicap."""
     extrapolates: ClassVar[str | None] = None
     """Physical reason why the effect goes on beyond its validity range; None if it stops there."""
     is_bounded: ClassVar[bool] = False

@@ -31,6 +31,7 @@ class ReadBack(Effect):
     is_of_measurement = True
     is_nonnegative = True
     implausible_factor = 1.5
+    implausible_is_impossible = True
     extrapolates = "the difference is that of each pose"
     missing_reasons = ("no read_q columns that differ from the commanded joints",)
     about = About(

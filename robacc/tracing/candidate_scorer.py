@@ -28,6 +28,8 @@ from robacc.tracing.step_scans import (
 
 HANDICAP = math.log(1000.0)
 """Log prior odds against a candidate whose coefficients would be implausible."""
+IMPOSSIBLE = 1e9
+"""Log prior odds against a candidate whose coefficients cannot be."""
 _JUDGED = 12
 """Best candidates whose coefficients are judged."""
 _LEAST_EVIDENCE = 2.0
@@ -169,7 +171,7 @@ class CandidateScorer:
         return sorted(judged, key=lambda entry: -round(entry.total, 6))
 
     def _with_handicap(self, entry: Ranked, conditioned: Conditioned) -> Ranked:
-        """Return the score, lowered by :data:`HANDICAP` if the candidate's coefficients would be implausible."""
+        """Return the score, lowered if the candidate's coefficients would be implausible or impossible."""
         candidate = entry.candidate
         if candidate.is_block or not candidate.terms or entry.p_value >= 1.0:
             return entry
@@ -180,6 +182,8 @@ class CandidateScorer:
         values = conditioned.least_squares(columns)
         if candidate.effect.implausible(candidate.terms, values.tolist()) is None:
             return entry
+        if candidate.effect.implausible_is_impossible:
+            return replace(entry, log_prior=entry.log_prior - IMPOSSIBLE, p_value=1.0)
         return replace(
             entry,
             log_prior=entry.log_prior - HANDICAP,

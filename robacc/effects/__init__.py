@@ -18,6 +18,7 @@ from robacc.effects import (  # noqa: I001  the order is the catalogue's
     joint_compliance as joint_compliance,
     joint_hardening as joint_hardening,
     compliance_variation as compliance_variation,
+    counterbalance as counterbalance,
     lateral_compliance as lateral_compliance,
     payload_compliance as payload_compliance,
     base_compliance as base_compliance,

@@ -80,6 +80,8 @@ class Effect(abc.ABC):
     """Physical reason why the effect goes on beyond its validity range; None if it stops there."""
     is_bounded: ClassVar[bool] = False
     """True if it is as large beyond its validity range as within: a periodic error."""
+    odds_beside: ClassVar[float] = 1.0
+    """Prior odds of each form that is a candidate only beside a finding, against a form of any other effect."""
     missing_reasons: ClassVar[tuple[str, ...]] = ()
     """Every text that :meth:`missing` can return, except texts that name a part of a robot."""
 

@@ -9,6 +9,9 @@ from robacc.robots.arm import Arm
 PERIODIC = TransmissionError.name
 """Name of the effect that a search over orders finds."""
 
+_LOW = 2.5
+"""Order up to which a periodic error is a slow function of the joint's angle."""
+
 
 def periodic_joints(arm: Arm) -> tuple[str, ...]:
     """Return the joints that turn."""
@@ -34,3 +37,9 @@ def searched_order(effect: Effect) -> float | None:
     """Return the order of an effect that a search found: a single order that is not 1 or 2."""
     orders = orders_of(effect)
     return orders[0] if len(orders) == 1 and not effect.is_profile() and orders[0] not in (1.0, 2.0) else None
+
+
+def low_orders(effect: Effect) -> bool:
+    """Return whether an effect is a periodic error of orders about 1 and 2 only."""
+    orders = orders_of(effect)
+    return bool(orders) and not effect.is_profile() and max(orders) <= _LOW

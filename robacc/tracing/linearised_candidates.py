@@ -164,6 +164,8 @@ class LinearisedCandidates:
             return Candidate(effect, terms, place_scan.log_prior)
         if any(term.group for term in terms):
             return Candidate(effect, terms, BLOCK_LOG_PRIOR)
+        if effect.odds_beside < 1.0:
+            return Candidate(effect, terms, _beside(effect))
         order = searched_order(effect)
         is_high = order is not None and order > HIGHEST_ORDER
         searched = order_grids(self.model.arm, self.data, self.only, high=is_high)
@@ -180,8 +182,8 @@ class LinearisedCandidates:
         return self._batches_of([form for cls in classes for form in cls.beside(effect, self.model.arm, self.data)], at)
 
     def _batches_of(self, effects: Iterable[Effect], at: NDArray[np.int64]) -> list[Batch]:
-        arm, log_prior = self.model.arm, -math.log(TYPICAL_CANDIDATES)
-        return batches(arm, [Candidate(effect, effect.terms(arm, self.data), log_prior) for effect in effects], at)
+        arm = self.model.arm
+        return batches(arm, [Candidate(form, form.terms(arm, self.data), _beside(form)) for form in effects], at)
 
     def _columns_of(self, terms: Sequence[Term]) -> Array:
         """Return columns of terms that act on joint variables or on the base's x, y, z."""
@@ -191,6 +193,11 @@ class LinearisedCandidates:
             for part in term.parts:
                 result[:, i] += self.joint_columns[:, number[part.motion]] * part.factor
         return result
+
+
+def _beside(effect: Effect) -> float:
+    """Return the log prior of an effect that is a candidate only beside a finding."""
+    return math.log(effect.odds_beside / TYPICAL_CANDIDATES)
 
 
 def _thinned(data: Measurements, at: NDArray[np.int64], max_poses: int) -> NDArray[np.int64]:

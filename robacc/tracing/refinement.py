@@ -22,6 +22,8 @@ _CLEARLY = 1.0
 """Evidence by which a form of one more setting must be better to take a finding's place."""
 _EQUAL = 1e-6
 """Difference of evidence that rounding makes."""
+_ROUNDS = 4
+"""Largest number of times that a form is refined around the best."""
 _ORDERS_TRIED = 17
 """Orders tried within a span."""
 
@@ -77,13 +79,16 @@ def _best_form(scorer: CandidateScorer, conditioned: Conditioned, finding: Chose
     A form with a setting that the finding lacks must be better by :data:`_CLEARLY`.
     """
     best = finding.candidate
-    batches = scorer.refinements(best.effect)
-    largest = scorer.score(finding, conditioned).evidence if batches else 0.0
-    for batch in batches:
-        evidence = scorer.family_of(batch).judge(conditioned).evidence
-        is_refined = finding.candidate.key in {candidate.key for candidate in batch.candidates}
-        i = int(np.argmax(evidence))
-        if evidence[i] > largest + (_EQUAL if is_refined else _CLEARLY):
-            best = dataclasses.replace(batch.candidates[i], log_prior=finding.candidate.log_prior)
-            largest = float(evidence[i])
+    largest = scorer.score(finding, conditioned).evidence
+    for _ in range(_ROUNDS):
+        around = best
+        for batch in scorer.refinements(around.effect):
+            evidence = scorer.family_of(batch).judge(conditioned).evidence
+            is_refined = around.key in {candidate.key for candidate in batch.candidates}
+            i = int(np.argmax(evidence))
+            if evidence[i] > largest + (_EQUAL if is_refined else _CLEARLY):
+                best = dataclasses.replace(batch.candidates[i], log_prior=finding.candidate.log_prior)
+                largest = float(evidence[i])
+        if best is around:
+            break
     return best

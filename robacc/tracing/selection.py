@@ -167,6 +167,8 @@ class Selection:
         ranked = self.scorer.score(finding, conditioned)
         others = [other for other in self.chosen if other is not finding]
         ranking = self.scorer.rank(conditioned, others)
+        if instead := self.scorer.rank_beside(conditioned, [finding]):
+            ranking = sorted([*ranking, *instead], key=lambda entry: -round(entry.total, 6))
         key = finding.candidate.key
         return ranked, [rival for rival in ranking if rival.candidate.key != key]
 

@@ -1,0 +1,136 @@
+"""A spring or cylinder across a joint that balances a part of the arm's weight."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
+from robacc.effects.driver import joint_driver
+from robacc.effects.periodic import low_orders
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+_CENTRES = np.arange(-180.0, 180.0, 15.0)
+"""Centres that a search tries first, degrees: at a centre the spring is longest, or half a turn from it."""
+_RATIOS = (0.3, 0.5, 0.7, 0.85, 0.95)
+_NEARBY = ((10.0, 0.1), (2.0, 0.02))
+"""Largest changes of centre (degrees) and ratio that a search tries near the best, in four steps each way."""
+_RATIO_RANGE = (0.05, 0.99)
+
+
+@register
+@dataclass(frozen=True)
+class Counterbalance(Effect):
+    """Joint variable turned by the torque of a spring between a point of the link before it and a point of its own.
+
+    With the points at radii a and b of the axis, the spring's length is sqrt(a^2 + b^2) sqrt(1 + r cos(q - q_0)),
+    r = 2 a b / (a^2 + b^2). The first coefficient is compliance times k a b; the second, of the other sign, is that
+    times the free length over sqrt(a^2 + b^2).
+    """
+
+    centre: float = 0.0
+    """Angle q_0 of the joint at which the spring is longest, degrees."""
+    ratio: float = 0.6
+    """r, above 0 and below 1."""
+
+    name = "counterbalance"
+    is_bounded = True
+    odds_beside = 1.0 / (150.0 * len(_CENTRES) * len(_RATIOS))
+    about = About(
+        summary="a spring or cylinder across the joint carries a part of the weight, and its torque turns the joint",
+        equation="theta_j + s sin(q_j - q_0) + l sin(q_j - q_0) / sqrt(1 + r cos(q_j - q_0))",
+        unit="rad",
+        usual_size="1e-4 to 1e-2 rad; s and l of opposite signs",
+        usual_range=(1e-4, 1e-2),
+        needs="q1 … qN; a joint that moves by a third of a turn",
+        confused_with="transmission_error of orders 1 and 2, joint_compliance",
+        source="Klimchik, Wu, Dumas, Caro, Furet, Pashkevich, ICRA 2013, 3707: gravity compensator of a heavy robot",
+        example="{effect: counterbalance, joints: [j2], centre_deg: 90, ratio: 0.6, "
+        "values: {j2.spring: 2e-3, j2.length: -1e-3}}",
+    )
+
+    @classmethod
+    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
+        """Return joints that turn."""
+        return tuple(name for name in arm.names if arm.is_revolute(name))
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return the effect with the spring longest at the joint's zero."""
+        return cls(tuple(joints) if joints is not None else cls.possible_joints(arm))
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield nothing: it is tried in place of a periodic error of order 1 or 2."""
+        yield from ()
+
+    @classmethod
+    def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield springs of many places where a periodic error of order 1 or 2 is a finding."""
+        if low_orders(other):
+            yield from (cls(other.joints, float(centre), ratio) for centre in _CENTRES for ratio in _RATIOS)
+
+    def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield springs of nearby places."""
+        for turn, more in _NEARBY:
+            for i, k in itertools.product(range(-4, 5), repeat=2):
+                ratio = round(min(max(self.ratio + more * k / 4, _RATIO_RANGE[0]), _RATIO_RANGE[1]), 4)
+                centre = round((self.centre + turn * i / 4 + 180.0) % 360.0 - 180.0, 4)
+                yield Counterbalance(self.joints, centre, ratio)
+
+    def search_key(self) -> tuple[Any, ...]:
+        """Return the key without the spring's place, which a search refines."""
+        return (self.name, self.joints)
+
+    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
+        """Return whether ``other`` is a spring across the same joint."""
+        return self.is_same_finding(other)
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the joint's own variable."""
+        return None if joint is None else joint_driver(arm, data, joint)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return two terms a joint."""
+        q = commanded(data, self.name)
+        terms = []
+        for joint in self.joints:
+            angle = q[arm.number(joint)] - math.radians(self.centre)
+            stretched = np.sin(angle)
+            free = stretched / np.sqrt(1.0 + self.ratio * np.cos(angle))
+            for label, regressor in (("spring", stretched), ("length", free)):
+                part = Part(arm.axis_motion(joint), regressor)
+                terms.append(Term(f"{self.name}.{joint}.{label}", "rad", 1e-3, (part,)))
+        return tuple(terms)
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return what balances the joint, and what to check."""
+        return (
+            f"a spring or cylinder across {', '.join(self.joints)} carries a part of the weight: it is longest at "
+            f"{self.centre:.0f} degrees; check its pressure or preload if it was serviced"
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return the spring's place."""
+        return {"centre_deg": self.centre, "ratio": self.ratio}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``centre_deg`` and ``ratio``."""
+        unknown = [key for key in settings if key not in ("centre_deg", "ratio")]
+        if unknown:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, unknown))}")
+        centre, ratio = settings.get("centre_deg", cls.centre), settings.get("ratio", cls.ratio)
+        if any(isinstance(value, bool) or not isinstance(value, int | float) for value in (centre, ratio)):
+            raise ValueError(f"{cls.name}: centre_deg and ratio must be numbers, found {dict(settings)!r}")
+        if not math.isfinite(centre) or not 0 < ratio < 1:
+            raise ValueError(f"{cls.name}: ratio must be above 0 and below 1, found {ratio!r}")
+        return cls(joints, float(centre), float(ratio))

@@ -10,6 +10,7 @@ import numpy as np
 from robacc.render.plots.chart import Chart, ChartTable, Document, Scene3D
 from robacc.render.plots.columns import Array, numbers, vectors
 from robacc.render.plots.palette import LIGHT
+from robacc.render.plots.space import fit_box
 from robacc.render.plots.thinning import thinned, thinning_note
 from robacc.render.plots.units import length_unit
 
@@ -62,11 +63,7 @@ def _draw(figure: Figure, at: Array, grades: Sequence[str], present: Sequence[st
     for number, name in enumerate(present):
         colour, mark, _ = _look(number)
         axes.plot(*at[named == name].T, mark, ms=3.2, mew=0, color=LIGHT[colour], label=f"grade {name}", alpha=0.75)
-    axes.set_box_aspect(np.maximum(np.ptp(at, axis=0), 1e-3), zoom=0.95)
-    axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
-    axes.tick_params(labelsize=7.5, pad=-2)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_pane_color((0, 0, 0, 0))
+    fit_box(axes, at)
     figure.legend(loc="outside upper center", ncols=len(present))
 
 

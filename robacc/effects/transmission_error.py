@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, or
 from robacc.effects.driver import joint_driver
 from robacc.effects.orders import ONE_TURN, ORDER_STEP, SAME_ORDER, common_period, exact_period
 from robacc.effects.validity import Validity
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -117,10 +119,11 @@ class TransmissionError(Effect):
         for joint in self.joints:
             motion, angle = arm.axis_motion(joint), q[arm.number(joint)]
             group = f"{self.name}.{joint}" if self.shrunk else None
-            for order in self.orders:
-                for kind, wave in (("cos", np.cos), ("sin", np.sin)):
-                    part = Part(motion, wave(order * angle))
-                    terms.append(Term(f"{self.name}.{joint}.{kind}{order:.6g}", "rad", 1e-4, (part,), group))
+            waves = _waves(self.orders, angle.tobytes())
+            for order, of_order in zip(self.orders, waves, strict=True):
+                for kind, wave in zip(("cos", "sin"), of_order, strict=True):
+                    name = f"{self.name}.{joint}.{kind}{order:.6g}"
+                    terms.append(Term(name, "rad", 1e-4, (Part(motion, wave),), group))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:
@@ -135,3 +138,12 @@ class TransmissionError(Effect):
         if not isinstance(shrunk, bool):
             raise ValueError(f"{cls.name}: shrunk must be true or false, found {shrunk!r}")
         return cls(joints, orders_setting(cls.name, other_settings, (1.0, 2.0)), shrunk)
+
+
+@functools.lru_cache(maxsize=32)
+def _waves(orders: tuple[float, ...], angle: bytes) -> Array:
+    """Return cosine and sine ``(Q, 2, N)`` of each order; fits bind the same poses again and again."""
+    phase = np.multiply.outer(orders, np.frombuffer(angle))
+    waves = np.stack((np.cos(phase), np.sin(phase)), axis=1)
+    waves.flags.writeable = False
+    return waves

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from robacc.geometry import Array
@@ -16,6 +17,17 @@ class Load:
     mass: float | Array
     """Scalar, or ``(N,)`` where it differs between poses."""
     first_moment: tuple[float | Array, float | Array, float | Array]
+
+
+def combined(shares: Iterable[tuple[float, Sequence[Load]]]) -> tuple[Load, ...]:
+    """Return a sum of loads, each with a factor, as one load for each frame."""
+    totals: dict[int, list[float | Array]] = {}
+    for share, loads in shares:
+        for load in loads:
+            total = totals.setdefault(load.after, [0.0] * 4)
+            for i, value in enumerate((load.mass, *load.first_moment)):
+                total[i] = total[i] + share * value
+    return tuple(Load(after, mass, (x, y, z)) for after, (mass, x, y, z) in totals.items())
 
 
 def own_weight(arm: Arm) -> tuple[Load, ...]:

@@ -16,9 +16,9 @@ Source of the twist algebra: R. Featherstone, Rigid Body Dynamics Algorithms (20
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,21 +61,65 @@ class Weights:
         return total_mass, total_moment
 
 
-def force(gravity: Array, weights: Weights, motion: int, linear: NDArray[Any], angular: NDArray[Any]) -> NDArray[Any]:
-    """Return the generalised force ``(N,)`` of gravity ``(3,)`` along ``motion`` of spatial twist ``(3, N)`` twice."""
-    mass, first_moment = weights.moved_by(motion)
-    result: NDArray[Any] = mass * (gravity @ linear)
+class Weighted(NamedTuple):
+    """A motion and the loads of which gravity's force along it is sought; those in front of the motion do not count."""
+
+    motion: int
+    loads: tuple[Load, ...]
+
+
+def forces(
+    gravity: Array,
+    weighted: Sequence[Weighted],
+    frames: Mapping[int, Poses],
+    linear: NDArray[Any],
+    angular: NDArray[Any],
+) -> NDArray[Any]:
+    """Return the generalised forces ``(K, N)`` of gravity ``(3,)`` along K motions of spatial twists ``(3, K, N)``.
+
+    First moments of all motions are one product of the loads' constants with the axes and origins of the frames.
+    """
+    counts = sorted(frames)
+    row = {count: 4 * i for i, count in enumerate(counts)}
+    n = linear.shape[-1]
+    constants = np.zeros((len(weighted), 4 * len(counts)))
+    masses = np.zeros((len(weighted), 1))
+    varying: list[tuple[int, Load]] = []
+    for k, (motion, loads) in enumerate(weighted):
+        for load in loads:
+            if load.after <= motion:
+                continue
+            if isinstance(load.mass, np.ndarray):
+                varying.append((k, load))
+                continue
+            at = row[load.after]
+            constants[k, at : at + 4] += np.array((*load.first_moment, load.mass), dtype=np.float64)
+            masses[k] += load.mass
+    axes = np.empty((4 * len(counts), 3, n), dtype=linear.dtype)
+    for count, at in row.items():
+        axes[at : at + 3] = frames[count].rotation.transpose(1, 0, 2)
+        axes[at + 3] = frames[count].translation
+    first_moments = (constants @ axes.reshape(len(axes), 3 * n)).reshape(len(weighted), 3, n)
+    total_masses = np.broadcast_to(masses, (len(weighted), n))
+    if varying:
+        total_masses = total_masses.copy()
+        for k, load in varying:
+            at = row[load.after]
+            for part, axis in zip((*load.first_moment, load.mass), axes[at : at + 4], strict=True):
+                first_moments[k] += part * axis
+            total_masses[k] += load.mass
+    result: NDArray[Any] = total_masses * np.einsum("i,ikn->kn", gravity, linear)
     for i, component in enumerate(gravity.tolist()):
         if component:
             j, k = (i + 1) % 3, (i + 2) % 3
-            result = result + component * (angular[j] * first_moment[k] - angular[k] * first_moment[j])
+            result += component * (angular[j] * first_moments[:, k] - angular[k] * first_moments[:, j])
     return result
 
 
 def force_derivatives(
     gravity: Array, weights: Weights, motion: int, wanted: Sequence[int], linear: Array, angular: Array
 ) -> Array:
-    """Return the derivative ``(W, N)`` of :func:`force` along ``motion`` to the scalar of each wanted motion.
+    """Return the derivative ``(W, N)`` of :func:`forces` along ``motion`` to the scalar of each wanted motion.
 
     ``linear`` and ``angular`` ``(3, W, N)`` are the twists of the wanted motions, of which ``motion`` must be one.
     """
@@ -122,7 +166,7 @@ def moments(arm: Arm, q: Array, motions: Sequence[int], loads: Sequence[Load] | 
     loads = own_weight(arm) if loads is None else loads
     counts = sorted({load.after for load in loads})
     sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], tuple(motions), counts)
-    weights = Weights.place(loads, dict(zip(counts, sweep.frames, strict=True)))
     linear, angular = sweep.twists()
-    gravity = np.array(arm.robot.gravity)
-    return np.stack([force(gravity, weights, k, linear[:, i], angular[:, i]) for i, k in enumerate(motions)])
+    weighted = [Weighted(motion, tuple(loads)) for motion in motions]
+    frames = dict(zip(counts, sweep.frames, strict=True))
+    return forces(np.array(arm.robot.gravity), weighted, frames, linear, angular)

@@ -16,6 +16,9 @@ from robacc.geometry import Array, Poses
 from robacc.modelling.deflections import Deflections, MotionGain, TermPart
 from robacc.robots.arm import Arm
 
+_MANY_REGRESSORS = 8
+"""Terms that move a motion by a regressor each, from which their sum is one product."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
@@ -77,6 +80,28 @@ class BoundModel:
         return tuple(TermPart(i, part) for i, term in enumerate((*self.fixed, *self.terms)) for part in term.parts)
 
     @cached_property
+    def _regressors(self) -> tuple[tuple[int, NDArray[np.int64], Array], ...]:
+        """Motion, term numbers ``(Q,)`` and regressors ``(Q, N)`` of motions that many terms move by a regressor."""
+        numbers: dict[int, list[int]] = {}
+        factors: dict[int, list[Array]] = {}
+        for number, motion, factor in self._rigid:
+            if isinstance(factor, np.ndarray) and factor.shape == (self.n,):
+                numbers.setdefault(motion, []).append(number)
+                factors.setdefault(motion, []).append(factor)
+        many = [motion for motion, of_motion in numbers.items() if len(of_motion) >= _MANY_REGRESSORS]
+        return tuple((motion, np.array(numbers[motion]), np.stack(factors[motion])) for motion in many)
+
+    @cached_property
+    def _single(self) -> tuple[tuple[int, int, float | Array], ...]:
+        """Term number, motion and regressor of the other parts that move a motion without a load."""
+        together = {motion for motion, _, _ in self._regressors}
+        return tuple(
+            (number, motion, factor)
+            for number, motion, factor in self._rigid
+            if not (motion in together and isinstance(factor, np.ndarray) and factor.shape == (self.n,))
+        )
+
+    @cached_property
     def _rigid(self) -> tuple[tuple[int, int, float | Array], ...]:
         """Term number, motion and regressor of each part that moves a motion without a load."""
         return tuple((e.number, e.part.motion, e.part.factor) for e in self._entries if _is_rigid(e.part))
@@ -129,7 +154,10 @@ class BoundModel:
         """Return every scalar of the chain without deflections."""
         scalars = list(self.nominal)
         values = coefficients.tolist()
-        for number, motion, factor in self._rigid:
+        for motion, numbers, regressors in self._regressors:
+            if np.any(coefficients[numbers]):
+                scalars[motion] = scalars[motion] + coefficients[numbers] @ regressors
+        for number, motion, factor in self._single:
             if values[number] != 0:
                 added = values[number] * factor
                 scalars[motion] = scalars[motion] + (added if isinstance(added, float) else np.atleast_1d(added))

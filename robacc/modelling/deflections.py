@@ -18,13 +18,13 @@ from robacc.chain import Scalar, Sweep
 from robacc.effects.base import Part
 from robacc.errors import EquilibriumError
 from robacc.geometry import Array
-from robacc.gravity.loads import Load
-from robacc.gravity.torques import Weights, force, force_derivatives
+from robacc.gravity.loads import Load, combined
+from robacc.gravity.torques import Weighted, Weights, force_derivatives, forces
 from robacc.robots.arm import Arm
 
 _STEPS = 60
 _CONVERGED = 1e-14
-"""rad or m: largest change of a deflection between sweeps at which the iteration ends."""
+"""rad or m: largest change of a deflection by all further sweeps at which the iteration ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,13 @@ class MotionGain(NamedTuple):
     factor: Any
 
 
+class _Spring(NamedTuple):
+    """Deflection of a motion: ``factor``, a number or ``(N,)``, times gravity's force."""
+
+    weighted: Weighted
+    factor: Any
+
+
 @dataclass(frozen=True)
 class Deflections:
     """Elastic parts of a model bound to ``n`` poses of ``arm``."""
@@ -54,7 +61,7 @@ class Deflections:
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """Motion counts after which a sweep must keep the frame of a load."""
-        return tuple(sorted({load.after for loads in self._loads.values() for load in loads}))
+        return tuple(sorted({load.after for entry in self.entries for load in entry.part.loads or ()}))
 
     @cached_property
     def first_order(self) -> tuple[TermPart, ...]:
@@ -66,10 +73,6 @@ class Deflections:
         """Parts whose force is evaluated at the deflected pose."""
         return tuple(e for e in self.entries if e.part.deflected)
 
-    @cached_property
-    def _loads(self) -> dict[int, tuple[Load, ...]]:
-        return {id(e.part.loads): e.part.loads for e in self.entries if e.part.loads is not None}
-
     # -- prediction
 
     def deflected(self, scalars: list[Scalar], coefficients: NDArray[Any]) -> list[Scalar]:
@@ -78,25 +81,28 @@ class Deflections:
         Raises:
             EquilibriumError: There is no equilibrium, because the arm is too soft for its weight.
         """
-        first = [entry for entry in self.first_order if coefficients[entry.number] != 0]
+        first = _springs(self.first_order, coefficients)
         if first:
             motions = _motions(first)
-            scalars = _moved(scalars, motions, self._deflections_at(scalars, motions, first, coefficients))
-        elastic = [entry for entry in self.in_equilibrium if coefficients[entry.number] != 0]
-        return self._equilibrium(scalars, elastic, coefficients) if elastic else scalars
+            scalars = _moved(scalars, motions, self._deflections_at(scalars, motions, first))
+        elastic = _springs(self.in_equilibrium, coefficients)
+        return self._equilibrium(scalars, elastic) if elastic else scalars
 
-    def _equilibrium(
-        self, rigid: list[Scalar], elastic: Sequence[TermPart], coefficients: NDArray[Any]
-    ) -> list[Scalar]:
+    def _equilibrium(self, rigid: list[Scalar], elastic: Sequence[_Spring]) -> list[Scalar]:
         """Iterate sweeps until the deflections converge."""
         motions = _motions(elastic)
-        previous = np.zeros((len(motions), self.n), dtype=coefficients.dtype)
+        previous, last_change = np.zeros((len(motions), self.n)), np.inf
         for _ in range(_STEPS):
-            current = self._deflections_at(_moved(rigid, motions, previous), motions, elastic, coefficients)
-            change = np.max(np.abs(current - previous), initial=0.0)
+            current = self._deflections_at(_moved(rigid, motions, previous), motions, elastic)
+            change = float(np.max(np.abs(current - previous), initial=0.0))
             previous = current
             if change < _CONVERGED:
                 break
+            # Changes shrink at a constant rate. The derivative that a complex step carries lags behind them.
+            rate = change / last_change
+            if 0.0 < rate < 1.0 and change * rate < _CONVERGED * (1.0 - rate) and not np.iscomplexobj(current):
+                break
+            last_change = change
         else:
             raise EquilibriumError(
                 "the elastic equilibrium does not converge: a compliance is too large for the arm's weight; "
@@ -105,26 +111,22 @@ class Deflections:
         return _moved(rigid, motions, previous)
 
     def _deflections_at(
-        self, scalars: Sequence[Scalar], motions: Sequence[int], elastic: Sequence[TermPart], coefficients: NDArray[Any]
+        self, scalars: Sequence[Scalar], motions: Sequence[int], elastic: Sequence[_Spring]
     ) -> NDArray[Any]:
         """Return the deflections ``(len(motions), N)`` of motions under the forces at the pose of ``scalars``."""
         sweep = self.arm.chain.sweep(scalars, self.n, motions, self.counts)
-        placed = self._placed(sweep)
         linear, angular = sweep.twists()
-        deflections = np.zeros((len(motions), self.n), dtype=coefficients.dtype)
-        for entry in elastic:
-            i = motions.index(entry.part.motion)
-            torque = self._force(placed, entry.part, linear[:, i], angular[:, i])
-            deflections[i] += coefficients[entry.number] * entry.part.factor * torque
+        at = [motions.index(spring.weighted.motion) for spring in elastic]
+        torques = self._forces(sweep, [spring.weighted for spring in elastic], linear[:, at], angular[:, at])
+        parts = [spring.factor * torque for spring, torque in zip(elastic, torques, strict=True)]
+        deflections = np.zeros((len(motions), self.n), dtype=np.result_type(*parts))
+        for i, part in zip(at, parts, strict=True):
+            deflections[i] += part
         return deflections
 
-    def _placed(self, sweep: Sweep) -> dict[int, Weights]:
+    def _forces(self, sweep: Sweep, weighted: Sequence[Weighted], linear: Array, angular: Array) -> NDArray[Any]:
         frames = dict(zip(self.counts, sweep.frames, strict=True))
-        return {key: Weights.place(loads, frames) for key, loads in self._loads.items()}
-
-    def _force(self, placed: Mapping[int, Weights], part: Part, linear: Array, angular: Array) -> NDArray[Any]:
-        gravity = np.array(self.arm.robot.gravity)
-        return force(gravity, placed[id(part.loads)], part.motion, linear, angular)
+        return forces(np.array(self.arm.robot.gravity), weighted, frames, linear, angular)
 
     # -- derivative
 
@@ -173,18 +175,20 @@ class Deflections:
 
         Slopes ``{motion: (W, N)}`` are the changes of a deflection per unit of each followed scalar.
         """
-        gains = []
         slopes: dict[int, Array] = {}
-        placed, (linear, angular) = self._placed(sweep), sweep.twists()
-        gravity = np.array(self.arm.robot.gravity)
-        for entry in elastic:
-            part, value, i = entry.part, coefficients[entry.number], slot[entry.part.motion]
-            if entry.number in column:
-                torque = self._force(placed, part, linear[:, i], angular[:, i])
-                gains.append(MotionGain(column[entry.number], part.motion, part.factor * torque))
-            if value != 0:
-                slope = force_derivatives(gravity, placed[id(part.loads)], part.motion, tuple(slot), linear, angular)
-                slopes[part.motion] = slopes.get(part.motion, 0.0) + value * part.factor * slope
+        linear, angular = sweep.twists()
+        requested = [entry for entry in elastic if entry.number in column]
+        at = [slot[entry.part.motion] for entry in requested]
+        torques = self._forces(sweep, [_weighted(entry.part) for entry in requested], linear[:, at], angular[:, at])
+        gains = [
+            MotionGain(column[entry.number], entry.part.motion, entry.part.factor * torque)
+            for entry, torque in zip(requested, torques, strict=True)
+        ]
+        frames, gravity = dict(zip(self.counts, sweep.frames, strict=True)), np.array(self.arm.robot.gravity)
+        for spring in _springs(elastic, coefficients):
+            motion, loads = spring.weighted
+            slope = force_derivatives(gravity, Weights.place(loads, frames), motion, tuple(slot), linear, angular)
+            slopes[motion] = slopes.get(motion, 0.0) + spring.factor * slope
         return gains, slopes
 
     def _equilibrium_response(self, slopes: Mapping[int, Array], slot: Mapping[int, int]) -> dict[int, Array]:
@@ -206,9 +210,28 @@ def _followed_by(jacobian: Array, responses: Mapping[int, Array], slot: Mapping[
     return result
 
 
-def _motions(elastic: Sequence[TermPart]) -> tuple[int, ...]:
+def _springs(entries: Sequence[TermPart], coefficients: NDArray[Any]) -> list[_Spring]:
+    """Return the parts with a coefficient; parts of one motion without a regressor are one spring under all loads."""
+    plain: dict[int, list[tuple[float, tuple[Load, ...]]]] = {}
+    springs = []
+    for entry in entries:
+        part, value = entry.part, coefficients[entry.number]
+        if value == 0:
+            continue
+        if isinstance(part.factor, np.ndarray) or np.iscomplexobj(coefficients):
+            springs.append(_Spring(_weighted(part), value * part.factor))
+        else:
+            plain.setdefault(part.motion, []).append((float(value) * part.factor, part.loads or ()))
+    return springs + [_Spring(Weighted(motion, combined(shares)), 1.0) for motion, shares in plain.items()]
+
+
+def _weighted(part: Part) -> Weighted:
+    return Weighted(part.motion, part.loads or ())
+
+
+def _motions(elastic: Sequence[_Spring]) -> tuple[int, ...]:
     """Return the indices of the deflecting motions, sorted and unique."""
-    return tuple(sorted({entry.part.motion for entry in elastic}))
+    return tuple(sorted({spring.weighted.motion for spring in elastic}))
 
 
 def _moved(scalars: Sequence[Scalar], motions: Sequence[int], deflections: NDArray[Any]) -> list[Scalar]:

@@ -7,8 +7,9 @@ import pytest
 from arms import arm, circumstances
 
 from robacc.chain import Sweep
-from robacc.gravity.loads import Load, own_weight, payload, unit_loads
-from robacc.gravity.torques import Weights, force, force_derivatives, gravity_torques
+from robacc.geometry import Poses
+from robacc.gravity.loads import Load, combined, own_weight, payload, unit_loads
+from robacc.gravity.torques import Weighted, Weights, force_derivatives, forces, gravity_torques
 from robacc.robots.arm import Arm
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
@@ -17,10 +18,21 @@ STEP = 1e-30
 N = 5
 
 
-def swept(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> tuple[Sweep, Weights]:
+def swept(
+    robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]
+) -> tuple[Sweep, Weights, dict[int, Poses]]:
     counts = sorted({load.after for load in loads})
     sweep = robot_arm.chain.sweep(scalars, N, None, counts)
-    return sweep, Weights.place(loads, dict(zip(counts, sweep.frames, strict=True)))
+    frames = dict(zip(counts, sweep.frames, strict=True))
+    return sweep, Weights.place(loads, frames), frames
+
+
+def all_forces(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
+    """The force along every motion, in one call."""
+    sweep, _, frames = swept(robot_arm, scalars, loads)
+    linear, angular = sweep.twists()
+    weighted = [Weighted(motion, loads) for motion in range(len(robot_arm.chain.motions))]
+    return forces(gravity(robot_arm), weighted, frames, linear, angular)
 
 
 def start(robot_arm: Arm) -> list[np.ndarray]:
@@ -46,7 +58,7 @@ def gravity(robot_arm: Arm) -> np.ndarray:
 
 def work(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
     """Minus the potential energy, g . sum m c, from the frames alone."""
-    _, weights = swept(robot_arm, scalars, loads)
+    _, weights, _ = swept(robot_arm, scalars, loads)
     return sum(gravity(robot_arm) @ moment for moment in weights.first_moments)
 
 
@@ -60,11 +72,8 @@ def test_force_is_the_derivative_of_the_potential_energy(name: str, kind: str) -
     robot_arm = arm(name)
     loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
     assert loads
-    sweep, weights = swept(robot_arm, scalars, loads)
-    linear, angular = sweep.twists()
-    for motion in range(len(robot_arm.chain.motions)):
+    for motion, result in enumerate(all_forces(robot_arm, scalars, loads)):
         expected = np.imag(work(robot_arm, stepped(scalars, motion), loads)) / STEP
-        result = force(gravity(robot_arm), weights, motion, linear[:, motion], angular[:, motion])
         # Hundreds of N m, by products of some twenty numbers.
         np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-10)
 
@@ -74,15 +83,12 @@ def test_force_is_the_derivative_of_the_potential_energy(name: str, kind: str) -
 def test_derivatives_of_the_force_agree_with_a_complex_step(name: str, kind: str) -> None:
     robot_arm = arm(name)
     loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
-    sweep, weights = swept(robot_arm, scalars, loads)
+    sweep, weights, _ = swept(robot_arm, scalars, loads)
     linear, angular = sweep.twists()
     wanted = tuple(range(len(robot_arm.chain.motions)))
     expected = np.empty((len(wanted), len(wanted), N))
     for k in wanted:
-        moved, placed = swept(robot_arm, stepped(scalars, k), loads)
-        v, w = moved.twists()
-        for motion in wanted:
-            expected[motion, k] = np.imag(force(gravity(robot_arm), placed, motion, v[:, motion], w[:, motion])) / STEP
+        expected[:, k] = np.imag(all_forces(robot_arm, stepped(scalars, k), loads)) / STEP
     for motion in wanted:
         result = force_derivatives(gravity(robot_arm), weights, motion, wanted, linear, angular)
         np.testing.assert_allclose(result, expected[motion], rtol=1e-11, atol=1e-10)
@@ -130,3 +136,12 @@ def test_a_load_in_front_of_the_motion_is_not_moved_by_it() -> None:
     assert [float(weights.moved_by(motion)[0]) for motion in (2, 3, 4, 5)] == [6.0, 4.0, 4.0, 0.0]
     np.testing.assert_array_equal(weights.moved_by(2)[1], np.full((3, 1), 4.0))
     np.testing.assert_array_equal(weights.moved_by(5)[1], np.zeros((3, 1)))
+
+
+def test_loads_with_factors_act_as_their_sum() -> None:
+    panda = arm("panda")
+    scalars, own, carried = start(panda), own_weight(panda), payload(panda, np.linspace(0.0, 4.0, N))
+    expected = 0.5 * all_forces(panda, scalars, own) - 2.0 * all_forces(panda, scalars, carried)
+    together = combined([(0.5, own), (-2.0, carried)])
+    assert len(together) == len({load.after for load in (*own, *carried)})
+    np.testing.assert_allclose(all_forces(panda, scalars, together), expected, rtol=1e-12, atol=1e-10)

@@ -9,6 +9,9 @@ from robacc.geometry import Array
 _RIDGE = 1e-11
 """Added to a unit diagonal that is singular to rounding: far below any weight that data give."""
 
+_LARGE = 250
+"""Coefficients from which Cholesky's factor is worth the import of SciPy."""
+
 
 def solved(matrix: Array, rhs: Array) -> Array:
     """Return the solution of ``matrix x = rhs`` for a positive semidefinite matrix with a diagonal of about one.
@@ -23,10 +26,24 @@ def solved(matrix: Array, rhs: Array) -> Array:
 
 def inverted(matrix: Array) -> Array:
     """Return the inverse of a positive semidefinite matrix with a diagonal of about one, regularised if singular."""
+    if len(matrix) >= _LARGE and (inverse := _inverted_definite(matrix)) is not None:
+        return inverse
     try:
         return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.asarray(np.linalg.inv(_definite(matrix)), dtype=np.float64)
+
+
+def _inverted_definite(matrix: Array) -> Array | None:
+    """Return the inverse by Cholesky's factor, in half of the time; None if rounding leaves the matrix without one."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    factor, failed = dpotrf(matrix, lower=True)
+    inverse, failed = (factor, failed) if failed else dpotri(factor, lower=True)
+    if failed:
+        return None
+    lower = np.tril(inverse)
+    return np.asarray(lower + np.tril(lower, -1).T, dtype=np.float64)
 
 
 def posterior(gram: Array, prior: Array) -> Array:

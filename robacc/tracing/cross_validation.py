@@ -26,7 +26,7 @@ from robacc.tracing.loop import SEARCH, SearchResult, choose, frames_first, refi
 from robacc.tracing.ranking import Chosen
 from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
-from robacc.tracing.without_finding import fold_options, residuals_without
+from robacc.tracing.without_finding import ReducedFits, fold_options
 
 Progress = Callable[[str, int, int], None]
 
@@ -232,11 +232,8 @@ def _judged(
     test: Measurements,
 ) -> _Fold:
     after = held_out(complete, test)
-    options = fold_options(complete)
-    without = tuple(
-        residuals_without(complete, matches_in_fold, train, test, options) if matches_in_fold else after
-        for matches_in_fold in by_finding
-    )
+    lacking = ReducedFits(complete, train, test, fold_options(complete))
+    without = tuple(lacking.residuals(matches_in_fold) if matches_in_fold else after for matches_in_fold in by_finding)
     return _Fold(
         before, after, without, tuple(tuple(matches_in_fold) for matches_in_fold in by_finding), frozenset(effects)
     )
@@ -264,9 +261,7 @@ def _from_holdout(search_result: SearchResult, data: Measurements, holdout: Meas
         if search_result.final.group_stds
         else choose_deflection(search_result.final, search_result.final.model, data, SEARCH)[0]
     )
-    options = fold_options(final)
-    lacking = {
-        effect.key(): residuals_without(final, [effect], data, holdout, options) for effect in search_result.effects
-    }
+    reduced_fits = ReducedFits(final, data, holdout, fold_options(final))
+    lacking = {effect.key(): reduced_fits.residuals([effect]) for effect in search_result.effects}
     without = {key: residual for key, residual in lacking.items() if residual is not None}
     return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)

@@ -13,10 +13,11 @@ from robacc.effects.base import Effect
 from robacc.effects.periodic import of_order
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
-from robacc.tracing.conditioned_columns import Columns, Conditioned, Family
-from robacc.tracing.evidence import Scores, judge
-from robacc.tracing.place_scans import PlaceFamily, PlaceScan
-from robacc.tracing.ranking import Chosen, Ranked
+from robacc.tracing.conditioned_columns import Conditioned, Family
+from robacc.tracing.evidence import judge
+from robacc.tracing.place_scans import PlaceScan
+from robacc.tracing.ranking import Chosen, Ranked, sorted_by_odds
+from robacc.tracing.searched_forms import SearchedForm, SearchedForms
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,
@@ -25,6 +26,7 @@ from robacc.tracing.step_scans import (
     places_of,
     scan_for,
 )
+from robacc.tracing.whitened_columns import Columns
 
 HANDICAP = math.log(1000.0)
 """Log prior odds against a candidate whose coefficients would be implausible."""
@@ -32,13 +34,41 @@ IMPOSSIBLE = 1e9
 """Log prior odds against a candidate whose coefficients cannot be."""
 _JUDGED = 12
 """Best candidates whose coefficients are judged."""
-_LEAST_EVIDENCE = 2.0
-"""Evidence (log Bayes factor) below which no significance test is made."""
+_LARGE = 5
+"""Columns from which candidates of all sizes are scored together."""
 _CACHED = 24
 """Conditioned systems in the cache: more than the findings that are tested between two steps."""
 
 Expand = Callable[[Candidate], Array]
 FamilyOfSteps = Callable[[StepScan, NDArray[np.int64]], StepFamily]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Batch:
+    """Candidates of the pool that are scored together; smaller ones have columns of weight zero besides theirs."""
+
+    members: tuple[int, ...]
+    """Numbers of B candidates."""
+    columns: NDArray[np.int64]
+    """``(B, Q)`` columns of each."""
+    weights: Array
+    """``(B, Q)``"""
+    products: Array
+    """``(B, Q, Q)`` products of the weights."""
+    shrunk: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]], members: Sequence[int]) -> _Batch:
+        """Join candidates of the pool."""
+        size = max(places[i].size for i in members)
+        columns = np.empty((len(members), size), dtype=np.int64)
+        weights = np.zeros((len(members), size))
+        for row, i in enumerate(members):
+            count = places[i].size
+            columns[row, :count], columns[row, count:] = places[i], places[i][-1]
+            weights[row, :count] = pool[i].weights
+        products = weights[:, :, None] * weights[:, None, :]
+        return cls(tuple(members), columns, weights, products, np.array([pool[i].is_block for i in members]))
 
 
 @dataclass
@@ -73,33 +103,34 @@ class CandidateScorer:
     """Function that returns what is a candidate only beside an effect."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only at the caller's request."""
-    _batches: list[tuple[list[int], NDArray[np.int64], Array]] = field(default_factory=list)
+    _batches: list[_Batch] = field(default_factory=list)
     _placed: dict[tuple[object, ...], NDArray[np.int64]] = field(default_factory=dict)
     _spectra: list[Family] = field(default_factory=list)
     _steps: list[tuple[StepScan, StepFamily]] = field(default_factory=list)
-    _high_spectra: list[Family] = field(default_factory=list)
-    _sights: list[PlaceFamily] = field(default_factory=list)
+    _searched: SearchedForms = field(default_factory=lambda: SearchedForms(()))
+    _high_orders: SearchedForms | None = None
+    _sights: SearchedForms | None = None
     _block_families: list[Family] = field(default_factory=list)
     _ranges: dict[str, float] = field(default_factory=dict)
     _covered: dict[tuple[tuple[object, ...], tuple[object, ...]], bool] = field(default_factory=dict)
+    _covered_keys: dict[tuple[object, ...], frozenset[tuple[object, ...]]] = field(default_factory=dict)
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Sort the pool into batches of equal size, which are scored together."""
+        """Sort the pool into batches of like size, which are scored together."""
         sizes: dict[int, list[int]] = {}
         for i, columns in enumerate(self.places):
-            sizes.setdefault(columns.size, []).append(i)
+            sizes.setdefault(min(columns.size, _LARGE), []).append(i)
             self._placed[self.pool[i].key] = columns
-        for members in sizes.values():
-            index = np.stack([self.places[i] for i in members])
-            weight = np.stack([self.pool[i].weights for i in members])
-            self._batches.append((members, index, weight))
+        self._batches = [_Batch.of(self.pool, self.places, members) for members in sizes.values()]
         self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
-        self._spectra = [self.spectrum(grid, grid.orders) for grid in self.order_grids]
+        orders = [self._orders(grid) for grid in self.order_grids]
+        self._spectra = [form.family for form in orders]
         for scan in self.step_scans:
             places = first_places(scan, self.poses)
             if self.family_of_steps is not None and places.size:
                 self._steps.append((scan, self.family_of_steps(scan, places)))
+        self._searched = SearchedForms([*orders, *(_steps_of(scan, family) for scan, family in self._steps)])
 
     def columns(self, candidate: Candidate) -> NDArray[np.int64]:
         """Return the numbers of a candidate's columns in the system; append the columns if they are missing."""
@@ -118,104 +149,84 @@ class CandidateScorer:
     def condition(self, chosen: Sequence[Chosen], without: Chosen | None = None) -> Conditioned:
         """Return the system orthogonalised to the declared effects and to ``chosen``, except ``without``."""
         if without is not None:
-            return self.condition(chosen).without(without.columns)
+            complete = self.condition(chosen)
+            if not complete.is_independent:
+                return self.condition([finding for finding in chosen if finding is not without])
+            sizes = [finding.columns.size for finding in chosen]
+            first = len(self.base) + sum(sizes[: list(chosen).index(without)])
+            return complete.without(slice(first, first + without.columns.size))
         key = tuple(chosen)
-        result = self._conditioned.get(key)
-        if result is None or result.n_columns < self.system.columns.shape[1]:
-            active, precision = list(self.base), [0.0] * len(self.base)
-            for finding in chosen:
-                active.extend(finding.columns.tolist())
-                precision.extend(finding.precision.tolist())
-            result = Conditioned.on(self.system, active, np.array(precision))
-            if len(self._conditioned) >= _CACHED:
-                self._conditioned.pop(next(iter(self._conditioned)))
-            self._conditioned[key] = result
+        result = self._conditioned.pop(key, None)
+        if result is None:
+            if chosen:
+                result = self.condition(chosen[:-1]).extended(chosen[-1].columns, chosen[-1].precision)
+            else:
+                result = Conditioned.on(self.system, self.base, np.zeros(len(self.base)))
+        # The one used longest ago is forgotten first.
+        self._conditioned[key] = result
+        if len(self._conditioned) > _CACHED:
+            self._conditioned.pop(next(iter(self._conditioned)))
         return result
 
     def rank(self, conditioned: Conditioned, present: Sequence[Chosen], with_blocks: bool = False) -> list[Ranked]:
         """Return all candidates beside ``present``, best first; of each joint's orders only the best."""
-        ranked: list[Ranked] = []
-        lengths = self.system.lengths
-        for members, index, weight in self._batches:
-            scores = judge(
-                conditioned.blocks(index) * weight[:, :, None] * weight[:, None, :],
-                conditioned.rhs[index] * weight,
-                lengths[index] * np.square(weight),
-                conditioned.cost,
-                conditioned.dof,
-                np.array([self.pool[i].is_block for i in members]),
-            )
-            ranked.extend(_ranked(self.pool[i], scores, k) for k, i in enumerate(members))
-        for grid, family in zip(self.order_grids, self._spectra, strict=True):
-            scores = family.judge(conditioned, best_only=True)
-            best = int(np.argmax(scores.evidence))
-            effect = of_order(grid.joint, float(grid.orders[best]))
-            ranked.append(_ranked(Candidate(effect, (), grid.log_prior), scores, best))
-        for scan, steps in self._steps:
-            scores = steps.judge(conditioned, best_only=True)
-            best = int(np.argmax(scores.evidence))
-            ranked.append(_ranked(scan.candidate(int(steps.places[best])), scores, best))
-        if with_blocks:
-            ranked.extend(self._rank_blocks(conditioned))
         keys = {finding.candidate.key for finding in present}
         profiles = [finding.candidate for finding in present if finding.candidate.is_block]
-        competing = [
+        absent = keys.union(*(self._covered_by(profile) for profile in profiles))
+        ranked: list[Ranked] = []
+        lengths = self.system.lengths
+        for batch in self._batches:
+            scores = judge(
+                conditioned.blocks(batch.columns) * batch.products,
+                conditioned.rhs[batch.columns] * batch.weights,
+                lengths[batch.columns] * np.square(batch.weights),
+                conditioned.cost,
+                conditioned.dof,
+                batch.shrunk,
+            )
+            ranked.extend(Ranked(self.pool[i], scores, k) for k, i in enumerate(batch.members))
+        others = self._searched.best(conditioned)
+        if with_blocks:
+            others += self._rank_blocks(conditioned)
+        competing = [entry for entry in ranked if entry.candidate.key not in absent]
+        competing.extend(
             entry
-            for entry in ranked
+            for entry in others
             if entry.candidate.key not in keys
             and not any(self.covers(profile, entry.candidate) for profile in profiles)
-        ]
-        # If two candidates explain exactly the same, rounding (and so the order of rows) must not choose between them.
-        ordered = sorted(competing, key=lambda entry: -round(entry.total, 6))
-        judged = [self._with_handicap(entry, conditioned) for entry in ordered[:_JUDGED]] + ordered[_JUDGED:]
-        return sorted(judged, key=lambda entry: -round(entry.total, 6))
+        )
+        ordered = sorted_by_odds(competing)
+        judged = [self._with_handicap(entry, conditioned) for entry in ordered[:_JUDGED]]
+        return sorted_by_odds(judged + ordered[_JUDGED:]) if any(entry.handicap for entry in judged) else ordered
 
     def _with_handicap(self, entry: Ranked, conditioned: Conditioned) -> Ranked:
         """Return the score, lowered if the candidate's coefficients would be implausible or impossible."""
         candidate = entry.candidate
-        if candidate.is_block or not candidate.terms or entry.p_value >= 1.0:
+        if candidate.is_block or not candidate.terms or not entry.is_tested:
             return entry
         # Columns of a step are built when it is chosen; until then it has no coefficients to judge.
         columns = self._placed.get(candidate.key)
-        if columns is None or columns.max() >= conditioned.n_columns:
+        if columns is None:
             return entry
         values = conditioned.least_squares(columns)
         if candidate.effect.implausible(candidate.terms, values.tolist()) is None:
             return entry
-        if candidate.effect.implausible_is_impossible:
-            return replace(entry, log_prior=entry.log_prior - IMPOSSIBLE, p_value=1.0)
-        return replace(
-            entry,
-            log_prior=entry.log_prior - HANDICAP,
-            p_value=min(1.0, entry.p_value * math.exp(HANDICAP)),
-        )
+        return replace(entry, handicap=IMPOSSIBLE if candidate.effect.implausible_is_impossible else HANDICAP)
 
     def rank_high_orders(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
         """Return the best high order of each joint beside ``present``, best first."""
-        if len(self._high_spectra) != len(self.high_grids):
-            self._high_spectra = [self.spectrum(grid, grid.orders) for grid in self.high_grids]
+        if self._high_orders is None:
+            self._high_orders = SearchedForms([self._orders(grid) for grid in self.high_grids])
         keys = {finding.candidate.key for finding in present}
-        ranked: list[Ranked] = []
-        for grid, family in zip(self.high_grids, self._high_spectra, strict=True):
-            scores = family.judge(conditioned, best_only=True)
-            best = int(np.argmax(scores.evidence))
-            candidate = Candidate(of_order(grid.joint, float(grid.orders[best])), (), grid.log_prior)
-            if candidate.key not in keys:
-                ranked.append(_ranked(candidate, scores, best))
-        return sorted(ranked, key=lambda entry: -round(entry.total, 6))
+        return sorted_by_odds(r for r in self._high_orders.best(conditioned) if r.candidate.key not in keys)
 
     def rank_places(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
         """Return the best place of each form of an effect of the line of sight beside ``present``, best first."""
-        if len(self._sights) != len(self.place_scans):
-            self._sights = [scan.family(self.system, self.poses, scan.places) for scan in self.place_scans]
+        if self._sights is None:
+            self._sights = SearchedForms([self._places_of(scan) for scan in self.place_scans])
         keys = {finding.candidate.effect.search_key() for finding in present}
-        ranked: list[Ranked] = []
-        for scan, family in zip(self.place_scans, self._sights, strict=True):
-            if scan.form.search_key() not in keys:
-                scores = family.judge(conditioned, best_only=True)
-                best = int(np.argmax(scores.evidence))
-                ranked.append(_ranked(scan.candidate(scan.places[best]), scores, best))
-        return sorted(ranked, key=lambda entry: -round(entry.total, 6))
+        best = self._sights.best(conditioned)
+        return sorted_by_odds(r for r in best if r.candidate.effect.search_key() not in keys)
 
     def rank_beside(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
         """Return what is a candidate only beside one of the findings ``present``, best first."""
@@ -224,11 +235,11 @@ class CandidateScorer:
         for batch in (batch for finding in present for batch in self.beside(finding.candidate.effect)):
             scores = self.family_of(batch).judge(conditioned)
             ranked.extend(
-                _ranked(candidate, scores, i)
+                Ranked(candidate, scores, i)
                 for i, candidate in enumerate(batch.candidates)
                 if candidate.effect.search_key() not in keys
             )
-        return sorted(ranked, key=lambda entry: -round(entry.total, 6))
+        return sorted_by_odds(ranked)
 
     def order_evidence(self, conditioned: Conditioned, joint: str) -> tuple[Array, Array]:
         """Return all orders of a joint that the poses support, and the evidence of each."""
@@ -246,6 +257,12 @@ class CandidateScorer:
             self._covered[pair] = present.covers(other, self._ranges)
         return self._covered[pair]
 
+    def _covered_by(self, present: Candidate) -> frozenset[tuple[object, ...]]:
+        """Return the keys of the pool's candidates that a candidate in the model makes redundant."""
+        if present.key not in self._covered_keys:
+            self._covered_keys[present.key] = frozenset(c.key for c in self.pool if self.covers(present, c))
+        return self._covered_keys[present.key]
+
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
         if len(self._block_families) != len(self.blocks):
             self._block_families = [
@@ -254,7 +271,7 @@ class CandidateScorer:
         ranked: list[Ranked] = []
         for batch, family in zip(self.blocks, self._block_families, strict=True):
             scores = family.judge(conditioned)
-            ranked.extend(_ranked(candidate, scores, i) for i, candidate in enumerate(batch.candidates))
+            ranked.extend(Ranked(candidate, scores, i) for i, candidate in enumerate(batch.candidates))
         return ranked
 
     def score(self, finding: Chosen, conditioned: Conditioned) -> Ranked:
@@ -268,12 +285,11 @@ class CandidateScorer:
             conditioned.dof,
             np.array([finding.candidate.is_block]),
         )
-        return _ranked(finding.candidate, scores, 0)
+        return Ranked(finding.candidate, scores, 0)
 
     def strongest_order(self, conditioned: Conditioned, grid: OrderGrid) -> tuple[float, float]:
         """Return the order of a joint with the largest evidence, and that evidence (log Bayes factor)."""
-        scores = self._spectra[list(self.order_grids).index(grid)].judge(conditioned, best_only=True)
-        best = int(np.argmax(scores.evidence))
+        best, scores = self._spectra[list(self.order_grids).index(grid)].best(conditioned)
         return float(grid.orders[best]), float(scores.evidence[best])
 
     def step_interval(self, conditioned: Conditioned, effect: Effect) -> tuple[float, float] | None:
@@ -291,6 +307,19 @@ class CandidateScorer:
         """Return each form of a step at the middle of its places."""
         return [scan.candidate(int(steps.places[steps.places.size // 2])) for scan, steps in self._steps]
 
+    def _orders(self, grid: OrderGrid) -> SearchedForm:
+        """Return the orders of a grid."""
+
+        def candidate(i: int) -> Candidate:
+            return Candidate(of_order(grid.joint, float(grid.orders[i])), (), grid.log_prior)
+
+        return SearchedForm(self.spectrum(grid, grid.orders), candidate)
+
+    def _places_of(self, scan: PlaceScan) -> SearchedForm:
+        """Return the places of an effect of the line of sight."""
+        family = scan.family(self.system, self.poses, scan.places)
+        return SearchedForm(family, lambda i: scan.candidate(scan.places[i]))
+
     def family_of(self, batch: Batch) -> Family:
         """Return a batch of effects that are not shrunk as a family."""
         return Family(self.system, self.joint_columns[:, batch.number], batch.basis, False)
@@ -305,15 +334,6 @@ class CandidateScorer:
         return Family(self.system, self.joint_columns[:, grid.number], basis, False)
 
 
-def _ranked(candidate: Candidate, scores: Scores, i: int) -> Ranked:
-    p_value = (
-        min(1.0, scores.p_value(i) * math.exp(-candidate.log_prior)) if scores.evidence[i] > _LEAST_EVIDENCE else 1.0
-    )
-    return Ranked(
-        candidate,
-        float(scores.evidence[i]),
-        candidate.log_prior,
-        p_value,
-        float(scores.gain[i]),
-        float(scores.prior_var[i]),
-    )
+def _steps_of(scan: StepScan, steps: StepFamily) -> SearchedForm:
+    """Return the places of a step."""
+    return SearchedForm(steps, lambda i: scan.candidate(int(steps.places[i])))

@@ -60,12 +60,12 @@ class Candidate:
         free = 4.0 if self.is_block else 1.0
         return np.array([term.typical * (term.weight if term.group else free) for term in self.terms])
 
-    @property
+    @cached_property
     def is_block(self) -> bool:
         """Return whether its coefficients are shrunk."""
         return any(term.group is not None for term in self.terms)
 
-    @property
+    @cached_property
     def is_correction(self) -> bool:
         """Return whether it is a block that is tried only if named terms are insufficient."""
         return self.effect.is_profile()

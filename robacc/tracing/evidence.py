@@ -10,6 +10,7 @@ chi-squares of 0 and 1 degree; Self and Liang 1987).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,9 @@ _LARGEST_PRIOR_STD = 300.0
 """Largest standard deviation of a coefficient's prior, in multiples of its usual size: absurd values explain
 nothing."""
 _FIRST_SCORED = 8
-"""Candidates scored first if only the best is required."""
+"""Candidates of a group scored first if only the best is required."""
+_NEGLIGIBLE = 1.0
+"""Evidence that a candidate among many must be able to reach to be scored; that of the others counts as zero."""
 LEAST_NEW = 1e-10
 """Share of its squared length below which the new part of a candidate's direction counts as none."""
 _LEAST_COST = 1e-280
@@ -68,7 +71,7 @@ def judge(
     cost: float,
     dof: float,
     shrunk: NDArray[np.bool_],
-    best_only: bool = False,
+    best_of: Sequence[slice] | None = None,
 ) -> Scores:
     """Return the scores of B candidates of Q columns each.
 
@@ -80,7 +83,7 @@ def judge(
         cost: whitened sum of squares of the remaining residual.
         dof: its degrees of freedom.
         shrunk: ``(B,)`` whether a candidate is a block.
-        best_only: leave the evidence of candidates that cannot be the best at zero.
+        best_of: groups of candidates of which only the best is sought; the evidence of others may be left at zero.
     """
     values, coordinates = _decomposed(blocks, rhs)
     new = values > LEAST_NEW * np.maximum(lengths.max(axis=1), 1e-300)[:, None]
@@ -93,14 +96,18 @@ def judge(
     def evaluate(at: NDArray[np.int64]) -> None:
         evidence[at], prior_var[at] = _evidence(values[at], projected[at], cost, dof, gains[at])
 
-    if not best_only or count <= _FIRST_SCORED:
-        evaluate(np.arange(count))
+    # No prior variance can do better than least squares without any prior.
+    bound = -0.5 * dof * np.log1p(-gains / cost)
+    if best_of is None:
+        evaluate(np.flatnonzero(bound > (_NEGLIGIBLE if count > _FIRST_SCORED else 0.0)))
     else:
-        order = np.argsort(-gains, kind="stable")
-        evaluate(order[:_FIRST_SCORED])
-        # No prior variance can do better than least squares without any prior.
-        bound = -0.5 * dof * np.log1p(-gains[order[_FIRST_SCORED:]] / cost)
-        evaluate(order[_FIRST_SCORED:][bound > evidence.max()])
+        orders = [group.start + np.argsort(-gains[group], kind="stable") for group in best_of]
+        evaluate(np.concatenate([order[:_FIRST_SCORED] for order in orders]))
+        others = [
+            order[_FIRST_SCORED:][bound[order[_FIRST_SCORED:]] > evidence[group].max()]
+            for group, order in zip(best_of, orders, strict=True)
+        ]
+        evaluate(np.concatenate(others))
     return Scores(evidence, gains, new.sum(axis=1), prior_var, cost, dof, shrunk)
 
 

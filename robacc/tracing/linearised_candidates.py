@@ -38,10 +38,10 @@ from robacc.tracing.candidates import (
     order_grids,
     profiles,
 )
-from robacc.tracing.conditioned_columns import Columns
 from robacc.tracing.place_scans import PlaceScan, is_placed, place_scan_for, place_scans
 from robacc.tracing.selection import Selection
 from robacc.tracing.step_scans import StepFamily, StepScan, scan_for, scan_of, usable_places
+from robacc.tracing.whitened_columns import Columns
 
 SELECTION_POSES = 800
 """Largest number of poses that a selection uses; fits and figures use all poses."""
@@ -151,9 +151,10 @@ class LinearisedCandidates:
 
     def _candidate(self, effect: Effect) -> Candidate:
         """Return the candidate of an effect, with its prior in the search."""
-        same = [candidate for candidate in self.pool if candidate.effect.search_key() == effect.search_key()]
+        search_key, key = effect.search_key(), effect.key()
+        same = [candidate for candidate in self.pool if candidate.effect.search_key() == search_key]
         for candidate in same:
-            if candidate.effect.key() == effect.key():
+            if candidate.key == key:
                 return candidate
         terms = effect.terms(self.model.arm, self.data)
         if same:

@@ -59,8 +59,7 @@ def choose(
     structured = bool(remaining) and remaining[0].p_value <= FALSE_ALARM
     if not structured and len(named.chosen) < _MANY:
         return named
-    mixed = candidates.selection(rows, (), max_poses)
-    mixed.scorer.blocks = blocks
+    mixed = Selection(named.scorer)
     mixed.run(with_blocks=True)
     if structured:
         named.run(with_blocks=True)
@@ -338,14 +337,17 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
     decide.
     """
     model = dataclasses.replace(like.model, free=tuple(free))
+    keys = [effect.key() for effect in like.model.free]
     previous = {
-        (like.model.free[owner].key(), name): value
+        (keys[owner], name): value
         for owner, name, value in zip(like.owners, like.names, like.theta.tolist(), strict=True)
     }
     # A term's name does not depend on the poses, so the first row is enough to list them.
     first_row = data.subset(np.arange(1))
     start = [
-        previous.get((effect.key(), term.name), 0.0) for effect in free for term in effect.terms(model.arm, first_row)
+        previous.get((key, term.name), 0.0)
+        for effect, key in ((effect, effect.key()) for effect in free)
+        for term in effect.terms(model.arm, first_row)
     ]
     # Outliers are known from the similar fit; on the same rows they start left out.
     inliers = like.inliers if options.robust and like.inliers.size == data.n else None

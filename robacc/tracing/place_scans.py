@@ -17,7 +17,8 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.tracing.candidates import TYPICAL_CANDIDATES, Candidate
-from robacc.tracing.conditioned_columns import Columns, Conditioned, Family
+from robacc.tracing.conditioned_columns import Conditioned, Family
+from robacc.tracing.whitened_columns import Columns
 
 _STEP = 0.25
 """First step of the refinement, rad and log distance: half the spacing of the grid."""

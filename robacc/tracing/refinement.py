@@ -48,8 +48,7 @@ def _best_order(scorer: CandidateScorer, conditioned: Conditioned, candidate: Ca
         return candidate
     for span in (ORDER_STEP, ORDER_STEP / 8):
         orders = order + np.linspace(-span, span, _ORDERS_TRIED)
-        scores = scorer.spectrum(grid, orders).judge(conditioned, best_only=True)
-        order = float(orders[int(np.argmax(scores.evidence))])
+        order = float(orders[scorer.spectrum(grid, orders).best(conditioned)[0]])
     return dataclasses.replace(candidate, effect=of_order(grid.joint, round(order, 4)), terms=())
 
 
@@ -61,8 +60,7 @@ def _best_step(scorer: CandidateScorer, conditioned: Conditioned, effect: Effect
     places = near_places(scan, scorer.poses, scan.place_index(effect))
     if places.size == 0:
         return None
-    scores = scorer.family_of_steps(scan, places).judge(conditioned, best_only=True)
-    return scan.candidate(int(places[int(np.argmax(scores.evidence))]))
+    return scan.candidate(int(places[scorer.family_of_steps(scan, places).best(conditioned)[0]]))
 
 
 def _best_place(scorer: CandidateScorer, conditioned: Conditioned, effect: Effect) -> Candidate | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from robacc.effects.base import Effect
 from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.ranking import Chosen, Ranked
+from robacc.tracing.ranking import Chosen, Ranked, sorted_by_odds
 from robacc.tracing.refinement import refined
 
 FALSE_ALARM = 0.002
@@ -96,7 +96,7 @@ class Selection:
                 high = self.scorer.rank_high_orders(conditioned, self.chosen)
                 high += self.scorer.rank_places(conditioned, self.chosen)
                 high += self.scorer.rank_beside(conditioned, self.chosen)
-                high.sort(key=lambda entry: -round(entry.total, 6))
+                high = sorted_by_odds(high)
                 best = high[0] if high and high[0].p_value <= FALSE_ALARM else best
                 ranking = high[:1] + ranking if high and best is high[0] else ranking
             if best is None or best.p_value > FALSE_ALARM:

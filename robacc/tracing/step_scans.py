@@ -20,7 +20,8 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.conditioned_columns import Columns, Family
+from robacc.tracing.conditioned_columns import Family
+from robacc.tracing.whitened_columns import Columns
 
 _MOST_PLACES = 48
 """Largest number of places of a first scan; the best is then improved among all places."""

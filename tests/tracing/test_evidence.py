@@ -7,8 +7,9 @@ import pytest
 from scipy import stats
 from scipy.linalg import null_space
 
-from robacc.tracing.conditioned_columns import Columns, Conditioned, Family
+from robacc.tracing.conditioned_columns import Conditioned, Family
 from robacc.tracing.evidence import Scores, judge
+from robacc.tracing.whitened_columns import Columns
 
 ROWS, BASE = 60, 8
 
@@ -182,7 +183,7 @@ def test_new_parts_of_a_family_are_those_of_its_columns_built() -> None:
         return gram, rhs.reshape(n_forms, 2)
 
     model = Conditioned.on(system, [0, 1, 2, 3, 2, 3], np.zeros(6))
-    smaller = Conditioned.on(system, [0, 1, 4, 2], np.zeros(4)).without(np.array([4, 1]))
+    smaller = Conditioned.on(system, [0, 4, 1, 2], np.zeros(4)).without(slice(1, 3))
     for conditioned, active in ((model, [0, 1, 2, 3]), (smaller, [0, 2]), (smaller, [0, 2])):
         for found, expected in zip(conditioned.remaining(family), new_parts(active), strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)

@@ -9,7 +9,6 @@ from independent_arm import measured, robot, run
 from robacc.effects.change_points import step_forms
 from robacc.fitting.whitening import Scatter, Whitening, whitening
 from robacc.robots.arm import Arm
-from robacc.tracing.conditioned_columns import Columns
 from robacc.tracing.step_scans import (
     StepFamily,
     StepScan,
@@ -19,6 +18,7 @@ from robacc.tracing.step_scans import (
     places_of,
     scan_of,
 )
+from robacc.tracing.whitened_columns import Columns
 
 N = 48
 ROWS = 3

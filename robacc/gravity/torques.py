@@ -89,11 +89,12 @@ def forces(
         for load in loads:
             if load.after <= motion:
                 continue
-            if isinstance(load.mass, np.ndarray):
+            parts = (*load.first_moment, load.mass)
+            if any(isinstance(part, np.ndarray) for part in parts):
                 varying.append((k, load))
                 continue
             at = row[load.after]
-            constants[k, at : at + 4] += np.array((*load.first_moment, load.mass), dtype=np.float64)
+            constants[k, at : at + 4] += np.array(parts, dtype=np.float64)
             masses[k] += load.mass
     axes = np.empty((4 * len(counts), 3, n), dtype=linear.dtype)
     for count, at in row.items():

@@ -44,7 +44,7 @@ FamilyOfSteps = Callable[[StepScan, NDArray[np.int64]], StepFamily]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Batch:
+class _PoolBatch:
     """Candidates of the pool that are scored together; smaller ones have columns of weight zero besides theirs."""
 
     members: tuple[int, ...]
@@ -58,7 +58,7 @@ class _Batch:
     shrunk: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]], members: Sequence[int]) -> _Batch:
+    def of(cls, pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]], members: Sequence[int]) -> _PoolBatch:
         """Join candidates of the pool."""
         size = max(places[i].size for i in members)
         columns = np.empty((len(members), size), dtype=np.int64)
@@ -103,7 +103,7 @@ class CandidateScorer:
     """Function that returns what is a candidate only beside an effect."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only at the caller's request."""
-    _batches: list[_Batch] = field(default_factory=list)
+    _batches: list[_PoolBatch] = field(default_factory=list)
     _placed: dict[tuple[object, ...], NDArray[np.int64]] = field(default_factory=dict)
     _spectra: list[Family] = field(default_factory=list)
     _steps: list[tuple[StepScan, StepFamily]] = field(default_factory=list)
@@ -122,7 +122,7 @@ class CandidateScorer:
         for i, columns in enumerate(self.places):
             sizes.setdefault(min(columns.size, _LARGE), []).append(i)
             self._placed[self.pool[i].key] = columns
-        self._batches = [_Batch.of(self.pool, self.places, members) for members in sizes.values()]
+        self._batches = [_PoolBatch.of(self.pool, self.places, members) for members in sizes.values()]
         self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
         orders = [self._orders(grid) for grid in self.order_grids]
         self._spectra = [form.family for form in orders]

@@ -42,7 +42,7 @@ class _Union(Family):
 
 
 @dataclass(frozen=True, eq=False)
-class _Batch:
+class _FormBatch:
     """Forms with equally many columns."""
 
     numbers: tuple[int, ...]
@@ -65,7 +65,7 @@ class SearchedForms:
             families = [forms[number].family for number in numbers]
             ends = np.cumsum([len(family.rhs) for family in families]).tolist()
             groups = tuple(slice(end - len(family.rhs), end) for end, family in zip(ends, families, strict=True))
-            self._batches.append(_Batch(tuple(numbers), _Union(families), groups))
+            self._batches.append(_FormBatch(tuple(numbers), _Union(families), groups))
 
     def best(self, conditioned: Conditioned) -> list[Ranked]:
         """Return the best candidate of each form beside a model."""

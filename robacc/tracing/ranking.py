@@ -70,7 +70,9 @@ class Ranked:
         if not self.is_tested:
             return 1.0
         corrected = min(1.0, self.scores.p_value(self.number) * math.exp(-self.candidate.log_prior))
-        return min(1.0, math.exp(min(0.0, math.log(max(corrected, 1e-300)) + self.handicap)))
+        if not self.handicap:
+            return corrected
+        return math.exp(min(0.0, math.log(max(corrected, 1e-300)) + self.handicap))
 
     @property
     def total(self) -> float:

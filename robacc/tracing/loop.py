@@ -18,7 +18,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.linearised_candidates import SELECTION_POSES, LinearisedCandidates, linearise
-from robacc.tracing.selection import FALSE_ALARM, Selection, SelectionStep
+from robacc.tracing.selection import FALSE_ALARM, MOST_FINDINGS, Selection, SelectionStep
 from robacc.tracing.wander import explained_by_wander
 
 _ROUNDS = 4
@@ -43,9 +43,14 @@ def choose(
     start: Sequence[Effect] = (),
     empirical: bool = True,
     max_poses: int = SELECTION_POSES,
+    most: int = MOST_FINDINGS,
 ) -> Selection:
-    """Select named effects first; if they leave structure or are many, select corrections too and return the better."""
+    """Select named effects first; if they leave structure or are many, select corrections too and return the better.
+
+    A selection of ``most`` named effects is returned as it is.
+    """
     named = candidates.selection(rows, start, max_poses)
+    named.most = most
     named.prune()
     blocks = candidates.batches(rows, max_poses) if empirical else []
     named.scorer.blocks = blocks
@@ -53,7 +58,7 @@ def choose(
         named.run(with_blocks=True)
         return named
     named.run()
-    if not blocks:
+    if not blocks or MOST_FINDINGS > most <= len(named.chosen):
         return named
     remaining = named.rank(with_blocks=True)
     structured = bool(remaining) and remaining[0].p_value <= FALSE_ALARM
@@ -130,9 +135,9 @@ class _Search:
         self.steps: list[SelectionStep] = []
         self.count = 0
 
-    def start(self) -> _Round:
-        """Return the round without findings."""
-        return self._chosen_from((), self.baseline, self.first)
+    def start(self, most: int = MOST_FINDINGS) -> _Round:
+        """Return the round without findings, and the choice of at most ``most`` of them."""
+        return self._chosen_from((), self.baseline, self.first, most)
 
     def follow(self, last: _Round) -> _Round:
         """Fit what the last round chose, all together, and choose again from there."""
@@ -144,9 +149,11 @@ class _Search:
         fitted = refit(last.fit, (*self.baseline.model.free, *frames, *others), self.data, self.options)
         return self._chosen_from(chosen, fitted, linearise(fitted, self.data, (*self.model.free, *frames), self.only))
 
-    def _chosen_from(self, effects: tuple[Effect, ...], fitted: Fit, candidates: LinearisedCandidates) -> _Round:
+    def _chosen_from(
+        self, effects: tuple[Effect, ...], fitted: Fit, candidates: LinearisedCandidates, most: int = MOST_FINDINGS
+    ) -> _Round:
         others = [effect for effect in effects if not effect.is_frame]
-        choice = choose(candidates, self.all_rows, others, self.empirical)
+        choice = choose(candidates, self.all_rows, others, self.empirical, most=most)
         self.steps.extend(choice.steps)
         self.count += 1
         return _Round(effects, fitted, candidates, candidates.selection(self.all_rows, others), choice)
@@ -232,9 +239,9 @@ class _Search:
         other._use(components)
         return other
 
-    def settle_with_scatter(self) -> tuple[_Round, bool]:
-        """Search until the choice settles, with the scatter of the joints that remains beside it."""
-        last, settled = self.settle(self.start())
+    def settle_with_scatter(self, first: _Round) -> tuple[_Round, bool]:
+        """Search from the round ``first`` until the choice settles, with the scatter of the joints that remains."""
+        last, settled = self.settle(first)
         for _ in range(_SCATTER_ROUNDS):
             if not self.update_scatter(last):
                 break
@@ -294,7 +301,7 @@ def search(
     effects, so that a real effect does not pass for scatter, and each finding is tested again beside it.
     """
     state = _Search(model, data, options, only, empirical, progress)
-    last, settled = state.settle_with_scatter()
+    last, settled = state.settle_with_scatter(state.start())
     if last.effects and state.options.scatter is None:
         state, last, settled = _better_with_scatter(state, last, settled)
     last = state.without_wander(last)
@@ -317,6 +324,7 @@ def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_
     """Return the search that starts with the joints' scatter, with its end, if that explains the data better.
 
     Where rows of a visit share scatter, a search without it explains it by many effects, and none is left to estimate.
+    Beside scatter there are fewer; if there are not, what looks like scatter at the baseline is the effects themselves.
     """
     other = state.beside_scatter()
     if other is None or other.components is None:
@@ -324,7 +332,10 @@ def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_
     worth = state.worth(last, state.first)
     if scatter_evidence(other.components, state.data) < _LEAST_SHARE * worth:
         return state, last, settled
-    end, is_settled = other.settle_with_scatter()
+    first = other.start(len(last.effects))
+    if len(first.next.chosen) >= len(last.effects):
+        return state, last, settled
+    end, is_settled = other.settle_with_scatter(first)
     if other.worth(end, state.first) <= worth:
         return state, last, settled
     return other, end, is_settled

@@ -17,7 +17,7 @@ hundred. Orders and forms are searched more finely than they are counted: of 200
 at 0.005, each with a corrected p-value between 0.001 and 0.005."""
 _SWAP = 1.0
 """Evidence by which a rival must be better to take a finding's place: equals do not change places for ever."""
-_MOST_FINDINGS = 12
+MOST_FINDINGS = 12
 """Largest number of findings."""
 _MOST_REVISED = 6
 """Findings beyond which none is tested again: so many are a sign of an effect outside the catalogue."""
@@ -41,6 +41,8 @@ class Selection:
     scorer: CandidateScorer
     chosen: list[Chosen] = dataclasses.field(default_factory=list)
     steps: list[SelectionStep] = dataclasses.field(default_factory=list)
+    most: int = MOST_FINDINGS
+    """Number of findings from which none is added."""
 
     def rank(self, with_blocks: bool = False) -> list[Ranked]:
         """Return all candidates beside the chosen ones, best first."""
@@ -81,7 +83,7 @@ class Selection:
 
     def _forward(self, with_blocks: bool, without: tuple[object, ...] | None = None) -> None:
         previous_sets: set[frozenset[tuple[object, ...]]] = set()
-        while len(self.chosen) < _MOST_FINDINGS:
+        while len(self.chosen) < self.most:
             # A set of findings that recurs would recur for ever.
             present = frozenset(finding.candidate.key for finding in self.chosen)
             if present in previous_sets:

@@ -18,7 +18,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.tracing.loop import SEARCH
+from robacc.tracing.refitting import SEARCH
 
 _TRIAL_POSES = 600
 """Random poses among which those of largest difference are sought."""

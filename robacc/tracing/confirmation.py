@@ -11,7 +11,8 @@ from robacc.effects.base import Effect
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.tracing.cross_validation import CrossValidation, reduced
-from robacc.tracing.loop import SearchResult, frames_first, refit
+from robacc.tracing.loop import SearchResult
+from robacc.tracing.refitting import frames_first, refit
 
 _LEAST_GAIN = 1.645
 """Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""

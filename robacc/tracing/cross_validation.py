@@ -22,8 +22,9 @@ from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.parallel import fork_map
-from robacc.tracing.loop import SEARCH, SearchResult, choose, frames_first, refit
+from robacc.tracing.loop import SearchResult, choose
 from robacc.tracing.ranking import Chosen
+from robacc.tracing.refitting import SEARCH, frames_first, refit
 from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
 from robacc.tracing.without_finding import ReducedFits, fold_options

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.linearised_candidates import SELECTION_POSES, LinearisedCandidates, linearise
+from robacc.tracing.refitting import SEARCH, frames_first, frames_of, refit
 from robacc.tracing.selection import FALSE_ALARM, MOST_FINDINGS, Selection, SelectionStep
 from robacc.tracing.wander import explained_by_wander
 
@@ -33,8 +34,6 @@ _LEAST_WORTH = 5.0
 """Least evidence (log Bayes factor) of a step or a drift of the scale beside errors that wander (odds of 150 to 1)."""
 _MANY = 3
 """Named findings from which a correction is tried in place of them even if they leave no structure."""
-SEARCH = Options(tolerance=1e-4, settled=1e-2)
-"""Options of the fits that a selection is made on; reported fits converge further."""
 
 
 def choose(
@@ -339,44 +338,3 @@ def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_
     if other.worth(end, state.first) <= worth:
         return state, last, settled
     return other, end, is_settled
-
-
-def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:
-    """Fit a model with the effects ``free``, starting at a similar fit and with that fit's registered base and tool.
-
-    Coefficients that the similar fit lacks start at zero. The first step is always taken, so the poses of ``data``
-    decide.
-    """
-    model = dataclasses.replace(like.model, free=tuple(free))
-    keys = [effect.key() for effect in like.model.free]
-    previous = {
-        (keys[owner], name): value
-        for owner, name, value in zip(like.owners, like.names, like.theta.tolist(), strict=True)
-    }
-    # A term's name does not depend on the poses, so the first row is enough to list them.
-    first_row = data.subset(np.arange(1))
-    start = [
-        previous.get((key, term.name), 0.0)
-        for effect, key in ((effect, effect.key()) for effect in free)
-        for term in effect.terms(model.arm, first_row)
-    ]
-    # Outliers are known from the similar fit; on the same rows they start left out.
-    inliers = like.inliers if options.robust and like.inliers.size == data.n else None
-    warm_start = dataclasses.replace(
-        options,
-        start=np.array(start),
-        inliers=inliers,
-        group_stds=like.group_stds,
-        prior_stds=like.prior_stds,
-    )
-    return fit(model, data, warm_start)
-
-
-def frames_of(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Return the effects that are base or tool frames."""
-    return tuple(effect for effect in effects if effect.is_frame)
-
-
-def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Return the effects with frames first, so that frames keep their parameters if poses cannot distinguish two."""
-    return tuple(sorted(effects, key=lambda effect: not effect.is_frame))

@@ -15,7 +15,8 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS
 from robacc.measurements import Measurements
 from robacc.tracing.linearised_candidates import linearise
-from robacc.tracing.loop import SearchResult, frames_of, refit
+from robacc.tracing.loop import SearchResult
+from robacc.tracing.refitting import frames_of, refit
 
 
 def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Measurements) -> SearchResult:

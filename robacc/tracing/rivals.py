@@ -13,8 +13,9 @@ from robacc.effects.base import Effect
 from robacc.errors import RobaccError
 from robacc.measurements import Measurements
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit
+from robacc.tracing.loop import SearchResult
 from robacc.tracing.ranking import Chosen, Ranked
+from robacc.tracing.refitting import SEARCH, frames_first, refit
 from robacc.tracing.selection import Selection
 
 RIVAL = 5.0

@@ -38,7 +38,8 @@ from robacc.tracing.confirmation import reproduced, with_held_out_gain, withdraw
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, reduced
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, describe_finding
-from robacc.tracing.loop import SEARCH, SearchResult, frames_first, refit, search
+from robacc.tracing.loop import SearchResult, search
+from robacc.tracing.refitting import SEARCH, frames_first, refit
 from robacc.tracing.remaining_error import Unexplained, remaining_error
 from robacc.tracing.remaining_scatter import with_remaining_scatter
 from robacc.tracing.selection import SelectionStep

@@ -17,7 +17,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.bound import BoundModel
 from robacc.modelling.observation import residuals
-from robacc.tracing.loop import SEARCH, refit
+from robacc.tracing.refitting import SEARCH, refit
 
 _NONLINEAR = 0.02
 """Relative deviation of the cost from its linearisation, above which a model without an effect is fitted anew."""

@@ -12,11 +12,12 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.joint_compliance import JointCompliance
 from robacc.effects.request import build, parse_requests
+from robacc.fitting.solver import fit
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.candidate_scorer import HANDICAP
 from robacc.tracing.linearised_candidates import linearise
-from robacc.tracing.loop import SEARCH, fit
+from robacc.tracing.refitting import SEARCH
 
 
 @pytest.mark.parametrize("name", sorted(REGISTRY))

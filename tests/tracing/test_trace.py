@@ -25,7 +25,8 @@ from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.confirmation import reproduced
 from robacc.tracing.cross_validation import CrossValidation
 from robacc.tracing.evidence import judge
-from robacc.tracing.loop import SEARCH, refit, search
+from robacc.tracing.loop import search
+from robacc.tracing.refitting import SEARCH, refit
 from robacc.tracing.rivals import RIVAL
 from robacc.tracing.trace import Trace, trace
 

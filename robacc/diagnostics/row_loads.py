@@ -6,7 +6,7 @@ squares), beside every coefficient of the model and beside a constant load. Load
 are then grouped, and each group has a common load.
 
 The groups count as loads if they explain the error far better than chance, than a continuum of loads divided into as
-many groups, and than constant shifts of the same joints, which play or a jump of a zero would need.
+many groups, and than constant shifts of the same joints, which clearance or a jump of a zero would need.
 
 Source of alternating least squares for a product of two unknown vectors: H. Wold, "Estimation of principal components
 and related models by iterative least squares", in: Multivariate Analysis (1966), 391-420.

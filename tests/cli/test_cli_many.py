@@ -262,6 +262,8 @@ def test_an_interrupt_leaves_whole_files_and_no_process(folder: Path) -> None:
         text=True,
         cwd=ROOT,
         start_new_session=True,
+        # A shell's background job ignores interrupts, and its children with it.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     while process.poll() is None and not all((out / f"{name}.json").exists() for name in "ac"):
         time.sleep(0.01)

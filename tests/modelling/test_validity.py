@@ -27,6 +27,7 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", "joint_hardening", "joint_warmup"} | {
     "rail_errors",
     "compliance_variation",
+    "counterbalance",
 }
 """Effects that stop at the end of a narrow range; the others follow a physical law, or have no driver."""
 

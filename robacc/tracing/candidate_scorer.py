@@ -16,6 +16,7 @@ from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.conditioned_columns import Conditioned, Family
 from robacc.tracing.evidence import judge
 from robacc.tracing.place_scans import PlaceScan
+from robacc.tracing.pool_batches import PoolBatch, pool_batches
 from robacc.tracing.ranking import Chosen, Ranked, sorted_by_odds
 from robacc.tracing.searched_forms import SearchedForm, SearchedForms
 from robacc.tracing.step_scans import (
@@ -34,41 +35,11 @@ IMPOSSIBLE = 1e9
 """Log prior odds against a candidate whose coefficients cannot be."""
 _JUDGED = 12
 """Best candidates whose coefficients are judged."""
-_LARGE = 5
-"""Columns from which candidates of all sizes are scored together."""
 _CACHED = 24
 """Conditioned systems in the cache: more than the findings that are tested between two steps."""
 
 Expand = Callable[[Candidate], Array]
 FamilyOfSteps = Callable[[StepScan, NDArray[np.int64]], StepFamily]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _PoolBatch:
-    """Candidates of the pool that are scored together; smaller ones have columns of weight zero besides theirs."""
-
-    members: tuple[int, ...]
-    """Numbers of B candidates."""
-    columns: NDArray[np.int64]
-    """``(B, Q)`` columns of each."""
-    weights: Array
-    """``(B, Q)``"""
-    products: Array
-    """``(B, Q, Q)`` products of the weights."""
-    shrunk: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]], members: Sequence[int]) -> _PoolBatch:
-        """Join candidates of the pool."""
-        size = max(places[i].size for i in members)
-        columns = np.empty((len(members), size), dtype=np.int64)
-        weights = np.zeros((len(members), size))
-        for row, i in enumerate(members):
-            count = places[i].size
-            columns[row, :count], columns[row, count:] = places[i], places[i][-1]
-            weights[row, :count] = pool[i].weights
-        products = weights[:, :, None] * weights[:, None, :]
-        return cls(tuple(members), columns, weights, products, np.array([pool[i].is_block for i in members]))
 
 
 @dataclass
@@ -103,7 +74,7 @@ class CandidateScorer:
     """Function that returns what is a candidate only beside an effect."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only at the caller's request."""
-    _batches: list[_PoolBatch] = field(default_factory=list)
+    _batches: list[PoolBatch] = field(default_factory=list)
     _placed: dict[tuple[object, ...], NDArray[np.int64]] = field(default_factory=dict)
     _spectra: list[Family] = field(default_factory=list)
     _steps: list[tuple[StepScan, StepFamily]] = field(default_factory=list)
@@ -118,11 +89,8 @@ class CandidateScorer:
 
     def __post_init__(self) -> None:
         """Sort the pool into batches of like size, which are scored together."""
-        sizes: dict[int, list[int]] = {}
-        for i, columns in enumerate(self.places):
-            sizes.setdefault(min(columns.size, _LARGE), []).append(i)
-            self._placed[self.pool[i].key] = columns
-        self._batches = [_PoolBatch.of(self.pool, self.places, members) for members in sizes.values()]
+        self._placed = {candidate.key: columns for candidate, columns in zip(self.pool, self.places, strict=True)}
+        self._batches = pool_batches(self.pool, self.places)
         self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
         orders = [self._orders(grid) for grid in self.order_grids]
         self._spectra = [form.family for form in orders]
@@ -174,16 +142,8 @@ class CandidateScorer:
         profiles = [finding.candidate for finding in present if finding.candidate.is_block]
         absent = keys.union(*(self._covered_by(profile) for profile in profiles))
         ranked: list[Ranked] = []
-        lengths = self.system.lengths
         for batch in self._batches:
-            scores = judge(
-                conditioned.blocks(batch.columns) * batch.products,
-                conditioned.rhs[batch.columns] * batch.weights,
-                lengths[batch.columns] * np.square(batch.weights),
-                conditioned.cost,
-                conditioned.dof,
-                batch.shrunk,
-            )
+            scores = batch.judge(conditioned)
             ranked.extend(Ranked(self.pool[i], scores, k) for k, i in enumerate(batch.members))
         others = self._searched.best(conditioned)
         if with_blocks:

@@ -1,0 +1,64 @@
+"""The pool's candidates in batches of like size, which are scored together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.geometry import Array
+from robacc.tracing.candidates import Candidate
+from robacc.tracing.conditioned_columns import Conditioned
+from robacc.tracing.evidence import Scores, judge
+
+_LARGE = 5
+"""Columns from which candidates of all sizes are scored together."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PoolBatch:
+    """Candidates of the pool that are scored together; smaller ones have columns of weight zero besides theirs."""
+
+    members: tuple[int, ...]
+    """Numbers of B candidates."""
+    columns: NDArray[np.int64]
+    """``(B, Q)`` columns of each."""
+    weights: Array
+    """``(B, Q)``"""
+    products: Array
+    """``(B, Q, Q)`` products of the weights."""
+    shrunk: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]], members: Sequence[int]) -> PoolBatch:
+        """Join candidates ``members`` of the pool."""
+        size = max(places[i].size for i in members)
+        columns = np.empty((len(members), size), dtype=np.int64)
+        weights = np.zeros((len(members), size))
+        for row, i in enumerate(members):
+            count = places[i].size
+            columns[row, :count], columns[row, count:] = places[i], places[i][-1]
+            weights[row, :count] = pool[i].weights
+        products = weights[:, :, None] * weights[:, None, :]
+        return cls(tuple(members), columns, weights, products, np.array([pool[i].is_block for i in members]))
+
+    def judge(self, conditioned: Conditioned) -> Scores:
+        """Return the scores of the candidates beside a model."""
+        return judge(
+            conditioned.blocks(self.columns) * self.products,
+            conditioned.rhs[self.columns] * self.weights,
+            conditioned.system.lengths[self.columns] * np.square(self.weights),
+            conditioned.cost,
+            conditioned.dof,
+            self.shrunk,
+        )
+
+
+def pool_batches(pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]]) -> list[PoolBatch]:
+    """Return the pool in batches; ``places`` are the columns of each candidate in the system."""
+    sizes: dict[int, list[int]] = {}
+    for i, columns in enumerate(places):
+        sizes.setdefault(min(columns.size, _LARGE), []).append(i)
+    return [PoolBatch.of(pool, places, members) for members in sizes.values()]

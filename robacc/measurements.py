@@ -69,6 +69,10 @@ class Measurements:
     """``(J, N)`` signed fraction of full speed"""
     read_back: Array | None = None
     """``(J, N)`` joint variables as read back at the measurement, rad or m."""
+    branches: Array | None = None
+    """``(B, N)`` joint variables beside the chain that move mass, rad or m, in the order of the robot's branches."""
+    branch_names: tuple[str, ...] = ()
+    """Their names, B of them."""
     rows: NDArray[np.int64] | None = None
     """``(N,)`` 1-based line of each pose in the file, or its row where the file has no lines."""
     counted: Counted = "line"

@@ -22,7 +22,7 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("sigma_rotation", "time", "temperature", "payload"), ()),
 }
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
-_JOINT_FIELDS = ("q", "direction", "speed", "read_back")
+_JOINT_FIELDS = ("q", "direction", "speed", "read_back", "branches")
 _TEXT_FIELDS = ("pose", "cycle", "visit", "target")
 _ROTATION_TOLERANCE = 1e-3
 """Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit length."""
@@ -45,7 +45,7 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
     n = _pose_count(arrays["position"])
     problems: list[Problem] = []
     for name, array in arrays.items():
-        leading = _LEADING_AXES.get(name, () if name in _TEXT_FIELDS else _joint_axis(array, robot))
+        leading = _LEADING_AXES.get(name, () if name in _TEXT_FIELDS else _joint_axis(name, array, robot))
         if array.shape != (*leading, n):
             expected = ", ".join(map(str, (*leading, n)))
             message = f"expected an array of shape ({expected}), found {array.shape}"
@@ -74,8 +74,10 @@ def check_targets(data: Measurements, robot: Robot) -> None:
         raise InputError(_problem(data, "target", message))
 
 
-def _joint_axis(array: NDArray[Any], robot: Robot | None) -> tuple[int, ...]:
+def _joint_axis(name: str, array: NDArray[Any], robot: Robot | None) -> tuple[int, ...]:
     """Return the expected number of joints."""
+    if robot is not None and name == "branches":
+        return (len(robot.branch_variables),)
     if robot is not None:
         return (len(robot.variables),)
     return (array.shape[0],) if array.ndim == 2 else (1,)

@@ -13,6 +13,7 @@ from robacc.api.arrays import checked_poses
 from robacc.api.inputs import PosesSource, StrPath, load_robot, pose_path, record_of, require_poses
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of
+from robacc.diagnostics.robot_poses import branch_columns
 from robacc.documents.envelope import InputFile
 from robacc.errors import MissingColumnError, UsageError
 from robacc.measurements import Measurements
@@ -233,5 +234,6 @@ def _planned(
         limits=[joint.limits for joint in arm.variables],
         ignore_limits=ignore_limits,
         attained=False,
+        branches=branch_columns(arm),
     )
     return require_poses(data), (InputFile.at(path, data.sha256 or "", "poses"),)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
 from robacc.statistics.distributions import normal_cdf
 
@@ -47,7 +47,7 @@ def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[
     if np.count_nonzero(follows) < _FEWEST:
         return {}
     present, previous = order[follows], order[before[follows]]
-    torque = gravity_torques(fit.model.arm, data.q)
+    torque = weight_torques(fit.model.arm, data)
     columns = joint_columns(fit.model, data.subset(present))[:3]
     result = {}
     for joint in joints:

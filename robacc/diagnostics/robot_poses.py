@@ -9,6 +9,7 @@ import numpy as np
 
 from robacc.accuracy.pose_errors import commanded_poses
 from robacc.measurements import Measurements
+from robacc.poses.columns import BranchColumn
 from robacc.poses.csv_file import read_poses
 from robacc.poses.plausibility import central_range, check_scale
 from robacc.robots.assembly import build_chain
@@ -51,12 +52,26 @@ def read_robot_poses(
         ordered=ordered,
         ignore_limits=ignore_limits,
         attained=attained,
+        branches=branch_columns(robot),
         orientation_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q).rotation,
     )
     if attained:
         warnings = check_size(data, robot)
         data = dataclasses.replace(data, warnings=(*data.warnings, *warnings))
     return data
+
+
+def branch_columns(robot: Robot) -> tuple[BranchColumn, ...]:
+    """Return the columns of the joints beside the robot's chain that move mass."""
+    return tuple(
+        BranchColumn(
+            branch.joint.name,
+            branch.joint.type,
+            branch.position,
+            robot.has_masses and robot.carrier(branch) is not None,
+        )
+        for branch in robot.branch_variables
+    )
 
 
 def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:

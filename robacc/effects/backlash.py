@@ -11,6 +11,7 @@ import numpy as np
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
 from robacc.effects.driver import torque_driver
+from robacc.effects.requirements import torques_needed
 from robacc.geometry import Array
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
@@ -73,7 +74,7 @@ class Backlash(Effect):
         """Yield one joint at a time: by the approach if it is known, and by gravity if its torque changes sign."""
         torque = np.zeros((len(arm.names), 1))
         if arm.chain.bodies:
-            torque = gravity_torques(arm, commanded(data, cls.name))
+            torque = torques_needed(arm, data, cls.name)
         for joint, moment in zip(arm.names, torque, strict=True):
             if varies(data.direction):
                 yield cls((joint,))
@@ -94,7 +95,7 @@ class Backlash(Effect):
         """Yield, by gravity with friction, every friction that leaves another set of poses on their flank."""
         if self.friction > 0.0 and varies(data.direction):
             number = arm.number(self.joints[0])
-            torque = gravity_torques(arm, commanded(data, self.name))[number]
+            torque = torques_needed(arm, data, self.name)[number]
             frictions = _distinct_frictions(number, torque, data)
             yield from (Backlash(self.joints, "gravity", friction) for friction in frictions.tolist())
 
@@ -125,8 +126,8 @@ class Backlash(Effect):
         if self.by == "approach":
             sign = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
         else:
-            loads = weight_needed(arm, f"{self.name} by gravity")
-            torque = gravity_torques(arm, commanded(data, self.name))
+            loads = weight_needed(arm, data, f"{self.name} by gravity")
+            torque = gravity_torques(arm, commanded(data, self.name), loads)
             if self.friction > 0.0:
                 approach = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
                 sign = np.where(np.abs(torque) > self.friction, np.sign(torque), approach)

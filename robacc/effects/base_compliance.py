@@ -74,11 +74,11 @@ class BaseCompliance(Elastic):
         if self.masses == "unknown":
             tilt = partial(self.parts, turns)
             return tuple(base_regressors(self.name, "rad/(N m)", 1e-6, unit_loads(arm, 0), tilt))
-        loads = weight_needed(arm, self.name)
+        loads = weight_needed(arm, data, self.name)
         parts = self.parts(turns, loads)
         if not self.below:
             return (Term(self.name, "rad/(N m)", 1e-6, parts),)
-        moment_x, moment_y = moments(arm, commanded(data, self.name), turns)
+        moment_x, moment_y = moments(arm, commanded(data, self.name), turns, loads)
         # Turns are about the base's own axes, translations along those of the measuring frame.
         axes = Poses.from_xyz_rpy(np.zeros(3), np.array(arm.robot.base.rpy)).rotation.reshape(3, 3)
         moved = axes[:, :1] * moment_y - axes[:, 1:2] * moment_x

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.requirements import commanded, needed
 from robacc.geometry import Array
-from robacc.gravity.loads import Load
+from robacc.gravity.loads import Load, own_weight
 from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -55,7 +55,7 @@ def torque_driver(
 ) -> Driver:
     """Return gravity's torque (N m) or force (N) on a joint: of the arm's own weight, or of the payload ``loads``."""
     q = commanded(data, "a torque")
-    torque = (gravity_torques(arm, q) if loads is None else gravity_torques(arm, q, loads))[arm.number(joint)]
+    torque = gravity_torques(arm, q, own_weight(arm, data) if loads is None else loads)[arm.number(joint)]
     name = "torque" if loads is None else "payload_torque"
     return Driver(name, "N m" if arm.is_revolute(joint) else "N", torque, is_only)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
-from robacc.gravity.torques import gravity_torques
+from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.requirements import torques_needed
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -73,6 +73,5 @@ class FrictionWindup(Effect):
 
     def _regressor(self, arm: Arm, data: Measurements) -> np.ndarray:
         direction = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
-        weight_needed(arm, self.name)
-        result: np.ndarray = np.abs(gravity_torques(arm, commanded(data, self.name))) * direction
+        result: np.ndarray = np.abs(torques_needed(arm, data, self.name)) * direction
         return result

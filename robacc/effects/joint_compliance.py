@@ -75,7 +75,7 @@ class JointCompliance(Elastic):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term a joint, or one for each base regressor."""
         terms = []
-        own_weight = () if self.masses == "unknown" else weight_needed(arm, self.name)
+        own_weight = () if self.masses == "unknown" else weight_needed(arm, data, self.name)
         for joint in self.joints:
             motion = arm.axis_motion(joint)
             unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies
 from robacc.effects.driver import circumstance_driver, is_circumstance, joint_driver, torque_driver
+from robacc.effects.requirements import torques_needed
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
-from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -217,8 +217,7 @@ def possible_pairs(arm: Arm, data: Measurements) -> tuple[tuple[str, str], ...]:
 def _driver(arm: Arm, data: Measurements, joint: str, driver: str) -> Array:
     """Return ``(N,)`` the values of a driver of a joint."""
     if driver == "torque":
-        weight_needed(arm, f"{JointCorrection.name} by torque")
-        torque: Array = gravity_torques(arm, commanded(data, JointCorrection.name))[arm.number(joint)]
+        torque: Array = torques_needed(arm, data, f"{JointCorrection.name} by torque")[arm.number(joint)]
         return torque
     columns = {
         "direction": data.direction[arm.number(joint)] if data.direction is not None else None,

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.effects.base import About, Effect, Part, Term, register
 from robacc.effects.torque_driven import TorqueDriven
 from robacc.geometry import Array
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -133,5 +133,5 @@ class JointHardening(TorqueDriven):
 
 def _largest_torque(arm: Arm, data: Measurements, joints: Sequence[str]) -> float:
     """Return the largest torque of gravity on some joints, N m."""
-    torque = gravity_torques(arm, commanded(data, JointHardening.name))
+    torque = weight_torques(arm, data)
     return max((float(np.abs(torque[arm.number(joint)]).max(initial=0.0)) for joint in joints), default=0.0)

@@ -69,7 +69,7 @@ class LateralCompliance(Elastic):
         """Return one term a joint, or one for each base regressor."""
         if self.masses == "unknown":
             return tuple(term for joint in self.joints for term in self._base_regressors(arm, joint))
-        weight = weight_needed(arm, self.name)
+        weight = weight_needed(arm, data, self.name)
         return tuple(
             Term(
                 f"{self.name}.{joint}",

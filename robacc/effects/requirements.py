@@ -7,6 +7,7 @@ import numpy as np
 from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
 from robacc.gravity.loads import Load, own_weight
+from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -27,16 +28,21 @@ def commanded(data: Measurements, effect: str) -> Array:
     return needed(data.q, "q1 … qN", effect)
 
 
-def weight_needed(arm: Arm, effect: str) -> tuple[Load, ...]:
-    """Return the arm's own weight, which an effect needs.
+def weight_needed(arm: Arm, data: Measurements, effect: str) -> tuple[Load, ...]:
+    """Return the arm's own weight at the poses, which an effect needs.
 
     Raises:
         UsageError: the robot file has no masses.
     """
-    loads = own_weight(arm)
+    loads = own_weight(arm, data)
     if not loads:
         raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
     return loads
+
+
+def torques_needed(arm: Arm, data: Measurements, effect: str) -> Array:
+    """Return ``(J, N)`` gravity's torque (N m) or force (N) on each joint by the arm's own weight."""
+    return gravity_torques(arm, commanded(data, effect), weight_needed(arm, data, effect))
 
 
 def varies(column: Array | None) -> bool:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import Driver, Effect, commanded, weight_needed
+from robacc.effects.base import Driver, Effect
 from robacc.effects.driver import torque_driver
+from robacc.effects.requirements import torques_needed
 from robacc.geometry import Array
-from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -37,5 +37,4 @@ class TorqueDriven(Effect):
 
     def torques(self, arm: Arm, data: Measurements) -> Array:
         """Return ``(J, N)`` gravity's torque (N m) or force (N) on each joint."""
-        weight_needed(arm, self.name)
-        return gravity_torques(arm, commanded(data, self.name))
+        return torques_needed(arm, data, self.name)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -44,7 +44,7 @@ def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
         return None if data.speed is None else data.speed[arm.number(name.removeprefix(_SPEED))]
     if data.q is None or not arm.chain.bodies:
         return None
-    torque: Array = gravity_torques(arm, data.q)[arm.number(name.removeprefix(_TORQUE))]
+    torque: Array = weight_torques(arm, data)[arm.number(name.removeprefix(_TORQUE))]
     return torque
 
 

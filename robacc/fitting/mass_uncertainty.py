@@ -24,6 +24,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
 from robacc.robots.arm import Arm
+from robacc.robots.description import Joint
 
 DEFAULT = 0.1
 """Relative standard deviation of a link's mass where the robot file states none."""
@@ -75,8 +76,8 @@ def _sensitivity(fit: Fit, data: Measurements) -> Array:
     count = fit.residual.shape[0]
     weighted = jacobian[:count] * np.square(fit.weight[:, rows])[:, None, :]
     changes = []
-    for owner in dict.fromkeys(body.owner for body in fit.model.arm.chain.bodies):
-        higher, lower = (_residuals_with_mass(fit, subset, owner, 1.0 + sign * _STEP) for sign in (1, -1))
+    for name in _names_with_mass(fit.model.arm):
+        higher, lower = (_residuals_with_mass(fit, subset, name, 1.0 + sign * _STEP) for sign in (1, -1))
         # A residual is measured minus predicted.
         changes.append(np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP)))
     matrix = fit.gram + np.diag(fit.precision)
@@ -86,10 +87,22 @@ def _sensitivity(fit: Fit, data: Measurements) -> Array:
     return result
 
 
-def _residuals_with_mass(fit: Fit, data: Measurements, owner: int, factor: float) -> Array:
-    """Return the residuals ``(M, N)`` of the fitted model with one link's mass times ``factor``."""
-    joints = list(fit.model.arm.robot.joints)
-    joints[owner] = dataclasses.replace(joints[owner], mass=(joints[owner].mass or 0.0) * factor)
-    arm = Arm.of(dataclasses.replace(fit.model.arm.robot, joints=tuple(joints)))
+def _names_with_mass(arm: Arm) -> list[str]:
+    """Return the joints of the chain, and of branches, whose link has a mass."""
+    joints = [arm.robot.joints[owner] for owner in dict.fromkeys(body.owner for body in arm.chain.bodies)]
+    joints += [branch.joint for branch in arm.robot.branches if branch.joint.mass]
+    return [joint.name for joint in joints]
+
+
+def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float) -> Array:
+    """Return the residuals ``(M, N)`` of the fitted model with the mass of a joint's link times ``factor``."""
+    robot = fit.model.arm.robot
+
+    def changed(joint: Joint) -> Joint:
+        return dataclasses.replace(joint, mass=(joint.mass or 0.0) * factor) if joint.name == name else joint
+
+    joints = tuple(map(changed, robot.joints))
+    branches = tuple(dataclasses.replace(branch, joint=changed(branch.joint)) for branch in robot.branches)
+    arm = Arm.of(dataclasses.replace(robot, joints=joints, branches=branches))
     model = Model(arm, fit.model.known, fit.model.free)
     return residuals(data, model.bind(data).poses(fit.theta))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from robacc.geometry import Array
+from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 
@@ -30,13 +33,36 @@ def combined(shares: Iterable[tuple[float, Sequence[Load]]]) -> tuple[Load, ...]
     return tuple(Load(after, mass, (x, y, z)) for after, (mass, x, y, z) in totals.items())
 
 
-def own_weight(arm: Arm) -> tuple[Load, ...]:
-    """Return the loads of the arm's own links."""
+def own_weight(arm: Arm, data: Measurements | None = None) -> tuple[Load, ...]:
+    """Return the loads of the arm's own links, and of the branches that they carry.
+
+    Branches stand as in ``data``; where it does not have their joints, at the positions of the robot file. Branches of
+    an arm without masses do not count.
+    """
     loads = []
     for body in arm.chain.bodies:
         x, y, z = body.com
         loads.append(Load(body.after, body.mass, (body.mass * x, body.mass * y, body.mass * z)))
-    return tuple(loads)
+    return (*loads, *_branch_loads(arm, data)) if loads else ()
+
+
+def _branch_loads(arm: Arm, data: Measurements | None) -> Iterator[Load]:
+    """Yield the load of each branch in the frame of the link that carries it."""
+    if not arm.branches:
+        return
+    at_rest = np.array([[branch.position] for branch in arm.robot.branch_variables])
+    positions = at_rest if data is None or data.branches is None else data.branches
+    for after, chain in arm.branches:
+        counts = [body.after for body in chain.bodies]
+        n = positions.shape[1]
+        frames = chain.sweep(chain.scalars(positions), n, (), counts).frames
+        first_moment = np.zeros((3, n))
+        for body, frame in zip(chain.bodies, frames, strict=True):
+            com = np.array(body.com)
+            first_moment += body.mass * (np.einsum("ijn,j->in", frame.rotation, com) + frame.translation)
+        mass = sum(body.mass for body in chain.bodies)
+        x, y, z = first_moment if n > 1 else first_moment[:, 0].tolist()
+        yield Load(after, mass, (x, y, z))
 
 
 def payload(arm: Arm, mass: Array) -> tuple[Load, ...]:

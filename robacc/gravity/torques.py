@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array, Poses, cross
 from robacc.gravity.loads import Load, own_weight
+from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 
@@ -157,6 +158,15 @@ def gravity_torques(arm: Arm, q: Array, loads: Sequence[Load] | None = None) -> 
     The default loads are the arm's own links.
     """
     return moments(arm, q, arm.chain.joint_axis, own_weight(arm) if loads is None else loads)
+
+
+def weight_torques(arm: Arm, data: Measurements) -> Array:
+    """Return the torque (N m) or force (N) ``(J, N)`` of the arm's own weight along each joint's axis.
+
+    It is that of the nominal poses, with branches as they stand in ``data``, which must have joint variables.
+    """
+    assert data.q is not None
+    return gravity_torques(arm, data.q, own_weight(arm, data))
 
 
 def moments(arm: Arm, q: Array, motions: Sequence[int], loads: Sequence[Load] | None = None) -> Array:

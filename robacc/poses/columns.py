@@ -61,6 +61,8 @@ def _fixed_kinds() -> dict[str, Kind]:
 FIXED_KINDS: Mapping[str, Kind] = _fixed_kinds()
 """Kind of every column name without a joint's number."""
 JOINT_COLUMN = re.compile(r"(dir_|speed_|read_)?q([1-9]\d{0,2})", re.ASCII)
+BRANCH_KEY = re.compile(r"branch_q(\d+)", re.ASCII)
+"""Key of a joint beside the chain."""
 COMMANDED_JOINT = re.compile(r"cmd_q[1-9]\d{0,2}", re.ASCII)
 """Another name of a commanded joint."""
 
@@ -89,17 +91,36 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
+class BranchColumn:
+    """Joint beside the robot's chain that moves mass, and may have a column."""
+
+    name: str
+    type: str
+    """``revolute`` or ``prismatic``."""
+    position: float
+    """Its variable where there is no column, rad or m."""
+    loads_joints: bool
+    """True if a joint of the chain carries its mass."""
+
+
+@dataclass(frozen=True, slots=True)
 class Names:
     """Names that a column may have in one file, for one robot."""
 
     joint_names: tuple[str, ...]
     joint_types: tuple[str, ...]
     keys_by_joint_name: dict[str, str] = field(default_factory=dict)
-    """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``."""
+    """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``; of a joint beside the chain too."""
+    branches: tuple[BranchColumn, ...] = ()
+    """Joints beside the chain, whose keys are ``branch_q1 …``."""
 
     @classmethod
     def of(
-        cls, header_names: Sequence[str], joint_names: Sequence[str] | None, joint_types: Sequence[str] | None
+        cls,
+        header_names: Sequence[str],
+        joint_names: Sequence[str] | None,
+        joint_types: Sequence[str] | None,
+        branches: Sequence[BranchColumn] = (),
     ) -> Names:
         """Return the names for a robot's joints and their types, None where unknown, in a file with this header."""
         names = tuple(joint_names or ())
@@ -108,13 +129,13 @@ class Names:
         bare = {split_unit(name)[0] for name in header_names} | set(header_names)
         numbered = {f"q{i + 1}" for i in range(len(names))}
         by_name = set(names) <= bare and not numbered <= bare
-        keys: dict[str, str] = {}
+        keys = {branch.name: f"branch_q{i + 1}" for i, branch in enumerate(branches) if _may_name_branch(branch.name)}
         for i, name in enumerate(names):
             for prefix in ("", "dir_", "speed_", "read_"):
                 label = f"{prefix}{name}"
                 if label not in FIXED_KINDS and (by_name or not JOINT_COLUMN.fullmatch(label)):
                     keys[label] = f"{prefix}q{i + 1}"
-        return cls(names, tuple(joint_types or ()), keys)
+        return cls(names, tuple(joint_types or ()), keys, tuple(branches))
 
     def key(self, name: str) -> str | None:
         """Return the key of a name without unit; None for an unknown name."""
@@ -126,6 +147,8 @@ class Names:
 
     def kind(self, key: str) -> Kind:
         """Return the kind of a key's column; a joint of unknown type may be an angle or a length."""
+        if branch := BRANCH_KEY.fullmatch(key):
+            return "length" if self.branches[int(branch[1]) - 1].type == "prismatic" else "angle"
         match = JOINT_COLUMN.fullmatch(key)
         if match is None:
             return FIXED_KINDS[key]
@@ -149,6 +172,11 @@ class Names:
         motions = [f"{prefix}{joint}" for prefix in ("dir_", "speed_", "read_") for joint in joints]
         # The start of the name is enough: the cost of the comparison grows with the length of both names.
         return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
+
+
+def _may_name_branch(name: str) -> bool:
+    """Return whether a name means nothing else in a pose file."""
+    return name not in FIXED_KINDS and not JOINT_COLUMN.fullmatch(name)
 
 
 def split_unit(name: str) -> tuple[str, str | None]:

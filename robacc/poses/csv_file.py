@@ -27,6 +27,7 @@ from robacc.poses.columns import (
     RPY,
     SIGMAS,
     TEXTS,
+    BranchColumn,
 )
 from robacc.poses.duplicate_rows import duplicate_row_warnings
 from robacc.poses.headings import TIME_KEYS
@@ -58,6 +59,7 @@ def read_poses(
     commands: bool = True,
     orientation_at: OrientationAt | None = None,
     known_orientations: KnownOrientations | None = None,
+    branches: Sequence[BranchColumn] = (),
 ) -> Measurements:
     """Return the validated poses of a CSV or Parquet file.
 
@@ -79,6 +81,7 @@ def read_poses(
         commands: Whether joints or commanded poses are required; without, they come from another file.
         orientation_at: Nominal orientations of the robot, which show the convention of ambiguous angles.
         known_orientations: Orientations that another file gives to the rows, which show it too.
+        branches: Joints beside the robot's chain that move mass; each stands at its position where it has no column.
 
     Raises:
         InputError: Every problem of the file, with line and column.
@@ -88,7 +91,7 @@ def read_poses(
     with open_table(os.fspath(path), options) as reader:
         header = reader.header()
         log = reader.log
-        layout = read_layout(header, log, joint_names, joint_types, attained, reading, commands)
+        layout = read_layout(header, log, joint_names, joint_types, attained, reading, commands, branches)
         values, remarks = _read_values(reader, layout)
         _check_target_column(layout, target_names or (), reader, header.line)
         values, remark = _targets_as_poses(values, target_names or ())
@@ -166,6 +169,7 @@ def _numeric_order(layout: Layout) -> Iterator[str]:
     yield from layout.joints("dir_")
     yield from layout.joints("speed_")
     yield from layout.joints("read_")
+    yield from (f"branch_q{i + 1}" for i in range(len(layout.branches)))
 
 
 def _check_target_column(layout: Layout, target_names: Sequence[str], reader: Table, line: int | None) -> None:
@@ -181,6 +185,7 @@ def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mappi
         position = np.zeros((3, values.lines.size))
     motion, warnings = motion_of(values, ordered, counted)
     read_back, doubts = _read_back(values)
+    branches, remarks = _branches(values)
     return Measurements(
         position=position,
         rotation=rotations(values, layout.orientation, angles[""]),
@@ -199,10 +204,12 @@ def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mappi
         direction=motion[0],
         speed=motion[1],
         read_back=read_back,
+        branches=branches,
+        branch_names=() if branches is None else tuple(branch.name for branch in layout.branches),
         rows=values.lines,
         counted=counted,
         ordered=ordered,
-        warnings=(*warnings, *doubts),
+        warnings=(*warnings, *doubts, *remarks),
     )
 
 
@@ -216,6 +223,28 @@ def _read_back(values: Values) -> tuple[Array | None, tuple[str, ...]]:
         return read_back, ()
     text = f"the attained joints are up to {largest:.3g} (rad or m) off the commanded ones, so they are not used"
     return None, (text,)
+
+
+def _branches(values: Values) -> tuple[Array | None, tuple[str, ...]]:
+    """Return the joints beside the chain ``(B, N)``, and a warning of those without a column that load the chain."""
+    branches = values.layout.branches
+    if not branches:
+        return None, ()
+    columns = [values.column(f"branch_q{i + 1}") for i in range(len(branches))]
+    rows = [
+        np.full(values.lines.size, branch.position) if column is None else column
+        for branch, column in zip(branches, columns, strict=True)
+    ]
+    lacking = [
+        branch for branch, column in zip(branches, columns, strict=True) if column is None and branch.loads_joints
+    ]
+    if not lacking:
+        return np.array(rows), ()
+    names, verb = listing([branch.name for branch in lacking]), "has" if len(lacking) == 1 else "have"
+    where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
+    fix = f"add the column {lacking[0].name}" if len(lacking) == 1 else "add a column for each"
+    text = f"{names} beside the chain {verb} no column and count at {where}; if they moved, their weight did: {fix}"
+    return np.array(rows), (text,)
 
 
 def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:
@@ -276,6 +305,7 @@ def _columns(
             columns.append((f"dir_{name}", [str(int(value)) for value in row]))
     _add(columns, [f"speed_{name}" for name in joints], measurements.speed)
     _add(columns, [f"read_{name}" for name in joints], measurements.read_back)
+    _add(columns, measurements.branch_names, measurements.branches)
     # Text goes last: an id that begins with # would make a comment of its row.
     for name in TEXTS:
         if (texts := getattr(measurements, name)) is not None:

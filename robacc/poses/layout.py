@@ -11,7 +11,17 @@ from dataclasses import dataclass, field
 from robacc.io.dialect import PLAIN
 from robacc.io.problem_log import ProblemLog, clip
 from robacc.io.table import Header
-from robacc.poses.columns import AXES, JOINT_COLUMN, ORIENTATIONS, SIGMAS, Column, Names, parse_column, time_column
+from robacc.poses.columns import (
+    AXES,
+    JOINT_COLUMN,
+    ORIENTATIONS,
+    SIGMAS,
+    BranchColumn,
+    Column,
+    Names,
+    parse_column,
+    time_column,
+)
 from robacc.poses.foreign_columns import documented_name, find_columns, statement
 from robacc.poses.headerless import with_known_names
 from robacc.poses.reading import AS_NAMED, Reading
@@ -34,6 +44,8 @@ class Layout:
     """Keys of the attained orientation's three or four columns."""
     commanded_orientation: tuple[str, ...] | None
     warnings: tuple[str, ...]
+    branches: tuple[BranchColumn, ...] = ()
+    """Joints beside the chain; those with a column have the keys ``branch_q1 …``."""
     angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Conventions that rx, ry, rz may belong to, by the prefix of the keys; without an entry they are documented."""
     without_unit: tuple[Column, ...] = ()
@@ -60,6 +72,7 @@ def read_layout(
     attained: bool = True,
     reading: Reading = AS_NAMED,
     commands: bool = True,
+    branches: Sequence[BranchColumn] = (),
 ) -> Layout:
     """Return the columns of a file; every problem goes to ``log``, and a column with a problem is left out.
 
@@ -71,11 +84,12 @@ def read_layout(
         attained: Whether the attained position is required.
         reading: Statements of the user on names that leave a question open.
         commands: Whether joints or commanded poses are required.
+        branches: Joints beside the robot's chain that may have a column.
     """
     if header.dialect is not PLAIN and header.dialect.headerless and reading.columns is None:
         header = with_known_names(header, log.file)
     mapped = _mapped(header, reading, log)
-    names = Names.of([name for name in mapped if name], joint_names, joint_types)
+    names = Names.of([name for name in mapped if name], joint_names, joint_types, branches)
     columns: dict[str, Column] = {}
     unknown: list[str] = []
     for index, name in enumerate(mapped):
@@ -189,7 +203,8 @@ class _Completeness:
         orientation = self._orientation("")
         commanded_orientation = self._orientation("cmd_")
         n_joints = self._joints(commanded)
-        return Layout(self.columns, n_joints, orientation, commanded_orientation, tuple(self._warnings()))
+        warnings = tuple(self._warnings())
+        return Layout(self.columns, n_joints, orientation, commanded_orientation, warnings, self.names.branches)
 
     def _check_set(self, keys: Sequence[str], set_name: str, required: bool = False) -> None:
         missing = [key for key in keys if key not in self.columns]

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from robacc.chain import TOOL, Chain
+from robacc.chain import BASE, TOOL, Chain
 from robacc.errors import UsageError
 from robacc.geometry import Array
-from robacc.robots.assembly import build_chain
-from robacc.robots.description import LENGTH_PARAMETERS, Joint, Robot, Vector
+from robacc.robots.assembly import branch_chain, build_chain
+from robacc.robots.description import LENGTH_PARAMETERS, BranchJoint, Joint, Robot, Vector
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,40 @@ class Arm:
     def flange(self) -> int:
         """Number of motions before the tool, which end at the last link's frame."""
         return next(k for k, motion in enumerate(self.chain.motions) if motion.owner == TOOL)
+
+    @cached_property
+    def branches(self) -> tuple[tuple[int, Chain], ...]:
+        """Chains of joints beside the arm's that move mass, each with the number of motions up to its carrier.
+
+        Every link beside the arm's is a body of one of them.
+        """
+        variables = self.robot.branch_variables
+        counted: set[str] = set()
+        paths = []
+        for path in sorted(map(self._branch_path, self.robot.branches), key=len, reverse=True):
+            if path[-1].joint.name not in counted:
+                paths.append((path, {branch.joint.name for branch in path} - counted))
+                counted |= paths[-1][1]
+        chains = []
+        for path, new in paths:
+            chain = branch_chain(path, variables)
+            bodies = tuple(body for body in chain.bodies if path[body.owner].joint.name in new)
+            chains.append((self._motions_before(path[0].parent), replace(chain, bodies=bodies)))
+        return tuple(chains)
+
+    def _branch_path(self, last: BranchJoint) -> list[BranchJoint]:
+        """Return the joints beside the chain up to ``last``."""
+        beside = {branch.joint.name: branch for branch in self.robot.branches}
+        path = [last]
+        while path[0].parent in beside:
+            path.insert(0, beside[path[0].parent])
+        return path
+
+    def _motions_before(self, carrier: str | None) -> int:
+        """Return the number of motions up to the frame of a joint's link, or of the base."""
+        names = [joint.name for joint in self.robot.joints]
+        owner = BASE if carrier is None else names.index(carrier)
+        return 1 + max(k for k, motion in enumerate(self.chain.motions) if motion.owner == owner)
 
     @cached_property
     def payload_com(self) -> Vector:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from robacc.chain import BASE, TOOL, Body, Chain, JointDrive, Motion
-from robacc.robots.description import Frame, Joint, Robot
+from robacc.robots.description import BranchJoint, Frame, Joint, Robot
 
 _FRAME_ORDER = ("x", "y", "z", "yaw", "pitch", "roll")
 _AXIS_OF = {
@@ -63,6 +63,25 @@ def build_chain(robot: Robot) -> Chain:
             bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
     motions.extend(_frame_motions(robot.tool, TOOL))
     return Chain(tuple(motions), tuple(drives), len(robot.variables), tuple(bodies), tuple(joint_axis))
+
+
+def branch_chain(path: Sequence[BranchJoint], variables: Sequence[BranchJoint]) -> Chain:
+    """Return the chain of joints beside the arm's, from the link that carries the first of them.
+
+    Its joint variables are numbered as ``variables``, and each link with a mass is a body.
+    """
+    motions: list[Motion] = []
+    drives: list[JointDrive] = []
+    bodies: list[Body] = []
+    for owner, branch in enumerate(path):
+        joint, first = branch.joint, len(motions)
+        motions.extend(_joint_motions(joint, owner, "urdf"))
+        if joint.is_variable:
+            axis = next(k for k in range(first, len(motions)) if motions[k].label == variable_label(joint))
+            drives.append(JointDrive(axis, variables.index(branch), joint.sign))
+        if joint.mass:
+            bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
+    return Chain(tuple(motions), tuple(drives), len(variables), tuple(bodies))
 
 
 def _ratios(joint: Joint) -> dict[str, float]:

@@ -80,6 +80,18 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
+class BranchJoint:
+    """Joint beside the chain that moves mass: the other arm of a torso, a slide with a tool."""
+
+    joint: Joint
+    """Joint and its link, in the convention of a URDF."""
+    parent: str | None
+    """Joint of the chain, or earlier joint of a branch, whose link carries it; None: the base carries it."""
+    position: float = 0.0
+    """Its variable where the poses do not have it, rad or m."""
+
+
+@dataclass(frozen=True, slots=True)
 class Campaign:
     """Facts of the measuring campaign that a model was fitted in."""
 
@@ -128,6 +140,8 @@ class Robot:
     """Relative standard deviation of each link's mass; None if it is not stated."""
     fit: Mapping[str, Any] | None = None
     """Part ``fit:`` of a model file, unchanged; :mod:`robacc.prediction.model_fit` reads it."""
+    branches: tuple[BranchJoint, ...] = ()
+    """Joints beside the chain that move mass; each stands behind its parent."""
     identity: Mapping[str, str] = field(default_factory=dict)
     """What was tested, by the keys of :data:`robacc.robots.identity.IDENTITY`."""
     file_text: str | None = field(default=None, compare=False, repr=False)
@@ -142,6 +156,18 @@ class Robot:
     def variable_names(self) -> tuple[str, ...]:
         """Names of the joints that have a variable."""
         return tuple(joint.name for joint in self.variables)
+
+    @property
+    def branch_variables(self) -> tuple[BranchJoint, ...]:
+        """Joints beside the chain that move, in the order of :attr:`branches`: the rows of a measurement's branches."""
+        return tuple(branch for branch in self.branches if branch.joint.is_variable)
+
+    def carrier(self, branch: BranchJoint) -> str | None:
+        """Return the joint of the chain whose link carries a joint of a branch; None for the base."""
+        beside = {other.joint.name: other for other in self.branches}
+        while branch.parent in beside:
+            branch = beside[branch.parent]
+        return branch.parent
 
     @property
     def has_masses(self) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from robacc.chain import Chain
 from robacc.geometry import Array
 from robacc.robots.assembly import build_chain
-from robacc.robots.description import Campaign, Frame, Joint, Robot
+from robacc.robots.description import BranchJoint, Campaign, Frame, Joint, Robot
 
 SAMPLES = 8192
 """Joint configurations searched for the reach, before the best is refined."""
@@ -46,7 +46,8 @@ class Summary:
 def summarise(robot: Robot, coefficients: tuple[tuple[str, float, str], ...] = ()) -> Summary:
     """Return the reach and masses of a robot; ``coefficients`` are those of its effects."""
     targets = dict(robot.targets) or {"tool": robot.tool}
-    masses = [joint.mass for joint in robot.joints if joint.mass is not None]
+    moved = [branch.joint for branch in robot.branches if robot.carrier(branch) is not None]
+    masses = [joint.mass for joint in (*robot.joints, *moved) if joint.mass is not None]
     reach = {name: find_reach(robot, frame) for name, frame in targets.items()}
     return Summary(robot, reach, sum(masses) if masses else None, coefficients)
 
@@ -113,6 +114,7 @@ def robot_document(summary: Summary) -> dict[str, Any]:
         },
         "n_joints": len(robot.variables),
         "joints": [_joint_document(joint) for joint in robot.joints],
+        "branches": [_branch_document(branch) for branch in robot.branches],
         "moved_mass_kg": summary.moved_mass,
         "reach": {name: {"sampled_m": reach.sampled, "bound_m": reach.bound} for name, reach in summary.reach.items()},
     }
@@ -150,6 +152,18 @@ def _joint_document(joint: Joint) -> dict[str, Any]:
         "coupling": dict(joint.coupling),
         "passive": joint.is_passive,
         "link": joint.link,
+    }
+
+
+def _branch_document(branch: BranchJoint) -> dict[str, Any]:
+    joint = branch.joint
+    return {
+        "name": joint.name,
+        "parent": branch.parent,
+        "type": joint.type,
+        "position": branch.position,
+        "mass_kg": joint.mass,
+        "com_m": None if joint.com is None else list(joint.com),
     }
 
 

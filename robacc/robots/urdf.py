@@ -53,7 +53,8 @@ def parse_urdf(
             :func:`~robacc.robots.urdf_chain.choose_chain` chooses the chain.
 
     A joint that follows a joint outside the chain becomes a joint variable, because nothing in the chain moves it.
-    Masses of links beside the chain, such as a gripper's, count with the link of the chain that carries them.
+    Masses of links beside the chain, such as a gripper's, count with the link of the chain that carries them; joints
+    that move much of it, such as those of another arm, are branches.
 
     Raises:
         InputError: The URDF has a problem, its chain is not serial, or the choice of a chain is ambiguous.
@@ -68,14 +69,16 @@ def parse_urdf(
     if len(path) > MAX_JOINTS:
         message = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
         raise InputError(Problem(message, file, fix="choose a shorter chain with `base_link` and `tip_link`"))
-    joints = with_branches(tree, [_read_joint(tree, joint) for joint in path])
-    check_sizes(document, tree.elements, joints)
+    joints, branches = with_branches(
+        tree, base, [_read_joint(tree, joint) for joint in path], lambda joint: _read_joint(tree, joint)
+    )
+    check_sizes(document, tree.elements, [*joints, *(branch.joint for branch in branches)])
     document.finish()
     joints = resolve_mimics(document, tree.elements, tree.robot.joints, joints)
     if not any(joint.is_variable for joint in joints):
         document.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
     document.finish()
-    return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip)
+    return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip, branches=branches)
 
 
 def _read_tree(document: UrdfDocument) -> UrdfTree:

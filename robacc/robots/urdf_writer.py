@@ -29,11 +29,13 @@ def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
     variable goes into the next joint's origin, and the link's centre of mass with it. A joint with sign -1 has its axis
     reversed. Each term of a coupling becomes a mimic joint about the same axis, in front of the joint.
     """
-    names = [name for joint in robot.joints for name in (joint.name, joint.link) if name]
+    joints = [*robot.joints, *(branch.joint for branch in robot.branches)]
+    names = [name for joint in joints for name in (joint.name, joint.link) if name]
     writer = _Writer(Element("robot", name=robot.name), {*names, robot.base_link or ""})
     writer.place_base(robot)
     for joint in robot.joints:
         writer.place_joint(joint, robot.convention)
+    writer.place_branches(robot)
     writer.place_tools(robot)
     indent(writer.root)
     text = tostring(writer.root, encoding="unicode")
@@ -51,6 +53,8 @@ class _Writer:
     """Name of the last link written."""
     tail: Poses = field(default_factory=Poses.identity)
     """Transform from that link's frame to the description's frame of the same link."""
+    carriers: dict[str | None, tuple[str, Poses]] = field(default_factory=dict)
+    """Link and transform of each joint of the description, and of the base."""
 
     def unused_name(self, name: str) -> str:
         """Return the name, with a number behind it where the name is in use."""
@@ -73,6 +77,7 @@ class _Writer:
     def place_base(self, robot: Robot) -> None:
         """Add the root link, and the base where it is not at the root."""
         name = robot.base_link or self.unused_name("base_link")
+        self.carriers[None] = (name, Poses.identity())
         if robot.base == Frame():
             self.link = SubElement(self.root, "link", name=name).get("name", "")
             return
@@ -90,6 +95,7 @@ class _Writer:
             origin = Poses.identity()
         self.place_axis(last, origin, tail)
         self.tail = tail
+        self.carriers[joint.name] = (self.link, tail)
 
     def uncoupled(self, joint: Joint) -> list[Joint]:
         """Return joints about one axis that together move as a coupled joint does; the last has its name and link."""
@@ -119,6 +125,16 @@ class _Writer:
             SubElement(element, "mimic", joint=joint.mimic.master, multiplier=multiplier, offset=offset)
         if joint.mass is not None:
             _add_inertial(link, joint, tail)
+
+    def place_branches(self, robot: Robot) -> None:
+        """Add the joints beside the chain, each on the link that carries it; the chain's last link stays the last."""
+        last = self.link
+        for branch in robot.branches:
+            self.link, tail = self.carriers[branch.parent]
+            origin, _ = _parts(branch.joint, "urdf")
+            self.place_axis(branch.joint, tail @ origin, Poses.identity())
+            self.carriers[branch.joint.name] = (self.link, Poses.identity())
+        self.link = last
 
     def place_tools(self, robot: Robot) -> None:
         """Add the tool or the targets, side by side on the last link."""

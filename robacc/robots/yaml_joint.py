@@ -14,6 +14,7 @@ from robacc.robots.description import (
     DH_PARAMETERS,
     LENGTH_PARAMETERS,
     ORIGIN_PARAMETERS,
+    BranchJoint,
     Convention,
     Joint,
     JointType,
@@ -30,6 +31,12 @@ _KEYS = {
     "modified": ("name", "type", *DH_PARAMETERS, *_DRIVE_KEYS, *_LINK_KEYS),
     "urdf": (*_FIXED_KEYS, "axis", "offset", "mimic", *_DRIVE_KEYS),
 }
+_BRANCH_KEYS = (
+    *("name", "parent", "type", "origin", "link", "mass", "com"),
+    *("axis", "offset", "position", "limits", "sign"),
+)
+BASE_LINK = "base"
+"""Parent of a branch that the base carries."""
 _DH_TYPES = ("revolute", "prismatic", "continuous")
 _MIN_AXIS = 1e-9
 """An axis shorter than this has no direction."""
@@ -39,10 +46,28 @@ _UNIT_AXIS = 1e-12
 
 def read_joint(source: Source, node: yaml.Node, index: int, convention: Convention, units: Units) -> Joint | None:
     """Return the joint of a list entry, None where it cannot be read; ``source`` collects problems."""
-    path = f"joints[{index}]"
-    section = source.section(node, path, _KEYS[convention])
+    section = source.section(node, f"joints[{index}]", _KEYS[convention])
+    return _read_joint(section, index, convention, units) if section else None
+
+
+def read_branch(source: Source, node: yaml.Node, index: int, units: Units) -> BranchJoint | None:
+    """Return the joint beside the chain of a list entry, None where it cannot be read."""
+    section = source.section(node, f"branches[{index}]", _BRANCH_KEYS)
     if section is None:
         return None
+    section.require("name")
+    joint = _read_joint(section, index, "urdf", units)
+    parent_node, position_node = section.require("parent"), section.get("position")
+    parent = source.text(parent_node, section.at("parent")) if parent_node else None
+    position = 0.0
+    if joint and position_node:
+        is_length = joint.type == "prismatic"
+        position = units.parameter(source, position_node, section.at("position"), is_length=is_length) or 0.0
+    return BranchJoint(joint, None if parent == BASE_LINK else parent, position) if joint else None
+
+
+def _read_joint(section: YamlSection, index: int, convention: Convention, units: Units) -> Joint | None:
+    source = section.source
     types = (*_DH_TYPES, "fixed") if convention == "urdf" else _DH_TYPES
     type_node = section.require("type")
     kind = source.choice(type_node, section.at("type"), types) if type_node else None
@@ -76,7 +101,7 @@ def read_joint(source: Source, node: yaml.Node, index: int, convention: Conventi
 
 def _check_keys_of_type(section: YamlSection, kind: str) -> None:
     for key in section.values:
-        if kind == "fixed" and key not in _FIXED_KEYS:
+        if kind == "fixed" and key not in (*_FIXED_KEYS, "parent"):
             section.source.report(section.values[key], section.at(key), "a fixed joint does not have this key")
     if kind == "continuous" and "limits" in section.values:
         message = "a continuous joint has no limits"

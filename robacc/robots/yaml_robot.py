@@ -23,6 +23,7 @@ from robacc.robots.description import (
     effect_key,
 )
 from robacc.robots.identity import IDENTITY, read_identity
+from robacc.robots.yaml_branches import read_branches
 from robacc.robots.yaml_joint import read_joint, resolve_couplings, resolve_mimics
 from robacc.robots.yaml_units import Units, check_likely_units
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -42,6 +43,7 @@ _TOP_KEYS = (
     "payload",
     "targets",
     "joints",
+    "branches",
     "effects",
     "base_link",
     "tip_link",
@@ -92,12 +94,14 @@ def file_units(document_text: str, file: str) -> Units:
 
 
 def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot:
+    joints = _read_joints(top, convention, units)
     base, base_tolerance = _read_frame(top, "base", units)
     tool, tool_tolerance = _read_frame(top, "tool", units)
     return Robot(
         name=_read_text(top, "name") or Path(top.source.file).stem,
         convention=convention,
-        joints=_read_joints(top, convention, units),
+        joints=joints,
+        branches=read_branches(top, joints, units),
         base=base,
         tool=tool,
         gravity=_read_gravity(top),

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from robacc.quantities import significant
-from robacc.robots.description import LENGTH_PARAMETERS, Campaign, Frame, Joint, Robot
+from robacc.robots.description import LENGTH_PARAMETERS, BranchJoint, Campaign, Frame, Joint, Robot
 from robacc.robots.yaml_units import SI, Units
 
 
@@ -71,6 +71,8 @@ def robot_document(robot: Robot, units: Units = SI) -> dict[str, Any]:
         document["tip_link"] = robot.tip_link
     types = {joint.name: joint.type for joint in robot.joints}
     document["joints"] = [_joint(joint, robot.convention == "urdf", units, types) for joint in robot.joints]
+    if robot.branches:
+        document["branches"] = [_branch(branch, units) for branch in robot.branches]
     if robot.effects:
         document["effects"] = [_plain(effect) for effect in robot.effects]
     if robot.campaign is not None:
@@ -146,6 +148,12 @@ def _joint(joint: Joint, is_urdf: bool, units: Units, types: Mapping[str, str]) 
         multiplier = float(joint.mimic.multiplier) * (units.of_joint(types[joint.mimic.master]) / unit)
         entry["mimic"] = {"joint": joint.mimic.master, "multiplier": multiplier, "offset": joint.mimic.offset / unit}
     return entry
+
+
+def _branch(branch: BranchJoint, units: Units) -> dict[str, Any]:
+    entry = _joint(branch.joint, True, units, {})
+    position = {"position": branch.position / units.of_joint(branch.joint.type)} if branch.position else {}
+    return {"name": entry.pop("name"), "parent": branch.parent or "base", **entry, **position}
 
 
 def _lengths(values: Sequence[float], units: Units) -> list[float]:

@@ -199,6 +199,8 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         payload=None if payload is None else payload[pose],
         direction=direction[:, visit],
         speed=speed[:, visit],
+        branches=None if planned is None or planned.branches is None else planned.branches[:, pose],
+        branch_names=() if planned is None else planned.branch_names,
         rows=np.arange(_FIRST_LINE, _FIRST_LINE + visit.size),
     )
 

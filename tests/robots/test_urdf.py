@@ -262,10 +262,22 @@ BRANCHED = """<robot name="torso">
 
 def test_masses_beside_the_chain_count_with_the_link_that_carries_them() -> None:
     """Camera at (0, 0, 0.6) and left arm at (0, 0.3 + 0.5, 0.4) hang on the torso; the right arm is the chain."""
-    torso, right, end = parse_urdf(BRANCHED, "torso.urdf", "base", "flange").joints
+    fixed = BRANCHED.replace('<joint name="left_arm" type="continuous">', '<joint name="left_arm" type="fixed">')
+    torso, right, end = parse_urdf(fixed, "torso.urdf", "base", "flange").joints
     assert torso.mass == pytest.approx(16.0)
     assert torso.com == pytest.approx((0.0, 4 * 0.8 / 16, (10 * 0.2 + 2 * 0.6 + 4 * 0.4) / 16))
     assert (right.mass, right.com, end.mass) == (3.0, (0.1, 0.0, 0.0), None)
+
+
+def test_a_joint_beside_the_chain_that_moves_mass_is_a_branch() -> None:
+    """The left arm moves 4 kg by 0.5 m; a lighter link beside the chain counts as fixed."""
+    robot = parse_urdf(BRANCHED, "torso.urdf", "base", "flange")
+    assert robot.joints[0].mass == pytest.approx(12.0)
+    ((joint, parent, position),) = [(b.joint, b.parent, b.position) for b in robot.branches]
+    assert (joint.name, parent, position, joint.mass, joint.com) == ("left_arm", "waist", 0.0, 4.0, (0.5, 0.0, 0.0))
+    light = parse_urdf(BRANCHED.replace('<mass value="4"/>', '<mass value="0.09"/>'), "torso.urdf", "base", "flange")
+    assert light.branches == ()
+    assert light.joints[0].mass == pytest.approx(12.09)
 
 
 def test_a_chain_without_masses_stays_without() -> None:

@@ -34,6 +34,10 @@ _SMALLEST_GROUP = 0.05
 """Least share of the rows in a group."""
 _STEPS = 40
 """Steps of the alternation."""
+_SETTLED = 1e-4
+"""Share of the sum of squares by which the last step of the alternation lowers it."""
+_LEAST_NEW = 1e-9
+"""Share of a column, beside others, below which it adds nothing."""
 _REGROUPED = 10
 """Largest number of times that rows are grouped anew."""
 _LEAST_GAIN = 4.0
@@ -108,10 +112,13 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
 
     ``common`` ``(3, P, N)`` are columns with one coefficient for all rows.
     """
-    common = common / np.maximum(np.sqrt(np.sum(np.square(common), axis=(0, 2), keepdims=True)), 1e-300)
-    squares = _fit(residual, common)[1]
+    common = _orthonormal(common)
+    squares = float(np.sum(np.square(residual - _times(common, _products(common, residual)))))
     amounts, precision, free = _amounts(residual, common, moved)
     n = residual.shape[1]
+    if squares <= _LEAST_GAIN * free:
+        # Groups of loads explain no more than a load of its own for each row.
+        return None
     for count in range(2, _MOST_GROUPS + 1):
         grouping = _settled(residual, common, moved, _labels(amounts, precision, count))
         if np.bincount(grouping.labels, minlength=count).min() < max(_SMALLEST_GROUP * n, 3):
@@ -125,28 +132,60 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
     return None
 
 
-def _fit(residual: Array, columns: Array) -> tuple[Array, float]:
-    """Return least-squares coefficients of ``(3, P, N)`` columns and the sum of squares that remains."""
-    matrix = np.moveaxis(columns, 1, 2).reshape(residual.size, -1)
-    solution = np.asarray(np.linalg.lstsq(matrix, residual.ravel(), rcond=1e-9)[0], dtype=np.float64)
-    return solution, float(np.sum(np.square(residual.ravel() - matrix @ solution)))
+def _orthonormal(columns: Array) -> Array:
+    """Return orthonormal ``(3, R, N)`` columns that span ``(3, P, N)`` columns."""
+    scale = np.maximum(np.sqrt(np.sum(np.square(columns), axis=(0, 2))), 1e-300)
+    matrix = np.moveaxis(columns / scale[:, None], 1, 2).reshape(-1, scale.size)
+    left, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
+    left = left[:, sizes > _LEAST_NEW * sizes.max(initial=0.0)]
+    return np.ascontiguousarray(np.moveaxis(left.reshape(3, -1, left.shape[1]), 2, 1))
+
+
+def _products(columns: Array, values: Array) -> Array:
+    """Return ``(P,)`` products of ``(3, P, N)`` columns with ``values`` ``(3, N)``."""
+    return np.asarray(sum(column @ value for column, value in zip(columns, values, strict=True)))
+
+
+def _times(columns: Array, coefficients: Array) -> Array:
+    """Return ``(3, N)`` the sum of ``(3, P, N)`` columns times coefficients ``(P,)``."""
+    return np.asarray(coefficients @ columns)
+
+
+def _fit(residual: Array, common: Array, columns: Array) -> tuple[Array, Array, float]:
+    """Fit ``common`` and ``columns`` ``(3, J, N)`` to the residual by least squares.
+
+    Returns:
+        Coefficients of the orthonormal ``common``, those of ``columns``, and the sum of squares that remains.
+    """
+    shared = _products(common, residual)
+    mimicked = np.einsum("mpn,mjn->pj", common, columns, optimize=True)
+    gram = np.einsum("min,mjn->ij", columns, columns) - mimicked.T @ mimicked
+    rhs = _products(columns, residual) - mimicked.T @ shared
+    coefficients = np.linalg.lstsq(gram, rhs, rcond=_LEAST_NEW)[0]
+    squares = float(np.sum(np.square(residual)) - shared @ shared - coefficients @ rhs)
+    return shared - mimicked @ coefficients, np.asarray(coefficients), squares
 
 
 def _amounts(residual: Array, common: Array, moved: Array) -> tuple[Array, Array, float]:
     """Return each row's own amount ``(N,)`` of the same mixture of ``moved``, its precision, and the sum of squares."""
     mixture = 1.0 / np.sqrt(np.mean(np.sum(np.square(moved), axis=0), axis=1))
-    amounts, precision, squares = np.zeros(residual.shape[1]), np.ones(residual.shape[1]), 0.0
+    amounts, precision, squares = np.zeros(residual.shape[1]), np.ones(residual.shape[1]), np.inf
     for _ in range(_STEPS):
-        direction = np.einsum("mjn,j->mn", moved, mixture)
+        direction = _times(moved, mixture)
         precision = np.maximum(np.sum(np.square(direction), axis=0), 1e-300)
         unit = direction / np.sqrt(precision)
-        across = common - unit[:, None] * np.einsum("mn,mpn->pn", unit, common)
-        shared = _fit(residual - unit * np.sum(unit * residual, axis=0), across)[0]
-        amounts = np.sum(direction * (residual - np.einsum("mpn,p->mn", common, shared)), axis=0) / precision
+        # What no row's own amount can explain decides the common coefficients.
+        along = np.einsum("mn,mpn->pn", unit, common)
+        gram = np.eye(common.shape[1]) - along @ along.T
+        across = residual - unit * np.sum(unit * residual, axis=0)
+        shared = np.linalg.lstsq(gram, _products(common, across), rcond=_LEAST_NEW)[0]
+        amounts = np.sum(direction * (residual - _times(common, shared)), axis=0) / precision
         amounts = amounts - np.average(amounts, weights=precision)
-        solution, squares = _fit(residual, np.concatenate((common, moved * amounts), axis=1))
-        mixture = solution[common.shape[1] :]
+        previous = squares
+        _, mixture, squares = _fit(residual, common, moved * amounts)
         mixture = mixture / max(float(np.abs(mixture).max()), 1e-300)
+        if previous - squares < _SETTLED * squares:
+            break
     return amounts, precision, squares
 
 
@@ -169,10 +208,9 @@ def _settled(residual: Array, common: Array, moved: Array, labels: NDArray[np.in
     levels = np.arange(count, dtype=float)
     squares = np.inf
     for _ in range(_REGROUPED):
-        solution, squares = _fit(residual, np.concatenate((common, moved * levels[labels]), axis=1))
-        shared, mixture = np.split(solution, [common.shape[1]])
-        direction = np.einsum("mjn,j->mn", moved, mixture)
-        error = residual - np.einsum("mpn,p->mn", common, shared)
+        shared, mixture, squares = _fit(residual, common, moved * levels[labels])
+        direction = _times(moved, mixture)
+        error = residual - _times(common, shared)
         products, sizes = np.sum(direction * error, axis=0), np.sum(np.square(direction), axis=0)
         weight = np.bincount(labels, sizes, count)
         levels = np.bincount(labels, products, count) / np.maximum(weight, 1e-300)

@@ -65,16 +65,13 @@ class Whitening:
         return self.apply_inplace(values.copy())
 
     def apply_inplace(self, scaled: Array) -> Array:
-        """Whiten ``(..., M, N)`` in place, and return it."""
+        """Whiten a contiguous array ``(..., M, N)`` in place, and return it."""
         scaled *= self.weight
-        lead = scaled.shape[:-2]
-        components = self.weight.shape[0]
+        flat = scaled.reshape(-1, *self.weight.shape)
         for block in self.blocks:
-            count, n = block.rows.shape
-            part = scaled[..., block.rows]  # (..., M, V, n)
-            part = np.moveaxis(part, -2, -3).reshape(*lead, count, components * n, 1)
-            part = (block.factor @ part).reshape(*lead, count, components, n)
-            scaled[..., block.rows] = np.moveaxis(part, -3, -2)
+            part = flat.transpose(2, 1, 0)[block.rows].swapaxes(1, 2)  # (V, M, n, Q), as few products as can be
+            product = (block.factor @ part.reshape(*block.factor.shape[:2], -1)).reshape(part.shape)
+            flat[..., block.rows] = product.transpose(3, 1, 0, 2)
         return scaled
 
     def apply_transposed(self, values: Array) -> Array:

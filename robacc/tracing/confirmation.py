@@ -10,7 +10,7 @@ import numpy as np
 from robacc.effects.base import Effect
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.tracing.cross_validation import CrossValidation, reduced
+from robacc.tracing.cross_validation import CrossValidation, FoldChoices, cross_validate
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_first, refit
 
@@ -18,17 +18,17 @@ _LEAST_GAIN = 1.645
 """Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""
 
 
-def reproduced(search_result: SearchResult, validation: CrossValidation | None, data: Measurements) -> SearchResult:
+def reproduced(search_result: SearchResult, choices: FoldChoices | None, data: Measurements) -> SearchResult:
     """Return the search without findings that recur in fewer than half of the folds.
 
     Such findings are accidental, or would increase the error of other poses. In their place come effects that at least
     half of the folds chose instead. Findings that are superfluous among the others go too.
     """
     effects, selection = search_result.effects, dataclasses.replace(search_result.selection, steps=[])
-    if validation is not None and validation.folds:
-        recurring = tuple(effect for effect in effects if 2 * validation.chosen[effect.key()] >= validation.folds)
+    if choices is not None:
+        recurring = tuple(effect for effect in effects if 2 * choices.count(effect) >= choices.folds)
         if recurring != effects:
-            effects = (*recurring, *_chosen_instead(search_result.effects, validation))
+            effects = (*recurring, *_chosen_instead(search_result.effects, choices))
             start = [effect for effect in effects if not effect.is_frame]
             selection = search_result.final_candidates.selection(np.ones(data.n, dtype=bool), start)
     selection.chosen = list(selection.chosen)
@@ -41,16 +41,16 @@ def reproduced(search_result: SearchResult, validation: CrossValidation | None, 
     return _with_effects(dataclasses.replace(search_result, selection=selection, steps=steps), effects, data)
 
 
-def _chosen_instead(findings: Sequence[Effect], validation: CrossValidation) -> tuple[Effect, ...]:
+def _chosen_instead(findings: Sequence[Effect], choices: FoldChoices) -> tuple[Effect, ...]:
     """Return the effects that at least half of the folds chose and that are none of the findings."""
     count: dict[tuple[object, ...], int] = {}
     first: dict[tuple[object, ...], Effect] = {}
-    for effects in validation.all_effects:
+    for effects in choices.all_effects:
         for effect in sorted(effects, key=str):
             if not any(finding.is_same_finding(effect) for finding in findings):
                 count[effect.search_key()] = count.get(effect.search_key(), 0) + 1
                 first.setdefault(effect.search_key(), effect)
-    return tuple(first[key] for key, folds in count.items() if 2 * folds >= validation.folds)
+    return tuple(first[key] for key, folds in count.items() if 2 * folds >= choices.folds)
 
 
 def with_held_out_gain(
@@ -84,9 +84,8 @@ def with_held_out_gain(
             withdrawn.extend(str(effect) for effect in search_result.effects)
         else:
             break
-        remaining_search = _with_effects(search_result, effects, data)
-        validation = reduced(validation, search_result, remaining_search, data, holdout, n_folds, seed)
-        search_result = remaining_search
+        search_result = _with_effects(search_result, effects, data)
+        validation = cross_validate(search_result, validation.choices, data, holdout, n_folds, seed, earlier=validation)
     return search_result, validation, tuple(withdrawn)
 
 

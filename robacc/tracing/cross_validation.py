@@ -8,8 +8,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +30,42 @@ from robacc.tracing.rivals import rivals
 from robacc.tracing.selection import Selection
 from robacc.tracing.without_finding import ReducedFits, fold_options
 
+Result = TypeVar("Result")
 Progress = Callable[[str, int, int], None]
 
 _FOLD_POSES = 400
 """Largest number of poses that a fold's selection uses."""
 _PARALLEL_POSES = 600
 """Poses from which a second process is worth its start."""
+
+
+Choice = dict[tuple[object, ...], tuple[Effect, ...]]
+"""A fold's effects that match a finding of the search, by the finding's key; empty if the fold lacks it."""
+
+
+@dataclass(frozen=True)
+class FoldChoices:
+    """What each fold chose when the search was repeated without its rows."""
+
+    effects_by_finding: tuple[Choice, ...]
+    all_effects: tuple[frozenset[Effect], ...]
+    """All effects that each fold chose."""
+
+    @property
+    def folds(self) -> int:
+        """Return the number of folds."""
+        return len(self.all_effects)
+
+    def matching(self, effect: Effect, fold: int) -> tuple[Effect, ...]:
+        """Return the effects of a fold that match an effect, which need not be a finding of the search."""
+        by_finding = self.effects_by_finding[fold]
+        if effect.key() in by_finding:
+            return by_finding[effect.key()]
+        return tuple(sorted((other for other in self.all_effects[fold] if effect.is_same_finding(other)), key=str))
+
+    def count(self, effect: Effect) -> int:
+        """Return the number of folds in which an effect recurs."""
+        return sum(bool(self.matching(effect, fold)) for fold in range(self.folds))
 
 
 @dataclass(frozen=True)
@@ -45,13 +76,15 @@ class CrossValidation:
     after: Array
     without: dict[tuple[object, ...], Array]
     """Residuals without each finding, by its key; only findings without which the model can be fitted."""
-    chosen: dict[tuple[object, ...], int]
-    """Number of folds in which each finding recurs, by its key."""
-    folds: int
-    effects_by_finding: tuple[dict[tuple[object, ...], tuple[Effect, ...]], ...] = ()
-    """For each fold, the fold's effects that match a finding, by the finding's key."""
-    all_effects: tuple[frozenset[Effect], ...] = ()
-    """For each fold, all effects that it chose."""
+    choices: FoldChoices | None = None
+    """What each fold chose; None if poses of another file are held out."""
+    model_effects: tuple[frozenset[Effect], ...] = ()
+    """Effects that each fold's model has beside the declared ones."""
+
+    @property
+    def folds(self) -> int:
+        """Return the number of folds, zero if poses of another file are held out."""
+        return 0 if self.choices is None else self.choices.folds
 
 
 @dataclass(frozen=True)
@@ -61,11 +94,92 @@ class _Fold:
     before: Array
     after: Array
     without: tuple[Array | None, ...]
-    """Residuals without each finding of the search, in its order; None if the model cannot be fitted without it."""
-    effects_by_finding: tuple[tuple[Effect, ...], ...]
-    """The fold's effects that match each finding; empty if it did not find it."""
-    all_effects: frozenset[Effect]
-    """All effects that the fold chose."""
+    """Residuals without each finding, in their order; None if the model cannot be fitted without it."""
+    model_effects: frozenset[Effect]
+    """Effects of the model beside the declared ones."""
+
+
+def fold_choices(
+    search_result: SearchResult, data: Measurements, n_folds: int, seed: int, empirical: bool, progress: Progress
+) -> FoldChoices | None:
+    """Return what the search chooses without the rows of each fold; None if there are too few poses."""
+    assigned = folds(data, n_folds, seed)
+    if assigned is None:
+        return None
+    numbers = range(int(assigned.max()) + 1)
+    work = functools.partial(_chosen, search_result, assigned, empirical)
+    choices = []
+    for number, choice in enumerate(_in_parallel(work, numbers, data.n)):
+        progress("cross-fitting", number + 1, len(numbers) + 1)
+        choices.append(choice)
+    return FoldChoices(tuple(by_finding for by_finding, _ in choices), tuple(effects for _, effects in choices))
+
+
+def _chosen(
+    search_result: SearchResult, assigned: NDArray[np.int64], empirical: bool, number: int
+) -> tuple[Choice, frozenset[Effect]]:
+    """Return the effects of a fold that match each finding, and all effects that it chose."""
+    selection = choose(
+        search_result.candidates,
+        assigned != number,
+        empirical=empirical,
+        max_poses=_FOLD_POSES,
+        named_first=search_result.named_first,
+    )
+    chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
+    matches = _matching_effects(search_result.effects, selection, chosen)
+    by_finding = {e.key(): tuple(effects) for e, effects in zip(search_result.effects, matches, strict=True)}
+    return by_finding, frozenset(effect for _, effect in chosen)
+
+
+def cross_validate(
+    search_result: SearchResult,
+    choices: FoldChoices | None,
+    data: Measurements,
+    holdout: Measurements | None,
+    n_folds: int,
+    seed: int,
+    *,
+    is_whole: bool = False,
+    earlier: CrossValidation | None = None,
+) -> CrossValidation | None:
+    """Return residuals of ``holdout``, or of every row without its fold; None if there are too few poses.
+
+    Args:
+        search_result: The findings, and fits of all rows.
+        choices: What each fold chose.
+        data: Poses of the search.
+        holdout: Poses that are held out in place of folds.
+        n_folds: Number of folds.
+        seed: Seed of the division into folds.
+        is_whole: Whether each fold's model has all effects that it chose, or only those that match a finding.
+        earlier: Residuals of the same baseline with other findings; what is known from them is not fitted again.
+    """
+    if earlier is not None and not search_result.effects:
+        return dataclasses.replace(earlier, after=earlier.before, without={})
+    if holdout is not None:
+        return _from_holdout(search_result, data, holdout)
+    assigned = folds(data, n_folds, seed)
+    if choices is None or assigned is None:
+        return None
+    work = _Work(search_result, choices, data, assigned, is_whole, earlier)
+    masks = [test_rows for _, test_rows in parts(assigned)]
+    try:
+        results = list(_in_parallel(functools.partial(_judged, work), range(len(masks)), data.n))
+    except InputError:
+        # The rows without a fold are too few for the fitted coefficients.
+        return None
+    shape = search_result.final.residual.shape
+    before, after = np.empty(shape), np.empty(shape)
+    without = {effect.key(): np.empty(shape) for effect in search_result.effects}
+    for test_rows, fold in zip(masks, results, strict=True):
+        before[:, test_rows], after[:, test_rows] = fold.before, fold.after
+        for effect, lacking in zip(search_result.effects, fold.without, strict=True):
+            if lacking is None:
+                without.pop(effect.key(), None)
+            elif effect.key() in without:
+                without[effect.key()][:, test_rows] = lacking
+    return CrossValidation(before, after, without, choices, tuple(fold.model_effects for fold in results))
 
 
 @dataclass(frozen=True)
@@ -73,138 +187,46 @@ class _Work:
     """Input that all folds share."""
 
     search_result: SearchResult
+    choices: FoldChoices
     data: Measurements
     assigned: NDArray[np.int64]
-    empirical: bool
+    is_whole: bool
+    earlier: CrossValidation | None
 
 
-def cross_validate(
-    search_result: SearchResult,
-    data: Measurements,
-    holdout: Measurements | None,
-    n_folds: int,
-    seed: int,
-    empirical: bool,
-    progress: Progress,
-) -> CrossValidation | None:
-    """Return held-out residuals by cross-validation, or of ``holdout``; None if there are too few poses."""
-    if holdout is not None:
-        return _from_holdout(search_result, data, holdout)
-    assigned = folds(data, n_folds, seed)
-    if assigned is None:
-        return None
-    masks = [test_rows for _, test_rows in parts(assigned)]
-    try:
-        work = functools.partial(_fold, _Work(search_result, data, assigned, empirical))
-        done = _in_parallel(work, range(len(masks)), data.n)
-        results = [_reported(fold, number, len(masks), progress) for number, fold in enumerate(done)]
-    except InputError:
-        # The rows without a fold are too few for the fitted coefficients.
-        return None
-    return _joined(search_result.effects, masks, results, search_result.final.residual.shape)
+def _judged(work: _Work, number: int) -> _Fold:
+    """Return the residuals of a fold's rows, with models of the other rows."""
+    search_result, earlier = work.search_result, work.earlier
+    by_finding = [work.choices.matching(effect, number) for effect in search_result.effects]
+    matching = dict.fromkeys(effect for matches in by_finding for effect in matches)
+    effects = frames_first(work.choices.all_effects[number] if work.is_whole else matching)
+    train, test = _parts(search_result, work.data, work.assigned, number)
+    rows = work.assigned == number
+    before = _declared_alone(search_result, train, test) if earlier is None else earlier.before[:, rows]
+    if not effects:
+        return _Fold(before, before, tuple(before for _ in by_finding), frozenset())
+    if earlier is not None and earlier.model_effects[number] == frozenset(effects):
+        without = (earlier.without.get(effect.key()) for effect in search_result.effects)
+        lacking = tuple(None if residual is None else residual[:, rows] for residual in without)
+        return _Fold(before, earlier.after[:, rows], lacking, frozenset(effects))
+    complete = _completed(search_result, effects, train)
+    after = held_out(complete, test)
+    reduced = ReducedFits(complete, train, test, fold_options(complete))
+    lacking = tuple(reduced.residuals(matches) if matches else after for matches in by_finding)
+    return _Fold(before, after, lacking, frozenset(effects))
 
 
-def _joined(
-    effects: Sequence[Effect], masks: Sequence[NDArray[np.bool_]], results: Sequence[_Fold], shape: tuple[int, ...]
-) -> CrossValidation:
-    """Return the rows of all folds together."""
-    before, after = np.empty(shape), np.empty(shape)
-    without = {effect.key(): np.empty(shape) for effect in effects}
-    for test_rows, fold in zip(masks, results, strict=True):
-        before[:, test_rows], after[:, test_rows] = fold.before, fold.after
-        for effect, lacking in zip(effects, fold.without, strict=True):
-            if lacking is None:
-                without.pop(effect.key(), None)
-            elif effect.key() in without:
-                without[effect.key()][:, test_rows] = lacking
-    by_finding = tuple(
-        {e.key(): matches_in_fold for e, matches_in_fold in zip(effects, fold.effects_by_finding, strict=True)}
-        for fold in results
-    )
-    chosen = {effect.key(): sum(bool(fold[effect.key()]) for fold in by_finding) for effect in effects}
-    return CrossValidation(
-        before, after, without, chosen, len(masks), by_finding, tuple(fold.all_effects for fold in results)
-    )
+def _declared_alone(search_result: SearchResult, train: Measurements, test: Measurements) -> Array:
+    """Return the residuals of ``test`` with the declared effects alone, fitted to ``train``."""
+    like = search_result.declared
+    fitted = refit(like, like.model.free, train, fold_options(like))
+    return held_out(choose_form(fitted, like.model, train, fold_options(like))[0], test)
 
 
-def reduced(
-    validation: CrossValidation | None,
-    before_withdrawal: SearchResult,
-    remaining: SearchResult,
-    data: Measurements,
-    holdout: Measurements | None,
-    n_folds: int,
-    seed: int,
-) -> CrossValidation | None:
-    """Return ``validation`` for the findings that remain of ``before_withdrawal``.
-
-    Each fold keeps only its effects that match a remaining finding, so that held-out residuals describe the reported
-    model. Without remaining findings they are those of the baseline.
-    """
-    if validation is None or (remaining.effects and remaining.effects == before_withdrawal.effects):
-        return validation
-    if not remaining.effects:
-        return dataclasses.replace(validation, after=validation.before, without={})
-    if holdout is not None:
-        return _from_holdout(remaining, data, holdout)
-    assigned = folds(data, n_folds, seed)
-    assert assigned is not None  # or there would be no validation
-    masks = [test_rows for _, test_rows in parts(assigned)]
-
-    def refit_fold(number: int) -> _Fold:
-        test_rows, by_key = masks[number], validation.effects_by_finding[number]
-        by_finding = [
-            by_key[effect.key()] if effect.key() in by_key else _same(effect, validation.all_effects[number])
-            for effect in remaining.effects
-        ]
-        effects = frames_first(dict.fromkeys(effect for matches_in_fold in by_finding for effect in matches_in_fold))
-        before = validation.before[:, test_rows]
-        if frozenset(effects) == validation.all_effects[number]:
-            without = (validation.without.get(effect.key()) for effect in remaining.effects)
-            lacking = tuple(None if residual is None else residual[:, test_rows] for residual in without)
-            return _Fold(
-                before, validation.after[:, test_rows], lacking, tuple(by_finding), validation.all_effects[number]
-            )
-        if not effects:
-            return _Fold(before, before, tuple(before for _ in by_finding), tuple(by_finding), frozenset())
-        train, test = _parts(remaining, data, assigned, number)
-        complete = _completed(remaining, effects, train)
-        return _judged(complete, effects, before, by_finding, train, test)
-
-    results = list(_in_parallel(refit_fold, range(len(masks)), data.n))
-    return _joined(remaining.effects, masks, results, validation.before.shape)
-
-
-def _same(effect: Effect, chosen: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Return the effects of a fold that are the same finding as ``effect``."""
-    return tuple(sorted((other for other in chosen if effect.is_same_finding(other)), key=str))
-
-
-def _reported(fold: _Fold, number: int, count: int, progress: Progress) -> _Fold:
-    progress("cross-fitting", number + 1, count + 1)
-    return fold
-
-
-def _in_parallel(work: Callable[[int], _Fold], numbers: Sequence[int], n: int) -> Iterator[_Fold]:
+def _in_parallel(work: Callable[[int], Result], numbers: Sequence[int], n: int) -> Iterator[Result]:
     """Yield the result of each fold in turn; two processes share the work if there are many poses."""
     processes = min(2, os.cpu_count() or 1) if n >= _PARALLEL_POSES else 1
     return fork_map(work, numbers, processes)
-
-
-def _fold(work: _Work, number: int) -> _Fold:
-    search_result, data = work.search_result, work.data
-    train, test = _parts(search_result, data, work.assigned, number)
-    selection = choose(
-        search_result.candidates, work.assigned != number, empirical=work.empirical, max_poses=_FOLD_POSES
-    )
-    chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
-    effects = frames_first(effect for _, effect in chosen)
-    like = search_result.declared
-    declared = refit(like, like.model.free, train, fold_options(like))
-    declared, _ = choose_form(declared, like.model, train, fold_options(like))
-    complete = _completed(search_result, effects, train) if effects else declared
-    by_finding = _matching_effects(search_result.effects, selection, chosen)
-    return _judged(complete, effects, held_out(declared, test), by_finding, train, test)
 
 
 def _parts(
@@ -221,22 +243,6 @@ def _completed(search_result: SearchResult, effects: Sequence[Effect], train: Me
     complete = refit(search_result.final, model.free, train, fold_options(search_result.final))
     return (
         complete if complete.group_stds else choose_form(complete, model, train, fold_options(search_result.final))[0]
-    )
-
-
-def _judged(
-    complete: Fit,
-    effects: Sequence[Effect],
-    before: Array,
-    by_finding: Sequence[Sequence[Effect]],
-    train: Measurements,
-    test: Measurements,
-) -> _Fold:
-    after = held_out(complete, test)
-    lacking = ReducedFits(complete, train, test, fold_options(complete))
-    without = tuple(lacking.residuals(matches_in_fold) if matches_in_fold else after for matches_in_fold in by_finding)
-    return _Fold(
-        before, after, without, tuple(tuple(matches_in_fold) for matches_in_fold in by_finding), frozenset(effects)
     )
 
 
@@ -265,4 +271,4 @@ def _from_holdout(search_result: SearchResult, data: Measurements, holdout: Meas
     reduced_fits = ReducedFits(final, data, holdout, fold_options(final))
     lacking = {effect.key(): reduced_fits.residuals([effect]) for effect in search_result.effects}
     without = {key: residual for key, residual in lacking.items() if residual is not None}
-    return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without, {}, 0)
+    return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without)

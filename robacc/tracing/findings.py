@@ -110,7 +110,8 @@ def describe_finding(
     fitted = final.model.free[number]
     columns = [i for i, owner in enumerate(final.owners) if owner == number]
     coefficients = tuple(all_parameters[i] for i in columns)
-    folds_chosen = (validation.chosen.get(effect.key(), 0), validation.folds) if validation is not None else (0, 0)
+    choices = None if validation is None else validation.choices
+    folds_chosen = (0, 0) if choices is None else (choices.count(effect), choices.folds)
     change = _change(search_result, effect, choice)
     values = {parameter.name: parameter.value for parameter in coefficients}
     between = None

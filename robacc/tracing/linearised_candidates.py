@@ -40,7 +40,7 @@ from robacc.tracing.candidates import (
 )
 from robacc.tracing.place_scans import PlaceScan, is_placed, place_scan_for, place_scans
 from robacc.tracing.selection import Selection
-from robacc.tracing.step_scans import StepFamily, StepScan, scan_for, scan_of, usable_places
+from robacc.tracing.step_scans import Adjoints, StepFamily, StepScan, scan_for, scan_of, usable_places
 from robacc.tracing.whitened_columns import Columns
 
 SELECTION_POSES = 800
@@ -108,9 +108,10 @@ class LinearisedCandidates:
         arm = self.model.arm
 
         thinned_whitening = self.whitening.subset(at)
+        adjoints = Adjoints(thinned_whitening)
 
         def family_of_steps(scan: StepScan, at_places: NDArray[np.int64]) -> StepFamily:
-            return StepFamily(system, scan, at_places, at, thinned_whitening)
+            return StepFamily(system, scan, at_places, at, adjoints)
 
         def expand(candidate: Candidate) -> Array:
             scan = scan_for(self.step_scans, candidate.effect) if is_step(candidate.effect) else None

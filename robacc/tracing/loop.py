@@ -43,11 +43,19 @@ def choose(
     empirical: bool = True,
     max_poses: int = SELECTION_POSES,
     most: int = MOST_FINDINGS,
+    named_first: bool | None = None,
 ) -> Selection:
     """Select named effects first; if they leave structure or are many, select corrections too and return the better.
 
-    A selection of ``most`` named effects is returned as it is.
+    A selection of ``most`` named effects is returned as it is. ``named_first`` gives the order of an earlier selection
+    (:attr:`Selection.named_first`): only that order is tried.
     """
+    if named_first is False and empirical and not start:
+        mixed = candidates.selection(rows, start, max_poses)
+        mixed.scorer.blocks = candidates.batches(rows, max_poses)
+        mixed.named_first = False
+        mixed.run(with_blocks=True)
+        return mixed
     named = candidates.selection(rows, start, max_poses)
     named.most = most
     named.prune()
@@ -61,9 +69,11 @@ def choose(
         return named
     remaining = named.rank(with_blocks=True)
     structured = bool(remaining) and remaining[0].p_value <= FALSE_ALARM
-    if not structured and len(named.chosen) < _MANY:
+    if structured and named_first:
+        named.run(with_blocks=True)
+    if named_first or (not structured and len(named.chosen) < _MANY):
         return named
-    mixed = Selection(named.scorer)
+    mixed = Selection(named.scorer, named_first=False)
     mixed.run(with_blocks=True)
     if structured:
         named.run(with_blocks=True)
@@ -87,6 +97,8 @@ class SearchResult:
     """Fit options, with the scatter of the joints if it is significant."""
     components: Components | None = None
     """Scatter of the joints, where it is significant."""
+    named_first: bool = True
+    """Whether the first selection chose named effects before corrections."""
     rounds: int = 1
     """Number of rounds of a joint fit and a selection."""
     settled: bool = True
@@ -133,10 +145,13 @@ class _Search:
         self.components: Components | None = None
         self.steps: list[SelectionStep] = []
         self.count = 0
+        self.named_first = True
 
     def start(self, most: int = MOST_FINDINGS) -> _Round:
         """Return the round without findings, and the choice of at most ``most`` of them."""
-        return self._chosen_from((), self.baseline, self.first, most)
+        first = self._chosen_from((), self.baseline, self.first, most)
+        self.named_first = first.next.named_first
+        return first
 
     def follow(self, last: _Round) -> _Round:
         """Fit what the last round chose, all together, and choose again from there."""
@@ -314,6 +329,7 @@ def search(
         selection=last.next if settled else last.selection,
         options=state.options,
         components=state.components,
+        named_first=state.named_first,
         rounds=state.count,
         settled=settled,
     )

@@ -23,6 +23,8 @@ _MOST_REVISED = 6
 """Findings beyond which none is tested again: so many are a sign of an effect outside the catalogue."""
 _SWEEPS = 4
 """Largest number of new tests of all findings after a step."""
+_UNCHANGED = 0.9
+"""Share of what it explains that a finding keeps if a step concerns neither it nor its rivals."""
 
 
 @dataclass
@@ -43,6 +45,10 @@ class Selection:
     steps: list[SelectionStep] = dataclasses.field(default_factory=list)
     most: int = MOST_FINDINGS
     """Number of findings from which none is added."""
+    named_first: bool = True
+    """Whether named effects were chosen before corrections."""
+    _gains: dict[tuple[object, ...], float] = dataclasses.field(default_factory=dict)
+    """What each finding explained (sum of squares) when it was tested against all rivals, by its key."""
 
     def rank(self, with_blocks: bool = False) -> list[Ranked]:
         """Return all candidates beside the chosen ones, best first."""
@@ -59,6 +65,8 @@ class Selection:
         self.chosen = [other for other in self.chosen if not self.scorer.covers(ranked.candidate, other.candidate)]
         self.chosen.append(self.scorer.as_chosen(ranked.candidate, ranked.prior_var))
         self._settle(self.chosen[-1])
+        # It has just won against all others.
+        self._gains[self.chosen[-1].candidate.key] = self._score(self.chosen[-1]).gain
 
     def _settle(self, finding: Chosen) -> None:
         """Improve a searched setting at once: off the grid, a harmonic's remainder would look like another harmonic."""
@@ -74,7 +82,7 @@ class Selection:
         return refined(self.scorer, self.scorer.condition(self.chosen, without=finding), finding)
 
     def run(self, with_blocks: bool = False) -> None:
-        """Add candidates until none is significant, with a new test of every earlier finding after each step."""
+        """Add candidates until none is significant, with new tests of earlier findings after each step."""
         if self.chosen:
             self._revise()
         self._forward(with_blocks)
@@ -102,11 +110,13 @@ class Selection:
                 best = high[0] if high and high[0].p_value <= FALSE_ALARM else best
                 ranking = high[:1] + ranking if high and best is high[0] else ranking
             if best is None or best.p_value > FALSE_ALARM:
+                if self._revise(without):
+                    continue
                 self.steps.append(SelectionStep("stop", None, ranking))
                 return
             self.add(best)
             self.steps.append(SelectionStep("add", str(best.candidate.effect), ranking))
-            self._revise(without)
+            self._revise(without, changed_only=len(self.chosen) < _MOST_REVISED)
 
     def _rebuild(self) -> None:
         """Forbid each finding in turn and select again: an early finding may stand in for two others."""
@@ -122,18 +132,37 @@ class Selection:
             else:
                 self.chosen, self.steps = before, steps
 
-    def _revise(self, without: tuple[object, ...] | None = None) -> None:
-        """Drop findings that are no longer significant, and replace a finding by a better rival."""
+    def _revise(self, without: tuple[object, ...] | None = None, *, changed_only: bool = False) -> bool:
+        """Drop findings that are no longer significant, and replace a finding by a better rival.
+
+        With ``changed_only``, findings that explain what they did in their last test are not tested again.
+
+        Returns:
+            Whether a finding was dropped or replaced.
+        """
+        is_revised = False
         if len(self.chosen) > _MOST_REVISED:
-            return
+            return is_revised
         for _ in range(_SWEEPS):
-            if not any([self._revise_finding(finding, without) for finding in list(self.chosen)]):
-                return
+            findings = [f for f in self.chosen if not (changed_only and self._is_unchanged(f))]
+            if not any([self._revise_finding(finding, without) for finding in findings]):
+                break
+            is_revised = True
+        return is_revised
+
+    def _is_unchanged(self, finding: Chosen) -> bool:
+        """Return whether a finding explains what it did in its last test, and is significant."""
+        gain = self._gains.get(finding.candidate.key)
+        if gain is None:
+            return False
+        ranked = self._score(finding)
+        return _UNCHANGED * gain <= ranked.gain <= gain / _UNCHANGED and ranked.p_value <= FALSE_ALARM
 
     def _revise_finding(self, finding: Chosen, without: tuple[object, ...] | None) -> bool:
         if finding not in self.chosen or len(self.chosen) < 2:
             return False
         ranked, ranking = self.contest(finding)
+        self._gains[finding.candidate.key] = ranked.gain
         if ranked.p_value > FALSE_ALARM:
             self.chosen.remove(finding)
             self.steps.append(SelectionStep("drop", str(finding.candidate.effect), ranking[:10]))
@@ -153,15 +182,15 @@ class Selection:
     def prune(self) -> None:
         """Drop findings that are not significant beside the others, the weakest first."""
         while self.chosen:
-            weakest = max(self.chosen, key=self._p_value)
-            if self._p_value(weakest) <= FALSE_ALARM:
+            weakest = max(self.chosen, key=lambda finding: self._score(finding).p_value)
+            if self._score(weakest).p_value <= FALSE_ALARM:
                 return
             self.chosen.remove(weakest)
             self.steps.append(SelectionStep("drop", str(weakest.candidate.effect), []))
 
-    def _p_value(self, finding: Chosen) -> float:
-        """Return the p-value of a finding beside all others."""
-        return self.scorer.score(finding, self.scorer.condition(self.chosen, without=finding)).p_value
+    def _score(self, finding: Chosen) -> Ranked:
+        """Return the score of a finding beside all others."""
+        return self.scorer.score(finding, self.scorer.condition(self.chosen, without=finding))
 
     def contest(self, finding: Chosen) -> tuple[Ranked, list[Ranked]]:
         """Return the score of a finding and of all named rivals for its place, beside all other findings."""

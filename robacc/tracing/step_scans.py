@@ -64,22 +64,38 @@ class StepScan:
         return self._candidates[place]
 
 
+class Adjoints:
+    """Columns multiplied by the transposed whitening, for all families of steps on the same poses."""
+
+    def __init__(self, whitening: Whitening) -> None:
+        """Store the whitening of the poses."""
+        self.whitening = whitening
+        self._last: tuple[Array, Array] | None = None
+
+    def of(self, columns: Array) -> Array:
+        """Return ``(M, A, N)`` of ``columns`` ``(M, A, N)``; the last result is kept."""
+        if self._last is None or self._last[0] is not columns:
+            adjoint = self.whitening.apply_transposed(np.moveaxis(columns, 1, 0))
+            self._last = columns, np.moveaxis(adjoint, 0, 1)
+        return self._last[1]
+
+
 class StepFamily(Family):
     """Steps of one form at several places, on some poses; their columns are never built."""
 
     def __init__(
-        self, system: Columns, scan: StepScan, places: NDArray[np.int64], at: NDArray[np.int64], whitening: Whitening
+        self, system: Columns, scan: StepScan, places: NDArray[np.int64], at: NDArray[np.int64], adjoints: Adjoints
     ) -> None:
-        """Store the sums over the poses ``at`` after each of ``places``; ``whitening`` belongs to those poses."""
+        """Store the sums over the poses ``at`` after each of ``places``; ``adjoints`` belong to those poses."""
         self.places, self.shrunk = places, False
         weights = scan.candidate(int(scan.eligible[0])).weights
-        self._whitening, self._columns = whitening, scan.columns[:, :, at] * weights[:, None]
+        self._adjoints, self._columns = adjoints, scan.columns[:, :, at] * weights[:, None]
         number = scan.number[at]
         self._order = np.argsort(number, kind="stable")
         # A step at place k begins at number k + 1.
         self._starts = np.searchsorted(number[self._order], places + 1)
-        self.gram = np.moveaxis(self._sums(_gram_increments(whitening, self._columns, number)), 2, 0)
-        adjoint = whitening.apply_transposed(system.residual)
+        self.gram = np.moveaxis(self._sums(_gram_increments(adjoints.whitening, self._columns, number)), 2, 0)
+        adjoint = adjoints.whitening.apply_transposed(system.residual)
         self.rhs = self._sums(np.einsum("mqn,mn->qn", self._columns, adjoint)).T
         self._store_none(places.size * self._columns.shape[1])
 
@@ -91,8 +107,7 @@ class StepFamily(Family):
 
     def new_products(self, columns: Array) -> Array:
         """Return ``(A, B Q)`` products of ``columns`` ``(M, A, N)`` with every column of the family."""
-        adjoint = np.moveaxis(self._whitening.apply_transposed(np.moveaxis(columns, 1, 0)), 0, 1)
-        sums = self._sums(np.einsum("mqn,mcn->cqn", self._columns, adjoint))
+        sums = self._sums(np.einsum("mqn,mcn->cqn", self._columns, self._adjoints.of(columns)))
         return np.moveaxis(sums, 2, 1).reshape(len(sums), -1)
 
 

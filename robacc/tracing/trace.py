@@ -35,7 +35,7 @@ from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.confirmation import reproduced, with_held_out_gain, withdrawn_warning
-from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, reduced
+from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.findings import Finding, describe_finding
 from robacc.tracing.loop import SearchResult, search
@@ -125,14 +125,13 @@ def trace(
         empirical=empirical,
         progress=lambda count, n_findings: progress(_search_label(count, n_findings), 0, n_folds + 1),
     )
-    validation = cross_validate(first_search, data, holdout, n_folds, seed, empirical, progress)
-    search_result = reproduced(first_search, validation, data)
-    validation = reduced(validation, first_search, search_result, data, holdout, n_folds, seed)
+    search_result, validation = _confirmed(first_search, data, holdout, n_folds, seed, empirical, progress)
     search_result, validation, withdrawn = with_held_out_gain(search_result, validation, data, holdout, n_folds, seed)
     confirmed = search_result
     search_result = with_remaining_scatter(first_search, confirmed, data)
     if search_result.effects != confirmed.effects:
-        validation = reduced(validation, confirmed, search_result, data, holdout, n_folds, seed)
+        choices = None if validation is None else validation.choices
+        validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     converged = dataclasses.replace(
         Options(), scatter=search_result.options.scatter, misfit=search_result.options.misfit
     )
@@ -198,6 +197,26 @@ def trace(
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
+
+
+def _confirmed(
+    first_search: SearchResult,
+    data: Measurements,
+    holdout: Measurements | None,
+    n_folds: int,
+    seed: int,
+    empirical: bool,
+    progress: Progress,
+) -> tuple[SearchResult, CrossValidation | None]:
+    """Return the search with the findings that recur in the folds, and its held-out residuals."""
+    choices = fold_choices(first_search, data, n_folds, seed, empirical, progress) if holdout is None else None
+    search_result = reproduced(first_search, choices, data)
+    is_whole = search_result.effects == first_search.effects and bool(first_search.effects)
+    validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, is_whole=is_whole)
+    if validation is None and choices is not None:
+        # No fold can be fitted, so that no fold says anything about the findings either.
+        return reproduced(first_search, None, data), None
+    return search_result, validation
 
 
 def _search_label(count: int, n_findings: int) -> str:

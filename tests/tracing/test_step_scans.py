@@ -10,6 +10,7 @@ from robacc.effects.change_points import step_forms
 from robacc.fitting.whitening import Scatter, Whitening, whitening
 from robacc.robots.arm import Arm
 from robacc.tracing.step_scans import (
+    Adjoints,
     StepFamily,
     StepScan,
     credible_interval,
@@ -50,7 +51,7 @@ def test_sums_equal_the_products_of_built_columns(is_correlated: bool) -> None:
     white = correlated(rng) if is_correlated else Whitening(rng.uniform(0.5, 2.0, (ROWS, N)))
     system = Columns(rng.normal(size=(ROWS, 4, N)), rng.normal(size=(ROWS, N)))
     places = np.array([4, 20, 33])
-    family = StepFamily(system, steps, places, np.arange(N), white)
+    family = StepFamily(system, steps, places, np.arange(N), Adjoints(white))
     cross = family.new_products(system.columns[:, :4]).reshape(4, places.size, 3)
     for i, place in enumerate(places):
         candidate = steps.candidate(int(place))

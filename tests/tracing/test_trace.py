@@ -23,7 +23,7 @@ from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.confirmation import reproduced
-from robacc.tracing.cross_validation import CrossValidation
+from robacc.tracing.cross_validation import FoldChoices
 from robacc.tracing.evidence import judge
 from robacc.tracing.loop import search
 from robacc.tracing.refitting import SEARCH, refit
@@ -396,10 +396,10 @@ def test_what_fewer_than_half_of_the_folds_find_is_not_reported() -> None:
     data = measured("puma560", entry("backlash", "j2", 2e-4))
     loop = search(Model.of(robot, build(parse_requests(DECLARED), arm("puma560"), data)), data)
     (effect,) = loop.effects
-    residual = loop.final.residual
     for times, stays in ((2, False), (3, True)):
-        held = CrossValidation(residual, residual, {effect.key(): residual}, {effect.key(): times}, 5)
-        assert bool(reproduced(loop, held, data).effects) is stays
+        by_fold = [(effect,) if fold < times else () for fold in range(5)]
+        choices = FoldChoices(tuple({effect.key(): match} for match in by_fold), tuple(map(frozenset, by_fold)))
+        assert bool(reproduced(loop, choices, data).effects) is stays
 
 
 def test_the_best_of_many_is_the_best_whether_or_not_the_others_are_weighed() -> None:
@@ -442,8 +442,7 @@ def test_what_the_other_findings_leave_no_need_of_is_not_reported() -> None:
     both = (*loop.effects, *idle)
     loop.selection.start_with(next(one for one in loop.candidates.pool if one.effect.key() == idle[0].key()))
     final = refit(loop.final, (*model.free, *both), data, SEARCH)
-    residual = final.residual
-    held = CrossValidation(residual, residual, {}, {effect.key(): 5 for effect in both}, 5)
-    kept = reproduced(dataclasses.replace(loop, effects=both, final=final), held, data)
+    choices = FoldChoices(({effect.key(): (effect,) for effect in both},) * 5, (frozenset(both),) * 5)
+    kept = reproduced(dataclasses.replace(loop, effects=both, final=final), choices, data)
     assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
     assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[0]))]

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 from typing import Annotated
 
 import typer
+
+_FORMS = {".json": "json", ".md": "markdown"}
+"""Form of a result by the ending of its file, where ``--format`` is not given."""
+_DEFAULT = "table; json and markdown for --output FILE.json and FILE.md"
+_FORM_HELP = "Form of the output: github writes annotations of a run, markdown a job summary."
 
 
 class Format(StrEnum):
@@ -22,6 +28,15 @@ class PlainFormat(StrEnum):
 
     table = "table"
     json = "json"
+
+
+def form_of_output(context: typer.Context, form: Format | PlainFormat) -> Format | PlainFormat:
+    """Return the form of a result: that of ``--format``, else JSON or Markdown if the output's name ends so."""
+    source = context.get_parameter_source("form")
+    if source is None or source.name != "DEFAULT":
+        return form
+    ending = os.path.splitext(str(context.params.get("output")))[1].lower()
+    return next((member for member in type(form) if _FORMS.get(ending) == member.value), form)
 
 
 class CampaignUseName(StrEnum):
@@ -84,10 +99,21 @@ StrictRangeOption = Annotated[
     bool, typer.Option("--strict-range", help="Refuse poses outside the validity range of the model (exit 3).")
 ]
 FormatOption = Annotated[
-    Format,
-    typer.Option("--format", help="Form of the output: github writes annotations of a run, markdown a job summary."),
+    Format, typer.Option("--format", help=_FORM_HELP, callback=form_of_output, show_default=_DEFAULT)
 ]
-PlainFormatOption = Annotated[PlainFormat, typer.Option("--format", help="Form of the output.")]
+PlainFormatOption = Annotated[
+    PlainFormat,
+    typer.Option(
+        "--format",
+        help="Form of the output.",
+        callback=form_of_output,
+        show_default="table; json for --output FILE.json",
+    ),
+]
+SummaryFormatOption = Annotated[Format, typer.Option("--format", help=_FORM_HELP)]
+"""For commands whose ``--output`` is a file of targets: the form of the summary on standard output."""
+PlainSummaryFormatOption = Annotated[PlainFormat, typer.Option("--format", help="Form of the output.")]
+"""For commands whose ``--output`` is a CSV: the form of the summary on standard output."""
 OutputOption = Annotated[
     str, typer.Option("--output", "-o", metavar="FILE", help="File to write; - is standard output.")
 ]

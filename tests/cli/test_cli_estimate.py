@@ -269,3 +269,22 @@ def test_a_mean_that_the_alignment_made_zero_is_not_tested(align: str, frame: st
         unit = "m" if part is parts[0] else "rad"
         if not is_tested:
             assert np.linalg.norm(part[f"mean_{unit}"]) < 1e-6 * part[f"rms_{unit}"]
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "start"),
+    [
+        ("r.json", None, "{"),
+        ("R.JSON", None, "{"),
+        ("r.md", None, "## robacc estimate"),
+        ("r.txt", None, "Error of"),
+        ("r.json", "table", "Error of"),
+        ("r.txt", "json", "{"),
+    ],
+)
+def test_ending_of_the_output_chooses_the_form(tmp_path: Path, name: str, form: str | None, start: str) -> None:
+    poses, output = tmp_path / "poses.csv", tmp_path / name
+    poses.write_text(COMMANDED, encoding="utf-8")
+    given = () if form is None else ("--format", form)
+    assert run(str(poses), "-o", str(output), *given).exit_code == 0
+    assert output.read_text(encoding="utf-8").startswith(start)

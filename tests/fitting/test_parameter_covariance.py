@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 from arms import arm
 
+from robacc.documents.statistics import correlation_document
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.parameters import parameter_covariance, parameters
+from robacc.fitting.parameters import ParameterCovariance, parameter_covariance, parameters
 from robacc.fitting.solver import Fit, fit
 from robacc.geometry import exp_so3
+from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import Frame
@@ -75,3 +78,25 @@ def test_diagonal_is_the_square_of_the_standard_errors(pitch: float) -> None:
     assert ("base_frame.roll" in stds) == (pitch < 1.0)
     np.testing.assert_allclose(np.sqrt(np.diag(covariance.matrix)), list(stds.values()), rtol=1e-12)
     assert np.linalg.eigvalsh(covariance.matrix).min() > 0
+
+
+def test_document_gives_the_covariance_from_its_triangle_and_the_standard_errors() -> None:
+    result = fitted((0.4, -0.8, 1.9))
+    covariance = parameter_covariance(result)
+    document = json.loads(json_text(correlation_document(covariance)))
+    stds = {parameter.name: parameter.std for parameter in parameters(result)}
+    std = np.array([stds[name] for name in document["names"]])
+    triangle = np.zeros((std.size, std.size))
+    for i, row in enumerate(document["lower_triangle"]):
+        assert len(row) == i + 1
+        triangle[i, : i + 1] = row
+    correlation = np.where(triangle == 0.0, triangle.T, triangle)
+    # The document has eight decimals.
+    np.testing.assert_allclose(correlation, covariance.matrix / std / std[:, None], atol=6e-9)
+    # Sums of coefficients whose errors cancel keep their variance.
+    assert np.linalg.eigvalsh(correlation).min() > 0
+
+
+def test_document_of_a_fit_without_noise_has_no_nan() -> None:
+    covariance = ParameterCovariance(("a", "b"), np.zeros((2, 2)))
+    assert correlation_document(covariance)["lower_triangle"][1].tolist() == [0.0, 1.0]

@@ -11,12 +11,12 @@ from robacc.cli.options import (
     BaseLinkOption,
     CampaignUseName,
     Format,
-    FormatOption,
     GateOption,
     JunitOption,
     OutputOption,
     ReportOption,
     ScaleOption,
+    SummaryFormatOption,
     TipLinkOption,
 )
 
@@ -108,7 +108,7 @@ def correct(
     gate: GateOption = None,
     junit: JunitOption = None,
     report: ReportOption = None,
-    form: FormatOption = Format.table,
+    form: SummaryFormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
     """Compute the commands that make the real arm reach its targets, from a model of the arm.

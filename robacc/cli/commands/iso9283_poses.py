@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, TipLinkOption
+from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainSummaryFormatOption, TipLinkOption
 
 if TYPE_CHECKING:
     from robacc.iso_9283.proposal import Proposal
@@ -62,7 +62,7 @@ def iso9283_poses(
     ] = None,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
-    form: PlainFormatOption = PlainFormat.table,
+    form: PlainSummaryFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
     """Plan the cube of ISO 9283 and its five poses for an arm, and write them as a CSV.

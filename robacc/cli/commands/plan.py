@@ -12,7 +12,7 @@ from robacc.cli.options import (
     OrderedOption,
     OutputOption,
     PlainFormat,
-    PlainFormatOption,
+    PlainSummaryFormatOption,
     ReportOption,
     ScaleOption,
     SeedOption,
@@ -174,7 +174,7 @@ def plan(
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
     seed: SeedOption = 0,
-    form: PlainFormatOption = PlainFormat.table,
+    form: PlainSummaryFormatOption = PlainFormat.table,
     output: OutputOption = "-",
     report: ReportOption = None,
 ) -> None:

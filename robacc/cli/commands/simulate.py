@@ -14,7 +14,7 @@ from robacc.cli.options import (
     IgnoreLimitsOption,
     OutputOption,
     PlainFormat,
-    PlainFormatOption,
+    PlainSummaryFormatOption,
     SeedOption,
     StrictRangeOption,
     TipLinkOption,
@@ -95,7 +95,7 @@ def simulate(
     strict_range: StrictRangeOption = False,
     base_link: BaseLinkOption = None,
     tip_link: TipLinkOption = None,
-    form: PlainFormatOption = PlainFormat.table,
+    form: PlainSummaryFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
     """Simulate measured poses of a robot with the effects of its file, and write them as a CSV.

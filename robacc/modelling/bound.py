@@ -80,26 +80,27 @@ class BoundModel:
         return tuple(TermPart(i, part) for i, term in enumerate((*self.fixed, *self.terms)) for part in term.parts)
 
     @cached_property
-    def _regressors(self) -> tuple[tuple[int, NDArray[np.int64], Array], ...]:
-        """Motion, term numbers ``(Q,)`` and regressors ``(Q, N)`` of motions that many terms move by a regressor."""
-        numbers: dict[int, list[int]] = {}
-        factors: dict[int, list[Array]] = {}
+    def _moved(self) -> tuple[list[tuple[int, NDArray[np.int64], Array]], list[tuple[int, int, float | Array]]]:
+        """Motions without a load: those that many terms move by regressors, and every other part.
+
+        The first are each a motion, term numbers ``(Q,)`` and regressors ``(Q, N)``; the others a term number, a motion
+        and a factor.
+        """
+        by_motion: dict[int, list[tuple[int, Array]]] = {}
+        others: list[tuple[int, int, float | Array]] = []
         for number, motion, factor in self._rigid:
             if isinstance(factor, np.ndarray) and factor.shape == (self.n,):
-                numbers.setdefault(motion, []).append(number)
-                factors.setdefault(motion, []).append(factor)
-        many = [motion for motion, of_motion in numbers.items() if len(of_motion) >= _MANY_REGRESSORS]
-        return tuple((motion, np.array(numbers[motion]), np.stack(factors[motion])) for motion in many)
-
-    @cached_property
-    def _single(self) -> tuple[tuple[int, int, float | Array], ...]:
-        """Term number, motion and regressor of the other parts that move a motion without a load."""
-        together = {motion for motion, _, _ in self._regressors}
-        return tuple(
-            (number, motion, factor)
-            for number, motion, factor in self._rigid
-            if not (motion in together and isinstance(factor, np.ndarray) and factor.shape == (self.n,))
-        )
+                by_motion.setdefault(motion, []).append((number, factor))
+            else:
+                others.append((number, motion, factor))
+        together = []
+        for motion, terms in by_motion.items():
+            if len(terms) >= _MANY_REGRESSORS:
+                numbers, factors = zip(*terms, strict=True)
+                together.append((motion, np.array(numbers), np.stack(factors)))
+            else:
+                others.extend((number, motion, factor) for number, factor in terms)
+        return together, others
 
     @cached_property
     def _rigid(self) -> tuple[tuple[int, int, float | Array], ...]:
@@ -154,10 +155,11 @@ class BoundModel:
         """Return every scalar of the chain without deflections."""
         scalars = list(self.nominal)
         values = coefficients.tolist()
-        for motion, numbers, regressors in self._regressors:
+        together, others = self._moved
+        for motion, numbers, regressors in together:
             if np.any(coefficients[numbers]):
                 scalars[motion] = scalars[motion] + coefficients[numbers] @ regressors
-        for number, motion, factor in self._single:
+        for number, motion, factor in others:
             if values[number] != 0:
                 added = values[number] * factor
                 scalars[motion] = scalars[motion] + (added if isinstance(added, float) else np.atleast_1d(added))

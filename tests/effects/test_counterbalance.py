@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, measured, robot, run, target, torques
+from independent_arm import measured, run, target, torques
+from searched import ARM, SearchEnd, searched
 
 from robacc.effects import REGISTRY
-from robacc.effects.base import Effect
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Options
-from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
 
 NOISE = 1e-5
-ARM = Arm.of(robot())
 COMPLIANCE = 2e-6
 STIFFNESS = 40000.0
 FREE_LENGTH = 0.25
@@ -51,15 +44,9 @@ def poses(kind: str, n: int, seed: int, noise: float) -> Measurements:
     return measured(joints, np.array([target(q) for q in moved.T]).T, noise, seed)
 
 
-def traced(kind: str, n: int, seed: int) -> tuple[list[Effect], dict[str, float], float]:
-    """Effects that a search finds, their coefficients, and the RMS error (m) at other poses without noise."""
-    data, fresh = poses(kind, n, seed, NOISE), poses(kind, 60, seed + 1, 0.0)
-    declared = build(parse_requests(DECLARED), ARM, data)
-    effects = search(Model(ARM, free=declared), data).effects
-    result = fit(Model(ARM, free=(*declared, *effects)), data, Options())
-    predicted = result.model.bind(fresh).poses(result.theta).translation
-    error = float(np.sqrt(np.mean(np.sum(np.square(fresh.position - predicted), axis=0))))
-    return list(effects), dict(zip(result.names, result.theta.tolist(), strict=True)), error
+def traced(kind: str, n: int, seed: int) -> SearchEnd:
+    """The end of a search on poses of an arm of this kind."""
+    return searched(poses(kind, n, seed, NOISE), poses(kind, 60, seed + 1, 0.0))
 
 
 def test_a_counterbalance_is_found_and_predicts_other_poses() -> None:

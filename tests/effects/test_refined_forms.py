@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, measured, robot, run, target, torques
+from independent_arm import measured, run, target, torques
 from scipy.optimize import brentq
+from searched import ARM, SearchEnd, searched
 
 from robacc.effects import REGISTRY
-from robacc.effects.base import Effect
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Options
-from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
 
 NOISE = 1e-5
-ARM = Arm.of(robot())
 COMPLIANCE = 2.5e-6
 LARGEST = max(abs(torques(q)[1]) for q in run(200, seed=90).q.T)
 KNEE = 0.5 * LARGEST
@@ -49,15 +42,9 @@ def poses(mechanism: str, n: int, seed: int, noise: float) -> Measurements:
     return measured(joints, np.array([target(q) for q in moved.T]).T, noise, seed, directed=True)
 
 
-def traced(mechanism: str, n: int, seed: int) -> tuple[list[Effect], dict[str, float], float]:
-    """Effects that a search finds, their coefficients, and the RMS error (m) at other poses without noise."""
-    data, fresh = poses(mechanism, n, seed, NOISE), poses(mechanism, 60, seed + 1, 0.0)
-    declared = build(parse_requests(DECLARED), ARM, data)
-    effects = search(Model(ARM, free=declared), data).effects
-    result = fit(Model(ARM, free=(*declared, *effects)), data, Options())
-    predicted = result.model.bind(fresh).poses(result.theta).translation
-    error = float(np.sqrt(np.mean(np.sum(np.square(fresh.position - predicted), axis=0))))
-    return list(effects), dict(zip(result.names, result.theta.tolist(), strict=True)), error
+def traced(mechanism: str, n: int, seed: int) -> SearchEnd:
+    """The end of a search on poses of an arm with this mechanism."""
+    return searched(poses(mechanism, n, seed, NOISE), poses(mechanism, 60, seed + 1, 0.0))
 
 
 def test_the_knee_of_a_hardening_spring_is_found() -> None:
@@ -102,8 +89,7 @@ def test_a_harmonic_without_load_brings_no_variation_of_the_compliance() -> None
     moved = joints.q.copy()
     moved[1] += 2e-4 * np.cos(ORDER * joints.q[1] - 0.4)
     data = measured(joints, np.array([target(q) for q in moved.T]).T, NOISE, 75, directed=True)
-    declared = build(parse_requests(DECLARED), ARM, data)
-    assert [str(effect) for effect in search(Model(ARM, free=declared), data).effects] == ["transmission_error[j2]"]
+    assert [str(effect) for effect in searched(data, data).effects] == ["transmission_error[j2]"]
 
 
 def test_friction_that_keeps_the_flank_is_refined() -> None:

@@ -88,6 +88,18 @@ class JointCompliance(Elastic):
             terms.extend(base_regressors(f"{self.name}.{joint}", unit, 1e-5, loads, parts, stds))
         return tuple(terms)
 
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return that the weight is not the file's, if the masses are uncertain."""
+        if self.masses != "uncertain":
+            return None
+        return (
+            f"the weight that {', '.join(self.joints)} gives way to is not that of the robot file: its masses are off, "
+            "or a link carries a load that it does not state; look for a hose, a valve block, or a tool or part that "
+            "is not declared, and add its mass to its link"
+        )
+
     def settings(self) -> dict[str, Any]:
         """Return the setting of the masses, and the form."""
         return super().settings() | ({} if self.masses == "known" else {"masses": self.masses})

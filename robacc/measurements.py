@@ -63,6 +63,8 @@ class Measurements:
     """``(N,)`` degrees Celsius"""
     payload: Array | None = None
     """``(N,)`` kg"""
+    payload_group: NDArray[Any] | None = None
+    """``(N,)`` name of the load at the flange, text: rows with the same name carried the same."""
     direction: Array | None = None
     """``(J, N)`` in {-1, 0, 1}"""
     speed: Array | None = None

@@ -23,7 +23,7 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
 }
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
 _JOINT_FIELDS = ("q", "direction", "speed", "read_back", "branches")
-_TEXT_FIELDS = ("pose", "cycle", "visit", "target")
+_TEXT_FIELDS = ("pose", "cycle", "visit", "target", "payload_group")
 _ROTATION_TOLERANCE = 1e-3
 """Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit length."""
 

@@ -66,7 +66,7 @@ class RowLoads:
         return (
             f"the errors are those of a load at the flange that differs from row to row: {len(self.rows)} groups of "
             f"{sizes} rows, their loads above the lightest as {shares}; the payload was not logged: write payload_kg "
-            "for each row and trace again"
+            "for each row, or the load's name in payload_group, and trace again"
         )
 
     def _shares(self) -> list[str]:

@@ -43,7 +43,7 @@ ROTATION_VECTOR = ("rx", "ry", "rz")
 RPY = ("roll", "pitch", "yaw")
 ORIENTATIONS = (QUATERNION, ROTATION_VECTOR, RPY)
 SIGMAS = tuple(f"sigma_{axis}" for axis in AXES)
-TEXTS = ("pose", "cycle", "visit", "target")
+TEXTS = ("pose", "cycle", "visit", "target", "payload_group")
 CIRCUMSTANCES = ("time_s", "temperature_c", "payload_kg")
 
 

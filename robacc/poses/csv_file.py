@@ -201,6 +201,7 @@ def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mappi
         time=values.column("time_s"),
         temperature=values.column("temperature_c"),
         payload=values.column("payload_kg"),
+        payload_group=values.texts.get("payload_group"),
         direction=motion[0],
         speed=motion[1],
         read_back=read_back,

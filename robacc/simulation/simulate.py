@@ -197,6 +197,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         time=None if plan.time_step is None else plan.time_step * visit.astype(float),
         temperature=None if plan.temperature is None else _temperature(plan.temperature, visits)[visit],
         payload=None if payload is None else payload[pose],
+        payload_group=None if planned is None or planned.payload_group is None else planned.payload_group[pose],
         direction=direction[:, visit],
         speed=speed[:, visit],
         branches=None if planned is None or planned.branches is None else planned.branches[:, pose],

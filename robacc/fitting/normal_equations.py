@@ -260,7 +260,7 @@ class PoseEquations:
         motions = jacobian[:, built.size :]
         factors = [self._factors(numbers, index) for _, numbers in self._factored]
         places = [np.searchsorted(self.columns, numbers) for _, numbers in self._factored]
-        if count and any(block.rows.shape[1] > 1 for block in white.blocks):
+        if count and white.mixes_rows:
             # Rows that are whitened together mix their regressors, so every column is built.
             full = np.empty((self.rows, self.columns.size, residual.shape[1]))
             full[:, np.searchsorted(self.columns, built)] = jacobian[:, : built.size]

@@ -14,11 +14,12 @@ scatter of each joint.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.fitting.whitening import BlockFactor, Scatter, Whitening, block_columns, blocks_of, whitening
+from robacc.fitting.whitening import Scatter, Whitening, block_columns, blocks_of, whitening
 from robacc.geometry import Array
 
 MOST_ROWS = 1200
@@ -144,8 +145,8 @@ class _Step:
     """``(M, K, N)`` R^-1 X"""
     covariance: Array
     """``(K, K)`` inverse of X^T R^-1 X"""
-    inverse: tuple[BlockFactor, ...]
-    """Blocks of R^-1, in units of the data."""
+    by_visit: Array
+    """``(J, M, N)`` columns of the joint variables, whitened visit by visit."""
     likelihood: float
 
     @staticmethod
@@ -164,13 +165,9 @@ class _Step:
         solved = np.moveaxis(white.apply_transposed(design), 0, 1)
         sign, logdet = np.linalg.slogdet(matrix)
         logdet = float(logdet) - 2.0 * float(np.log(scale).sum()) if sign > 0 else 0.0
-        determinant = -2.0 * float(np.log(white.weight).sum())
-        inverse = []
-        for block in white.blocks:
-            determinant -= 2.0 * float(np.linalg.slogdet(block.factor)[1].sum())
-            inverse.append(BlockFactor(block.rows, block.factor @ block.factor))
+        by_visit = white.apply_by_visit(np.moveaxis(data.columns, 1, 0).copy())
         cost = float(np.sum(np.square(remainder))) + float(prior @ np.square(theta))
-        return _Step(data, white, score, solved, covariance, tuple(inverse), -0.5 * (determinant + logdet + cost))
+        return _Step(data, white, score, solved, covariance, by_visit, -0.5 * (white.log_determinant + logdet + cost))
 
     def ratio(self, groups: NDArray[np.int64]) -> Array:
         """Return ``(J,)`` |B^T P r|^2 over tr(P B B^T) of each joint; the rows of a group share its scatter."""
@@ -187,34 +184,46 @@ class _Step:
             numerator[j] = float(shared @ shared)
             model = np.einsum("mn,mkn->kn", column, self.solved)[:, order]
             model = np.add.reduceat(model, first, axis=1)
-            trace[j] = self._trace(column, number) - float(np.sum((self.covariance @ model) * model))
+            trace[j] = self._trace(j, order, first) - float(np.sum((self.covariance @ model) * model))
         good = trace > 1e-12 * np.maximum(np.abs(numerator), 1e-300)
         return np.where(good, numerator / np.where(good, trace, 1.0), 0.0)
 
-    def _trace(self, column: Array, number: NDArray[np.int64]) -> float:
-        """Return tr(R^-1 B B^T) of a joint."""
-        scaled = column * self.white.weight
-        if not self.inverse:
-            return float(np.sum(np.square(scaled)))
-        total = 0.0
-        components = column.shape[0]
-        for block in self.inverse:
-            count, n = block.rows.shape
-            part = np.moveaxis(scaled[:, block.rows], 1, 0).reshape(count, components * n)
-            same = np.tile(
-                number[block.rows][:, :, None] == number[block.rows][:, None, :], (1, components, components)
-            )
-            total += float(np.einsum("vi,vij,vj->", part, block.factor * same, part))
-        return total
+    def _trace(self, joint: int, order: NDArray[np.int64], first: NDArray[np.int64]) -> float:
+        """Return tr(R^-1 B B^T) of a joint; ``order`` sorts the rows by group, and ``first`` is where each begins.
+
+        A group is a union of visits within a pose.
+        """
+        column = self.by_visit[joint]
+        total = float(np.sum(np.square(column)))
+        if self.white.pose_errors is None:
+            return total
+        products = np.einsum("mjn,mn->nj", self.white.pose_errors.columns, column)[order]
+        sums = np.add.reduceat(products, first, axis=0)
+        return total - float(np.einsum("gi,gij,gj->", sums, self._inner[order[first]], sums))
+
+    @cached_property
+    def _inner(self) -> Array:
+        """``(N, J, J)`` inner matrix of the errors that visits share, for each row."""
+        assert self.white.pose_errors is not None
+        return self.white.pose_errors.inner()
+
+    def _inverse_diagonal(self) -> Array:
+        """Return ``(M, N)`` the diagonal of R^-1."""
+        result = np.square(self.white.weight)
+        components = result.shape[0]
+        for block in self.white.blocks:
+            diagonal = np.sum(np.square(block.factor), axis=1).reshape(-1, components, block.rows.shape[1])
+            result[:, block.rows] *= np.moveaxis(diagonal, 1, 0)
+        if self.white.pose_errors is None:
+            return result
+        shared = self.white.multiply_by_visit(np.moveaxis(self.white.pose_errors.columns, 1, 0).copy())
+        shared *= self.white.weight
+        return np.asarray(result - np.einsum("imn,nij,jmn->mn", shared, self._inner, shared))
 
     def noise(self, noise: tuple[float, float], power: float) -> tuple[float, float]:
         """Return the improved noise beyond the stated measurement uncertainty."""
         result = []
-        trace = np.square(self.white.weight)
-        for block in self.inverse:
-            components, n = self.data.residual.shape[0], block.rows.shape[1]
-            diagonal = np.diagonal(block.factor, axis1=1, axis2=2).reshape(-1, components, n)
-            trace[:, block.rows] = trace[:, block.rows] * np.moveaxis(diagonal, 1, 0)
+        trace = self._inverse_diagonal()
         used = np.stack([np.einsum("kn,kn->n", rows, self.covariance @ rows) for rows in self.solved])
         for part, size in ((slice(0, 3), noise[0]), (slice(3, 6), noise[1])):
             if size == 0.0 or self.score[part].size == 0:

@@ -6,13 +6,18 @@ The covariance of the rows of a block (one commanded pose, or one visit where ea
 
 D the diagonal covariance of the measurement, B_v the columns of the joint variables in the Jacobian, for the rows of
 visit v (equation (7) of Wu and Lee within the measurement model), and s_j the intrinsic repeatability of joint j. The
-last term is common to all visits of a pose. Rows are whitened by the symmetric R^(-1/2), which does not depend on their
-order.
+last term is common to all visits of a pose.
+
+Rows are whitened in two steps, neither of which depends on their order: the symmetric inverse root F_v of each visit's
+D_v + B_v diag(s^2) B_v^T, then that of the remaining I + A A^T of a pose, with A = F B diag(p) of J columns. The second
+is I - A K A^T with K of J x J, so the work grows with the rows of a pose, not with their cube.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +42,58 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True)
 class BlockFactor:
-    """Whitening factors of the blocks with a given number of rows."""
+    """Whitening factors of the visits with a given number of rows."""
 
     rows: NDArray[np.int64]
     """``(V, n)`` numbers of the rows."""
     factor: Array
-    """``(V, M n, M n)`` symmetric inverse root of each block's covariance, of values scaled by their weights."""
+    """``(V, M n, M n)`` symmetric inverse root of each visit's covariance, of values scaled by their weights."""
+
+
+@dataclass(frozen=True)
+class SharedPoseErrors:
+    """Errors that all visits of a commanded pose share, as rows show them that are whitened visit by visit."""
+
+    columns: Array
+    """``(M, J, N)`` columns A of the joint variables, whitened visit by visit, times the errors' deviations."""
+    poses: NDArray[np.int64]
+    """``(N,)`` number of the commanded pose of each row."""
+
+    @cached_property
+    def spectra(self) -> list[tuple[NDArray[np.int64], Array, Array, Array]]:
+        """Rows ``(G, n)``, A ``(G, M n, J)``, eigenvalues and vectors of A^T A, for each number of rows."""
+        result = []
+        for rows in blocks_of(self.poses):
+            part = block_columns(self.columns, rows)
+            values, vectors = np.linalg.eigh(np.swapaxes(part, 1, 2) @ part)
+            result.append((rows, part, np.maximum(values, 0.0), vectors))
+        return result
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of I + A A^T."""
+        return sum(float(np.log1p(values).sum()) for _, _, values, _ in self.spectra)
+
+    def whiten(self, scaled: Array) -> None:
+        """Multiply ``(..., M, N)`` in place by the symmetric inverse root of I + A A^T."""
+        for rows, part, values, vectors in self.spectra:
+            root = np.sqrt(1.0 + values)
+            small = (vectors / (root * (root + 1.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+            stacked = _stacked(scaled, rows)
+            stacked -= part @ (small @ (np.swapaxes(part, 1, 2) @ stacked))
+            _put(scaled, rows, stacked)
+
+    def inner(self) -> Array:
+        """Return ``(N, J, J)`` the matrix K of (I + A A^T)^-1 = I - A K A^T for the pose of each row."""
+        joints = self.columns.shape[1]
+        result = np.empty((self.poses.size, joints, joints))
+        for rows, _, values, vectors in self.spectra:
+            result[rows] = ((vectors / (1.0 + values)[:, None, :]) @ np.swapaxes(vectors, 1, 2))[:, None]
+        return result
+
+    def subset(self, rows: NDArray[np.int64]) -> SharedPoseErrors:
+        """Return the errors of the given rows."""
+        return SharedPoseErrors(self.columns[:, :, rows], self.poses[rows])
 
 
 @dataclass(frozen=True)
@@ -52,6 +103,8 @@ class Whitening:
     weight: Array
     """``(M, N)`` reciprocal standard deviations of the measurement."""
     blocks: tuple[BlockFactor, ...] = ()
+    pose_errors: SharedPoseErrors | None = None
+    """Errors that visits of a pose share; None without such errors."""
     marginal_weight: Array | None = None
     """``(M, N)`` reciprocal standard deviations of measurement and scatter together; None without scatter."""
 
@@ -60,28 +113,51 @@ class Whitening:
         """``(M, N)`` reciprocal standard deviation of each component, without correlations."""
         return self.weight if self.marginal_weight is None else self.marginal_weight
 
+    @property
+    def mixes_rows(self) -> bool:
+        """Whether rows are whitened together."""
+        return self.pose_errors is not None or any(block.rows.shape[1] > 1 for block in self.blocks)
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the covariance of all rows."""
+        result = -2.0 * float(np.log(self.weight).sum())
+        result -= 2.0 * sum(float(np.linalg.slogdet(block.factor)[1].sum()) for block in self.blocks)
+        return result if self.pose_errors is None else result + self.pose_errors.log_determinant
+
     def apply(self, values: Array) -> Array:
         """Return ``(..., M, N)`` whitened."""
         return self.apply_inplace(values.copy())
 
     def apply_inplace(self, scaled: Array) -> Array:
-        """Whiten a contiguous array ``(..., M, N)`` in place, and return it."""
-        scaled *= self.weight
-        flat = scaled.reshape(-1, *self.weight.shape)
-        for block in self.blocks:
-            part = flat.transpose(2, 1, 0)[block.rows].swapaxes(1, 2)  # (V, M, n, Q), as few products as can be
-            product = (block.factor @ part.reshape(*block.factor.shape[:2], -1)).reshape(part.shape)
-            flat[..., block.rows] = product.transpose(3, 1, 0, 2)
+        """Whiten ``(..., M, N)`` in place, and return it."""
+        self.apply_by_visit(scaled)
+        if self.pose_errors is not None:
+            self.pose_errors.whiten(scaled)
         return scaled
 
+    def apply_by_visit(self, scaled: Array) -> Array:
+        """Whiten ``(..., M, N)`` in place but for errors that visits of a pose share, and return it."""
+        scaled *= self.weight
+        return self.multiply_by_visit(scaled)
+
     def apply_transposed(self, values: Array) -> Array:
-        """Return ``(..., M, N)`` multiplied by the transposed map: the factors first, then the weights."""
-        plain = Whitening(np.ones_like(self.weight), self.blocks)
-        result: Array = plain.apply(values) * self.weight
-        return result
+        """Return ``(..., M, N)`` multiplied by the transposed map: errors of poses, visits, then weights."""
+        scaled = values.copy()
+        if self.pose_errors is not None:
+            self.pose_errors.whiten(scaled)
+        self.multiply_by_visit(scaled)
+        scaled *= self.weight
+        return scaled
+
+    def multiply_by_visit(self, scaled: Array) -> Array:
+        """Multiply ``(..., M, N)`` of scaled values in place by the factors of the visits, and return it."""
+        for block in self.blocks:
+            _put(scaled, block.rows, block.factor @ _stacked(scaled, block.rows))
+        return scaled
 
     def subset(self, rows: NDArray[np.int64]) -> Whitening:
-        """Return the map of the given rows; each block must be included or excluded as a whole."""
+        """Return the map of the given rows; each visit must be included or excluded as a whole."""
         place = np.full(self.weight.shape[1], -1, dtype=np.int64)
         place[rows] = np.arange(rows.size)
         blocks = []
@@ -91,7 +167,8 @@ class Whitening:
             if included.any():
                 blocks.append(BlockFactor(inside[included], block.factor[included]))
         marginal = None if self.marginal_weight is None else self.marginal_weight[:, rows]
-        return Whitening(self.weight[:, rows], tuple(blocks), marginal)
+        pose_errors = None if self.pose_errors is None else self.pose_errors.subset(rows)
+        return Whitening(self.weight[:, rows], tuple(blocks), pose_errors, marginal)
 
 
 def whitening(
@@ -110,13 +187,19 @@ def whitening(
         return Whitening(weight)
     scaled = joint_columns * weight[:, None, :]
     blocks = []
-    for rows in blocks_of(poses if scatter.pose_std.any() else visits):
-        covariance = _covariance(scaled, rows, scatter, visits)
-        values, vectors = np.linalg.eigh(covariance)
+    for rows in blocks_of(visits) if scatter.visit_std.any() else []:
+        columns = block_columns(scaled, rows) * scatter.visit_std
+        values, vectors = np.linalg.eigh(columns @ np.swapaxes(columns, 1, 2))
         factor = (vectors / np.sqrt(1.0 + np.maximum(values, 0.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
         blocks.append(BlockFactor(rows, factor))
     variance = np.einsum("mjn,j->mn", np.square(scaled), np.square(scatter.visit_std) + np.square(scatter.pose_std))
-    return Whitening(weight, tuple(blocks), weight / np.sqrt(1.0 + variance))
+    white = Whitening(weight, tuple(blocks), None, weight / np.sqrt(1.0 + variance))
+    shared = np.flatnonzero(scatter.pose_std)
+    if shared.size == 0:
+        return white
+    by_visit = white.apply_by_visit(np.moveaxis(joint_columns[:, shared], 1, 0).copy())
+    errors = SharedPoseErrors(np.moveaxis(by_visit, 0, 1) * scatter.pose_std[shared][:, None], poses)
+    return dataclasses.replace(white, pose_errors=errors)
 
 
 def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -133,12 +216,15 @@ def block_columns(columns: Array, rows: NDArray[np.int64]) -> Array:
     return np.moveaxis(columns[:, :, rows], (2, 0, 3, 1), (0, 1, 2, 3)).reshape(count, components * n, joints)
 
 
-def _covariance(scaled: Array, rows: NDArray[np.int64], scatter: Scatter, visits: NDArray[np.int64]) -> Array:
-    """Return ``(V, M n, M n)`` scatter covariance of the scaled rows of each block."""
-    columns = block_columns(scaled, rows)
-    components = scaled.shape[0]
-    same = np.tile((visits[rows][:, :, None] == visits[rows][:, None, :]), (1, components, components))
-    result = (columns * np.square(scatter.visit_std)) @ np.swapaxes(columns, 1, 2) * same
-    if scatter.pose_std.any():
-        result = result + (columns * np.square(scatter.pose_std)) @ np.swapaxes(columns, 1, 2)
-    return np.asarray(result, dtype=np.float64)
+def _stacked(values: Array, rows: NDArray[np.int64]) -> Array:
+    """Return the rows of each block of ``(..., M, N)``, all components under each other: ``(V, M n, L)``."""
+    by_row = values.reshape(-1, *values.shape[-2:]).transpose(2, 1, 0)
+    return by_row[rows].swapaxes(1, 2).reshape(rows.shape[0], values.shape[-2] * rows.shape[1], -1)
+
+
+def _put(values: Array, rows: NDArray[np.int64], stacked: Array) -> None:
+    """Store what :func:`_stacked` returns in ``values``."""
+    count, n = rows.shape
+    components = values.shape[-2]
+    part = stacked.reshape(count, components, n, -1).transpose(3, 1, 0, 2)
+    values[..., rows] = part.reshape(*values.shape[:-1], count, n)

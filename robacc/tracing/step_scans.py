@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.effects.change_points import FEWEST, after_step, at_place, place_of, same_form
-from robacc.fitting.whitening import Whitening
+from robacc.fitting.whitening import Whitening, blocks_of
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -191,7 +191,25 @@ def _gram_increments(whitening: Whitening, columns: Array, number: NDArray[np.in
         product = (stacked @ np.swapaxes(precision * share, 1, 2)).reshape(part.shape)
         rows = np.einsum("vqmn,vpmn->qpvn", part, product)
         result[:, :, block.rows] = rows + np.swapaxes(rows, 0, 1)
+    if whitening.pose_errors is not None:
+        result -= _shared_increments(whitening, weighted, number)
     return result
+
+
+def _shared_increments(whitening: Whitening, weighted: Array, number: NDArray[np.int64]) -> Array:
+    """Return ``(Q, Q, n)`` the part of the increments that errors common to the visits of a pose explain."""
+    errors = whitening.pose_errors
+    assert errors is not None
+    columns = whitening.multiply_by_visit(np.moveaxis(errors.columns, 1, 0).copy())
+    products = np.einsum("jmn,qmn->nqj", columns, weighted)
+    later = np.empty_like(products)
+    for rows in blocks_of(errors.poses):
+        after = number[rows][:, None, :] > number[rows][:, :, None]
+        same = number[rows][:, None, :] == number[rows][:, :, None]
+        part = products[rows].reshape(*rows.shape, -1)
+        later[rows] = ((after + 0.5 * same) @ part).reshape(*rows.shape, *products.shape[1:])
+    result = np.einsum("nqi,nij,npj->qpn", products, errors.inner(), later)
+    return np.asarray(result + np.swapaxes(result, 0, 1))
 
 
 def scan_for(scans: Sequence[StepScan], effect: Effect) -> StepScan | None:

@@ -39,10 +39,10 @@ def scan(seed: int = 0) -> tuple[StepScan, np.random.Generator]:
 
 
 def correlated(rng: np.random.Generator) -> Whitening:
-    """Whitening with scatter of the poses: rows i and i + N / 2 are visits of the same pose."""
+    """Whitening with scatter: rows i and i + N / 2 are of the same visit, and two visits of the same pose."""
     scatter = Scatter(np.array([0.5, 0.2]), np.array([0.8, 0.4]))
     weight = rng.uniform(0.5, 2.0, (ROWS, N))
-    return whitening(weight, rng.normal(size=(ROWS, 2, N)), scatter, np.arange(N), np.arange(N) % (N // 2))
+    return whitening(weight, rng.normal(size=(ROWS, 2, N)), scatter, np.arange(N) % (N // 2), np.arange(N) % (N // 4))
 
 
 @pytest.mark.parametrize("is_correlated", [False, True])

@@ -1,0 +1,84 @@
+"""Whitening with shared scatter against the dense covariance of all rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robacc.fitting.repeatability import _Data, _Step
+from robacc.fitting.whitening import Scatter, Whitening, whitening
+
+POSES, CYCLES, TARGETS = 5, 4, 3
+N = POSES * CYCLES * TARGETS
+COMPONENTS, JOINTS, COEFFICIENTS = 3, 4, 5
+NOISE = 1.3
+
+
+class Sample:
+    """Rows in random order, with their covariance as one dense matrix; component by component, row by row."""
+
+    def __init__(self, visit_std: float, pose_std: float) -> None:
+        rng = np.random.default_rng(1)
+        order = rng.permutation(N)
+        self.poses = np.repeat(np.arange(POSES), CYCLES * TARGETS)[order]
+        self.visits = np.repeat(np.arange(POSES * CYCLES), TARGETS)[order]
+        self.weight = np.full((COMPONENTS, N), 1.0 / NOISE)
+        self.columns = rng.normal(size=(COMPONENTS, JOINTS, N))
+        self.scatter = Scatter(visit_std * np.arange(1.0, JOINTS + 1), pose_std * np.array([1.0, 0.0, 2.0, 1.0]))
+        self.design = rng.normal(size=(COMPONENTS, COEFFICIENTS, N))
+        self.residual = rng.normal(size=(COMPONENTS, N))
+        self.dense = np.diag(1.0 / np.square(self.weight.ravel()))
+        for groups, stds in ((self.visits, self.scatter.visit_std), (self.poses, self.scatter.pose_std)):
+            self.dense += sum(std**2 * self.shared(groups, joint) for joint, std in enumerate(stds.tolist()))
+
+    def shared(self, groups: np.ndarray, joint: int) -> np.ndarray:
+        """B B^T of a joint whose error the rows of a group share."""
+        column, number = self.columns[:, joint].ravel(), np.tile(groups, COMPONENTS)
+        return np.outer(column, column) * (number[:, None] == number)
+
+    def whitening(self) -> Whitening:
+        return whitening(self.weight, self.columns, self.scatter, self.visits, self.poses)
+
+
+def matrix(white: Whitening) -> np.ndarray:
+    unit = np.eye(COMPONENTS * N).reshape(-1, COMPONENTS, N)
+    return white.apply(unit).reshape(COMPONENTS * N, -1).T
+
+
+@pytest.mark.parametrize(("visit_std", "pose_std"), [(0.5, 0.8), (0.0, 0.8), (0.5, 0.0)])
+def test_residuals_get_unit_covariance(visit_std: float, pose_std: float) -> None:
+    sample = Sample(visit_std, pose_std)
+    white = sample.whitening()
+    root = matrix(white)
+    np.testing.assert_allclose(root @ sample.dense @ root.T, np.eye(COMPONENTS * N), atol=1e-12)
+    assert white.log_determinant == pytest.approx(np.linalg.slogdet(sample.dense)[1], rel=1e-12)
+    unit = np.eye(COMPONENTS * N).reshape(-1, COMPONENTS, N)
+    np.testing.assert_allclose(white.apply_transposed(unit).reshape(COMPONENTS * N, -1), root, atol=1e-13)
+
+
+def test_rows_that_are_ignored_do_not_change_those_that_stay() -> None:
+    sample = Sample(0.5, 0.8)
+    kept = np.flatnonzero(sample.visits % 4 != 1)
+    sample.weight[:, sample.visits % 4 == 1] = 0.0
+    values = np.random.default_rng(2).normal(size=(COMPONENTS, N))
+    white = sample.whitening()
+    np.testing.assert_allclose(white.apply(values)[:, kept], white.subset(kept).apply(values[:, kept]), atol=1e-13)
+
+
+@pytest.mark.parametrize(("visit_std", "pose_std"), [(0.5, 0.8), (0.0, 0.8), (0.5, 0.0)])
+def test_steps_of_restricted_likelihood_equal_those_of_dense_matrices(visit_std: float, pose_std: float) -> None:
+    sample = Sample(visit_std, pose_std)
+    data = _Data(sample.residual, sample.design, sample.columns, np.zeros((COMPONENTS, N)), sample.visits, sample.poses)
+    step = _Step.of(data, np.zeros(COEFFICIENTS), sample.whitening())
+    inverse = np.linalg.inv(sample.dense)
+    design = np.moveaxis(sample.design, 1, 0).reshape(COEFFICIENTS, -1).T
+    projected = inverse - inverse @ design @ np.linalg.solve(design.T @ inverse @ design, design.T @ inverse)
+    score = projected @ sample.residual.ravel()
+    for groups in (sample.visits, sample.poses):
+        shared = [sample.shared(groups, joint) for joint in range(JOINTS)]
+        expected = [score @ part @ score / np.trace(projected @ part) for part in shared]
+        np.testing.assert_allclose(step.ratio(groups), expected, rtol=1e-10)
+    expected_noise = NOISE * np.sqrt(score @ score / np.trace(projected))
+    assert step.noise((NOISE, 0.0), 1.0)[0] == pytest.approx(expected_noise, rel=1e-12)
+    restricted = np.linalg.slogdet(sample.dense)[1] + np.linalg.slogdet(design.T @ inverse @ design)[1]
+    assert step.likelihood == pytest.approx(-0.5 * (restricted + sample.residual.ravel() @ score), rel=1e-10)

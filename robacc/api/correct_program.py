@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from robacc.api.inputs import StrPath, load_robot
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
-from robacc.programs.configuration import joint_window
+from robacc.programs.configuration import is_read, joint_window, leaves_configuration
 from robacc.programs.flange import FlangeTargets, flange_targets, joint_targets, values_at
 from robacc.programs.krl_status import allowed_by_status
 from robacc.programs.program import Dialect, Program
@@ -53,12 +53,12 @@ class CorrectedProgram:
         lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
         count = self.corrections[0].targets.q.shape[0]
         if any(
-            target.kind == "cartesian" and joint_window(self.program.dialect, target.configuration, count) is None
+            target.kind == "cartesian" and not is_read(self.program.dialect, target.configuration, count)
             for target in self.program.targets
         ):
             lines.append(
-                "Cartesian targets whose configuration is not read or not given: the joints nearest to the last joint "
-                "target before them are taken, or a solution within the limits where there is none"
+                "Cartesian targets whose configuration is not given, or not read as a whole: the joints nearest to the "
+                "last joint target before them are taken, or a solution within the limits where there is none"
             )
         return tuple(lines)
 
@@ -113,11 +113,12 @@ def correct_program(
         result = correct(data, model=arm, nominal=flange_arm, frame="base", **options)
         results.append(result)
         new = _values(program, group, result)
-        for index, value, refusal in zip(group, new, result.targets.refusals, strict=True):
-            if refusal is None:
+        reasons = _reasons(program, group, result)
+        for index, value, doubt in zip(group, new, reasons, strict=True):
+            if doubt is None:
                 values[index] = value
             else:
-                unchanged.append((program.targets[index].line, program.targets[index].name, refusal.reason))
+                unchanged.append((program.targets[index].line, program.targets[index].name, doubt))
     if not any(value is not None for value in values):
         problems = [
             Problem(f"{name} is not corrected: {reason}", program.file, line) for line, name, reason in unchanged
@@ -159,7 +160,7 @@ def _configured(
             usable = usable & window.allows(q)
             if program.dialect is Dialect.krl:
                 usable &= allowed_by_status(arm, target.configuration, q)
-        elif before is not None:
+        if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]
         if not usable.any():
             reason = f"the nominal robot has no solution in its configuration {target.configuration}"
@@ -188,6 +189,21 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
         return None
     start = first
     return np.array([before.get(i, start) for i in numbers], dtype=float).T
+
+
+def _reasons(program: Program, numbers: Sequence[int], result: Corrected) -> Iterator[str | None]:
+    """Yield for each target why it is not corrected; None for a target that is."""
+    targets = result.targets
+    for k, (number, refusal) in enumerate(zip(numbers, targets.refusals, strict=True)):
+        target = program.targets[number]
+        if refusal is not None:
+            yield refusal.reason
+        elif target.kind == "cartesian" and leaves_configuration(
+            program.dialect, target.configuration, targets.wanted.q[:, k], targets.q[:, k]
+        ):
+            yield f"the corrected joints have another configuration than that of the program, {target.configuration}"
+        else:
+            yield None
 
 
 def _values(program: Program, numbers: Sequence[int], result: Corrected) -> list[tuple[float, ...]]:

@@ -221,6 +221,10 @@ class Effect(abc.ABC):
         """
         return () if self.extrapolates else tuple(validity)
 
+    def relaxing_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+        """Return the drivers of ``validity`` beyond whose range the prior takes the effect back to zero."""
+        return ()
+
     def period(self, arm: Arm, driver: str) -> float | None:
         """Return the change of a driver after which the effect repeats itself; None if it does not."""
         return None

@@ -68,8 +68,16 @@ class TransmissionError(Effect):
                 yield cls((joint,), (float(ratio),))
 
     def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the joints that moved less than the period of the orders together: a whole period repeats itself."""
-        return tuple(name for name, (low, high) in validity.items() if high - low < common_period(self.orders))
+        """Return the joints that moved less than the period of the orders together: a whole period repeats itself.
+
+        A profile that repeats itself after a turn is not held, since its prior says what is likely beyond the range.
+        """
+        partial = tuple(name for name, (low, high) in validity.items() if high - low < common_period(self.orders))
+        return tuple(name for name in partial if not (self.shrunk and self.period(arm, name)))
+
+    def relaxing_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+        """Return the joint of a profile that repeats itself after a turn."""
+        return tuple(name for name in validity if self.shrunk and self.period(arm, name))
 
     def period(self, arm: Arm, driver: str) -> float | None:
         """Return the turn of the joint after which the orders repeat themselves."""

@@ -52,7 +52,7 @@ class OutsideValidity:
     ranges: tuple[OutsideRange, ...]
     """Ranges that some pose exceeds, by number of poses."""
     std_max: float
-    """Largest standard deviation (m) of the position that the held effects add outside their ranges."""
+    """Largest standard deviation (m) of the position that held effects and profiles add outside their ranges."""
 
     def warnings(self) -> tuple[str, ...]:
         """Return one sentence with the drivers and how far the poses exceed their ranges; empty if all are inside."""
@@ -95,6 +95,7 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
     for effect in known:
         share = np.zeros(data.n)
         held_drivers = effect.effect.held_drivers(arm, effect.validity)
+        uncertain_drivers = (*held_drivers, *effect.effect.relaxing_drivers(arm, effect.validity))
         for driver, (low, high) in effect.validity.items():
             values = driver_values(arm, data, driver)
             if values is None:
@@ -104,7 +105,7 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
             if not is_outside.any():
                 continue
             outside |= is_outside
-            if driver in held_drivers:
+            if driver in uncertain_drivers:
                 share = np.maximum(share, is_outside * excess / max(high - low, _ROUNDING))
             items.append(_outside_range(arm, effect, driver, excess, is_outside, driver in held_drivers))
         if share.any():

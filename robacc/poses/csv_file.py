@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -43,6 +42,7 @@ from robacc.poses.values import COMMANDED_AXES, Limits, Values
 
 _BLOCK = 4096
 """Rows written at a time."""
+_NEEDS_QUOTES = re.compile(r'[,"\r\n]')
 
 
 def read_poses(
@@ -264,13 +264,17 @@ def pose_pieces(
     """Yield the text of :func:`format_poses` in pieces of some thousand rows, to limit the memory used."""
     for start in range(0, max(measurements.n, 1), _BLOCK):
         columns = _columns(measurements.subset(slice(start, start + _BLOCK)), joint_names, attained)
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
+        lines = [",".join(row) + "\n" for row in zip(*(column for _, column in columns), strict=True)]
         if start == 0:
             with_unit = _names_that_need_a_unit(measurements)
-            writer.writerow([f"{name}_m" if name in with_unit else name for name, _ in columns])
-        writer.writerows(zip(*(column for _, column in columns), strict=True))
-        yield out.getvalue()
+            names = [_cell(f"{name}_m" if name in with_unit else name) for name, _ in columns]
+            lines.insert(0, ",".join(names) + "\n")
+        yield "".join(lines)
+
+
+def _cell(text: str) -> str:
+    """Return a text as a cell of a CSV file, in quotes where it needs them."""
+    return '"{}"'.format(text.replace('"', '""')) if _NEEDS_QUOTES.search(text) else text
 
 
 def _names_that_need_a_unit(measurements: Measurements) -> tuple[str, ...]:
@@ -310,7 +314,7 @@ def _columns(
     # Text goes last: an id that begins with # would make a comment of its row.
     for name in TEXTS:
         if (texts := getattr(measurements, name)) is not None:
-            columns.append((name, [str(text) for text in texts]))
+            columns.append((name, [_cell(str(text)) for text in texts]))
     return columns
 
 

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
+from robacc.effects.base import SCALE_OF_INSTRUMENT
 from robacc.effects.specification import Known
 from robacc.effects.validity import MARGIN, Periods, Validity, driver_values, nearest_image, range_excess
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.prediction.motion_columns import motion_columns
 from robacc.robots.arm import Arm
 from robacc.statistics.distributions import normal_quantile
 
@@ -44,7 +45,7 @@ def extrapolation(model: Model, data: Measurements) -> Array | None:
             variance[motion] = variance.get(motion, np.zeros(data.n)) + np.square(std)
     if not variance:
         return None
-    jacobian = _motion_columns(model, data, tuple(variance))
+    jacobian = motion_columns(model, data, tuple(variance))
     result: Array = np.einsum("imn,mn,jmn->ijn", jacobian, np.array(list(variance.values())), jacobian, optimize=True)
     return result
 
@@ -68,7 +69,7 @@ def extrapolation_columns(model: Model, data: Measurements, sample: Measurements
         waves = _difference_waves(model.arm, known, data) if stds else None
         if waves is None:
             continue
-        jacobian = _motion_columns(model, data, tuple(stds))
+        jacobian = motion_columns(model, data, tuple(stds))
         columns += [jacobian[:, i, None] * (std * waves) for i, std in enumerate(stds.values())]
     return np.concatenate(columns, axis=1) if columns else None
 
@@ -149,11 +150,3 @@ def _within(arm: Arm, data: Measurements, limits: Validity) -> Measurements:
         elif name in _COLUMNS:
             changes[_COLUMNS[name]] = values
     return dataclasses.replace(sample, **changes)
-
-
-def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
-    """Return the derivative ``(6, len(motions), n)`` of the poses to the scalars of some motions."""
-    bound = dataclasses.replace(model, free=()).bind(data)
-    terms = tuple(Term(f"motion{motion}", "", 1.0, (Part(motion),)) for motion in motions)
-    moved = dataclasses.replace(bound, terms=terms, owners=tuple(range(len(terms))))
-    return moved.linearise(np.zeros(len(terms)))[1]

@@ -4,8 +4,12 @@ KRL writes ``S s,T t``: bit i of T is set where axis i + 1 is negative (KUKA, Ex
 for S see :mod:`robacc.programs.krl_status`.
 RAPID writes ``[cf1,cf4,cf6,cfx]``: the quarter turns of axes 1, 4 and 6, 0 from 0 to 90 degrees and -1 from -90 to 0
 degrees (ABB, Technical reference manual, "confdata"). Both count the axes of a six-axis arm, so they are not read for
-other chains, such as an arm on a rail. cfx is not read. The letters of a FANUC ``CONFIG`` depend on the arm and
-are not read.
+other chains, such as an arm on a rail. cfx is not read.
+
+A FANUC ``CONFIG`` ends with three turn numbers: 0 from -180 to 180 degrees, 1 from 180 degrees on. Public sources agree
+that the third is that of axis 6; the first two are those of axes 1 and 4, or 4 and 5, so equal ones are that of axis 4
+in both readings. The joints behind the letters of ``CONFIG``, and behind the words of a Staubli point, depend on the
+arm and are not read.
 """
 
 from __future__ import annotations
@@ -23,7 +27,9 @@ from robacc.programs.program import Dialect
 _TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _NUMBERS = re.compile(r"-?\d+")
 _N_AXES = 6
-"""Axes that both dialects count."""
+"""Axes that the dialects count."""
+_FLIPS = (Dialect.fanuc, Dialect.val3)
+"""Dialects whose configuration names the side of axis 5 by a letter or a word."""
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
 _CF_AXES = (0, 3, 5)
@@ -75,9 +81,50 @@ def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWi
         turn = int(text[1:], 2) if text[0] in "Bb" else int(text)
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
+    if dialect is Dialect.fanuc:
+        turns = [int(number) for number in _NUMBERS.findall(configuration)]
+        if len(turns) != 3:
+            return None
+        low[5], high[5] = _turn_range(turns[2])
+        if turns[0] == turns[1]:
+            low[3], high[3] = _turn_range(turns[0])
+        return JointWindow(low, high)
     quarters = [int(number) for number in _NUMBERS.findall(configuration)[:3]]
     if dialect is Dialect.rapid and len(quarters) == 3:
         low[list(_CF_AXES)] = 0.5 * np.pi * np.array(quarters)
         high[list(_CF_AXES)] = 0.5 * np.pi * (np.array(quarters) + 1)
         return JointWindow(low, high)
     return None
+
+
+def is_read(dialect: Dialect, configuration: str, n_joints: int) -> bool:
+    """Return whether a configuration is given and read as a whole, letters and words too."""
+    return dialect not in _FLIPS and joint_window(dialect, configuration, n_joints) is not None
+
+
+def leaves_configuration(dialect: Dialect, configuration: str, before: Array, after: Array) -> bool:
+    """Return whether corrected joints have another configuration than the one that a target states.
+
+    Joints that were on a border already leave nothing.
+
+    Args:
+        dialect: Language of the program.
+        configuration: Configuration as written.
+        before: Joints ``(J,)`` of the target, rad.
+        after: Corrected joints ``(J,)``, rad.
+    """
+    window = joint_window(dialect, configuration, before.size)
+    if window is not None:
+        inside = (before > window.low) & (before < window.high)
+        if np.any(inside & ((after < window.low) | (after > window.high))):
+            return True
+    return dialect in _FLIPS and bool(configuration) and before.size == _N_AXES and bool(before[4] * after[4] < 0)
+
+
+def _turn_range(turn: int) -> tuple[float, float]:
+    """Return the range (rad) of an axis of a turn number; sources differ on turns beyond the first."""
+    if turn == 0:
+        return -np.pi, np.pi
+    first = np.pi if abs(turn) == 1 else 2.0 * np.pi
+    last = 3.0 * np.pi if abs(turn) == 1 else np.inf
+    return (first, last) if turn > 0 else (-last, -first)

@@ -20,6 +20,7 @@ from robacc.geometry import (
     rotation_from_quaternion,
     rotation_from_rpy,
     rpy_from_rotation,
+    transpose,
 )
 
 
@@ -34,6 +35,8 @@ class Convention(StrEnum):
     """x, y, z, W, P, R with R = Rz(R) Ry(P) Rx(W) (FANUC)."""
     quaternion = "quaternion"
     """x, y, z, q1 … q4 with q1 the scalar part (ABB)."""
+    moving_xyz = "moving_xyz"
+    """x, y, z, rx, ry, rz with R = Rx(rx) Ry(ry) Rz(rz) (Staubli)."""
     rotation_vector = "rotation_vector"
     """x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
 
@@ -56,6 +59,9 @@ def rotation_of(convention: Convention, angles: Array) -> Array:
         return rotation_from_rpy(angles[::-1])
     if convention is Convention.fixed_xyz:
         return rotation_from_rpy(angles)
+    if convention is Convention.moving_xyz:
+        # The inverse of the rotation by the opposite angles about fixed axes.
+        return transpose(rotation_from_rpy(-angles))
     if convention is Convention.rotation_vector:
         return exp_so3(angles)
     return rotation_from_quaternion(angles)
@@ -70,6 +76,8 @@ def to_native(convention: Convention, values: Array, near: Array) -> Array:
         turned = _nearest_quaternion(values[3:], near[3:])
     elif convention is Convention.rotation_vector:
         turned = _nearest_vector(log_so3(rotation), near[3:])
+    elif convention is Convention.moving_xyz:
+        turned = -_nearest_angles(transpose(rotation), -near[3:])
     elif convention is Convention.zyx:
         turned = _nearest_angles(rotation, near[:2:-1])[::-1]
     else:

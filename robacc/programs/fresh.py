@@ -56,8 +56,11 @@ def write_program(
         linear: Numbers of the prismatic joints, counted from 0.
 
     Raises:
+        UsageError: The dialect is not in :data:`SUFFIX`.
         UsageError: A target has more joints than the dialect's targets, or the speed is not in (0, 1].
     """
+    if dialect not in SUFFIX:
+        raise UsageError(f"robacc writes no new {dialect.value} program; choose {', '.join(SUFFIX)}")
     if not 0 < speed <= 1:
         raise UsageError(f"a speed of {speed:g} is not a fraction of the largest; give a number above 0 and at most 1")
     if not pause >= 0:

@@ -22,6 +22,7 @@ class Dialect(StrEnum):
     rapid = "rapid"
     fanuc = "fanuc"
     urscript = "urscript"
+    val3 = "val3"
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ SUFFIXES = {
     ".ls": Dialect.fanuc,
     ".script": Dialect.urscript,
     ".urscript": Dialect.urscript,
+    ".dtx": Dialect.val3,
 }
 """Suffixes of program files."""
 _BINARY = {
@@ -35,9 +36,12 @@ _BINARY = {
         "list the joint angles in degrees, or the poses, in a CSV",
     ),
     ".va": ("is a listing of FANUC variables", "save the positions as a TP program (.ls), or list them in a CSV"),
+    ".pgx": ("is a VAL3 program, whose points are in the data file of its application", "give the .dtx file beside it"),
+    ".pjx": ("is a VAL3 project, whose points are in its data files", "give the .dtx file beside it"),
     ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
 }
 _SIGNS = (
+    (Dialect.val3, re.compile(r"<Database\b[^>]*/VAL3/Data/")),
     (Dialect.fanuc, re.compile(r"^/PROG\b", re.M)),
     (Dialect.urscript, re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:", re.M)),
     (Dialect.rapid, re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)),
@@ -70,7 +74,8 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
 
     Args:
         path: Program: KUKA ``.src``, ``.dat``; ABB ``.mod``, ``.modx``, ``.sys``, ``.prg``; FANUC ``.ls``; URScript
-            ``.script``. A KUKA file is read together with the file of the same name and the other suffix.
+            ``.script``; Staubli ``.dtx``. A KUKA file is read together with the file of the same name and the other
+            suffix, a Staubli file with the programs and the project in its folder.
         frames: Files that define tools and bases: files of the same dialect, such as ``$config.dat`` or a module with
             tooldata, and YAML files of frames by name.
 
@@ -109,6 +114,10 @@ def _parse(source: ProgramSource, name: str, others: Sequence[ProgramSource]) ->
         from robacc.programs.fanuc import parse_fanuc
 
         return parse_fanuc(source)
+    if dialect is Dialect.val3:
+        from robacc.programs.val3 import parse_val3
+
+        return parse_val3(source, [*_application(name), *others])
     from robacc.programs.urscript import parse_urscript
 
     return parse_urscript(source)
@@ -125,7 +134,7 @@ def dialect_of(source: ProgramSource) -> Dialect:
             return dialect
     dialect_by_suffix = SUFFIXES.get(PurePath(source.file).suffix.lower())
     if dialect_by_suffix is None:
-        fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls or URScript .script"
+        fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
         raise source.error("is no robot program that robacc reads", fix=fix)
     return dialect_by_suffix
 
@@ -143,3 +152,12 @@ def _companions(name: str) -> list[ProgramSource]:
         if other.is_file():
             return [_source(os.fspath(other))]
     return []
+
+
+def _application(name: str) -> list[ProgramSource]:
+    """Return the programs and projects in the folder of a VAL3 data file, by name."""
+    folder = Path(name).parent
+    if not Path(name).is_file():
+        return []
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".pgx", ".pjx") and path.is_file())
+    return [_source(os.fspath(path)) for path in paths]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from robacc.api.correct_program import correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
-from robacc.programs.configuration import joint_window
+from robacc.programs.configuration import joint_window, leaves_configuration
 from robacc.programs.flange import flange_targets
 from robacc.programs.fresh import joint_target, write_program
 from robacc.programs.program import Dialect
@@ -118,15 +118,45 @@ def test_the_configuration_of_the_program_decides() -> None:
         (Dialect.krl, "S 'B010',T 'B101000'"): [False, True],
         (Dialect.rapid, "[0,-1,-1,0]"): [True, True],
         (Dialect.rapid, "[0,0,-1,0]"): [False, False],
+        (Dialect.fanuc, "N U T, 0, 0, 0"): [True, True],
+        (Dialect.fanuc, "F D B, 0, 0, -1"): [False, False],
     }
     for (dialect, text), expected in cases.items():
         window = joint_window(dialect, text, 6)
         assert window is not None
         assert window.allows(q).tolist() == expected
-    assert joint_window(Dialect.fanuc, "N U T, 0, 0, 0", 6) is None
+    assert joint_window(Dialect.val3, "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
     assert joint_window(Dialect.krl, "T 5", 7) is None
     assert joint_window(Dialect.krl, "", 6) is None
+
+
+def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
+    wide, revolute = (np.full(6, -np.inf), np.full(6, np.inf)), np.ones(6, dtype=bool)
+    q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
+    # The first two numbers are unequal: sources differ on the axes that they count.
+    for text, fourth in (("N U T, 0, 1, -1", 0.1), ("N U T, 1, 1, -1", 0.1 + 2 * np.pi)):
+        window = joint_window(Dialect.fanuc, text, 6)
+        assert window is not None
+        turned = window.turned(q, wide, revolute)[:, 0]
+        np.testing.assert_allclose(turned, [0.1, 0.2, 0.3, fourth, 0.2, 0.4 - 2 * np.pi])
+    window = joint_window(Dialect.fanuc, "N U T, 0, 0, 0", 6)
+    assert window is not None
+    beyond = np.array([[0, 0, 0, 0, 0, 3.2], [0, 0, 0, 3.2, 0, 0], [3.2, 0, 0, 0, 3.2, 0]]).T
+    assert window.allows(beyond).tolist() == [False, False, True]
+
+
+def test_a_correction_into_another_configuration_is_seen() -> None:
+    before = np.array([0.1, -0.5, 1.0, -1.0, 1e-4, 3.1415])
+    over = before + np.array([0, 0, 0, 0, 0, 2e-4])
+    flipped = before + np.array([0, 0, 0, 0, -2e-4, 0])
+    config = "N U T, 0, 0, 0"
+    assert [leaves_configuration(Dialect.fanuc, config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
+    # A turn of KRL is the sign of each axis, and knows nothing of half a turn.
+    assert [leaves_configuration(Dialect.krl, "S 2,T 10", before, q) for q in (before, over, flipped)] == [0, 0, 1]
+    assert [leaves_configuration(Dialect.val3, "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
+    on_border = np.where(np.arange(6) == 5, np.pi, before)
+    assert not leaves_configuration(Dialect.fanuc, config, on_border, on_border + 1e-4 * np.eye(6)[5])
 
 
 def test_whole_turns_follow_the_configuration_within_the_limits() -> None:
@@ -180,3 +210,55 @@ def test_targets_without_frames_stay(tmp_path: Path) -> None:
         correct_program(ROOT / "tests" / "programs" / "samples" / "pick.ls", model=real, nominal=nominal)
     with pytest.raises(InputError, match="has no targets"):
         correct_program(ROOT / "tests" / "programs" / "samples" / "nopos.ls", model=real, nominal=nominal)
+
+
+def tp_program(poses: np.ndarray, configurations: list[str], home: np.ndarray) -> str:
+    """A TP program with a joint target and Cartesian targets in the robot's base frame."""
+    joints = ", ".join(f"J{i + 1}= {np.degrees(v):.3f} deg" for i, v in enumerate(home))
+    text = "/PROG  TWO\n/MN\n   1:J P[1] 10% FINE ;\n"
+    positions = f"P[1]{{\n   GP1:\n\tUF : 0, UT : 1,\t\n\t{joints}\n}};\n"
+    for k, (pose, configuration) in enumerate(zip(poses, configurations, strict=True), start=2):
+        w, p, r = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+        x, y, z = 1e3 * pose[:3, 3]
+        text += f"   {k}:L P[{k}] 100mm/sec FINE ;\n"
+        positions += f"P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\tCONFIG : '{configuration}',\n"
+        positions += f"\tX = {x:.6f} mm, Y = {y:.6f} mm, Z = {z:.6f} mm,\n"
+        positions += f"\tW = {w:.8f} deg, P = {p:.8f} deg, R = {r:.8f} deg\n}};\n"
+    return text + "/POS\n" + positions + "/END\n"
+
+
+def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path) -> None:
+    nominal, real = arms()
+    nominal, real = (dataclasses.replace(arm, tool=Frame()) for arm in (nominal, real))
+    path, frames = tmp_path / "two.ls", tmp_path / "frames.yaml"
+    frames.write_text("units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
+    poses = flange(nominal, Q[:, [0, 0]])
+    path.write_text(tp_program(poses, ["N U T, 0, 0, 0", "N U T, 0, 0, 1"], Q[:, 0]))
+    # Three decimals of a degree in the program's joint target.
+    result = correct_program(path, model=real, nominal=nominal, frames=[frames])
+    wanted = result.corrections[1].targets.wanted.q
+    turned = Q[:, 0] + 2 * np.pi * np.eye(6)[5]
+    if not all(j.limits is None or j.limits[1] >= turned[5] for j in nominal.variables[5:]):
+        assert "no solution in its configuration N U T, 0, 0, 1" in result.unchanged[0][2]
+        np.testing.assert_allclose(wanted.T, [Q[:, 0]], atol=1e-6)
+    else:
+        np.testing.assert_allclose(wanted.T, [Q[:, 0], turned], atol=1e-6)
+    assert any("not read as a whole" in warning for warning in result.warnings)
+    assert b"'N U T, 0, 0, 1'" in result.data
+
+
+def test_a_target_whose_correction_flips_the_wrist_stays(tmp_path: Path) -> None:
+    nominal, real = arms()
+    # The fifth joint's zero is off by 3 mrad, and the program wants it 1 mrad from zero.
+    joints = [
+        dataclasses.replace(j, parameters={**j.parameters, "theta": j.parameters.get("theta", 0.0) + 3e-3 * (i == 4)})
+        for i, j in enumerate(nominal.joints)
+    ]
+    real = dataclasses.replace(nominal, joints=tuple(joints), tool=Frame())
+    nominal = dataclasses.replace(nominal, tool=Frame())
+    near = np.where(np.arange(6) == 4, 1e-3, Q[:, 0])
+    path, frames = tmp_path / "flip.ls", tmp_path / "frames.yaml"
+    frames.write_text("units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
+    path.write_text(tp_program(flange(nominal, np.stack((Q[:, 1], near), axis=1)), ["N U T, 0, 0, 0"] * 2, Q[:, 0]))
+    result = correct_program(path, model=real, nominal=nominal, frames=[frames], most="50mm,5deg")
+    assert [name for _, name, _ in result.unchanged] == ["P[3]"]

@@ -11,7 +11,8 @@ from robacc.errors import InputError
 from robacc.programs.reading import read_program
 from robacc.programs.writing import with_targets
 
-SAMPLES = sorted(path for path in (Path(__file__).parent / "samples").iterdir() if path.is_file())
+FOLDER = Path(__file__).parent / "samples"
+SAMPLES = sorted(path for path in (*FOLDER.iterdir(), *FOLDER.glob("val3/*.dtx")) if path.is_file())
 PIECES = [
     b"{",
     b"}",

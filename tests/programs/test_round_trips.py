@@ -13,7 +13,8 @@ from robacc.programs.reading import read_program
 from robacc.programs.source import NUMBER, ProgramSource
 from robacc.programs.writing import with_targets
 
-SAMPLES = sorted(path for path in (Path(__file__).parent / "samples").iterdir() if path.is_file())
+FOLDER = Path(__file__).parent / "samples"
+SAMPLES = sorted(path for path in (*FOLDER.iterdir(), *FOLDER.glob("val3/*.dtx")) if path.is_file())
 FANUC_RESOLUTION = 0.5e-3
 
 
@@ -31,7 +32,7 @@ def moved(program: Program, size: float, seed: int = 7) -> list[tuple[float, ...
 
 def reread(program: Program, data: bytes, tmp_path: Path) -> Program:
     """The program of bytes, beside copies of the files that the sample is read with."""
-    for path in SAMPLES:
+    for path in (*SAMPLES, *FOLDER.glob("val3/*.p*")):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     path = tmp_path / Path(program.file).name
     path.write_bytes(data)

@@ -113,10 +113,10 @@ def correct(
 ) -> None:
     """Compute the commands that make the real arm reach its targets, from a model of the arm.
 
-    A robot program (KUKA .src, .dat, ABB .mod, FANUC .ls, URScript .script) becomes the same program with other
-    numbers in its targets, in the frames of the program. The CSV has the joints to command, and the wanted poses as
-    cmd_ columns. With --output, the corrections and the expected errors are written to standard output. A target that
-    cannot be corrected keeps its nominal command.
+    A robot program (KUKA .src, .dat, ABB .mod, FANUC .ls, URScript .script, Staubli .dtx) becomes the same program with
+    other numbers in its targets, in the frames of the program. The CSV has the joints to command, and the wanted poses
+    as cmd_ columns. With --output, the corrections and the expected errors are written to standard output. A target
+    that cannot be corrected keeps its nominal command.
 
     Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
     """

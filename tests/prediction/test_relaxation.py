@@ -1,0 +1,138 @@
+"""Profiles beyond their ranges: the prior's mean and covariance, and what is added to the latter."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arms import arm
+
+from robacc.effects.transmission_error import TransmissionError
+from robacc.geometry import log_between
+from robacc.measurements import Measurements
+from robacc.modelling.model import predict
+from robacc.modelling.validity import outside_validity
+from robacc.prediction import relaxation
+from robacc.prediction.model_fit import ModelFit
+from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.robots.description import Robot
+
+ORDERS = tuple(float(order) for order in range(1, 21))
+LOW, HIGH = -1.0, 0.6
+STD, NOISE = 3e-5, 2e-5
+"""rad: prior of each coefficient, and noise of a measured angle."""
+
+
+def basis(angle: np.ndarray) -> np.ndarray:
+    """Cosine and sine ``(n, 2 Q)`` of each order, in the order of the effect's coefficients."""
+    phase = np.multiply.outer(angle, ORDERS)
+    return np.stack((np.cos(phase), np.sin(phase)), axis=-1).reshape(len(angle), -1)
+
+
+def posterior(angle: np.ndarray) -> np.ndarray:
+    """Covariance of the coefficients from measured angles."""
+    design = basis(angle)
+    return np.linalg.inv(design.T @ design / NOISE**2 + np.eye(design.shape[1]) / STD**2)
+
+
+def names() -> list[str]:
+    return [f"{kind}{order:g}" for order in ORDERS for kind in ("cos", "sin")]
+
+
+def fitted(values: np.ndarray, covariance: np.ndarray) -> tuple[Robot, ModelFit]:
+    """A Puma with a fitted profile of its second joint, and the record of the fit."""
+    effect = TransmissionError(("j2",), ORDERS, True)
+    entry = {
+        "effect": effect.name,
+        "joints": ["j2"],
+        "orders": list(ORDERS),
+        "shrunk": True,
+        "values": {f"j2.{name}": float(value) for name, value in zip(names(), values, strict=True)},
+        "validity": {"j2": [LOW, HIGH]},
+    }
+    record = ModelFit(
+        effects=(effect,),
+        coefficients=tuple(f"{effect.name}.j2.{name}" for name in names()),
+        covariance=covariance,
+        nominal={},
+        repeatability={},
+        unexplained=np.zeros((6, 6)),
+        noise=(0.0, 0.0),
+        noise_is_separate=False,
+        bound_factor=(1.0, 1.0),
+        largest_correction=(1e-3, 1e-3),
+        ranges={"j2": (LOW, HIGH)},
+        n_poses=100,
+    )
+    robot = arm("puma560").robot
+    joints = tuple(dataclasses.replace(joint, gear_ratio=100.0) for joint in robot.joints)
+    return dataclasses.replace(robot, joints=joints, effects=(entry,)), record
+
+
+def poses(second: np.ndarray) -> Measurements:
+    q = np.random.default_rng(3).uniform(-1, 1, (6, len(second)))
+    q[1] = second
+    return Measurements(np.zeros((3, len(second))), q=q)
+
+
+def joint_variance(second: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Variance of the second joint's error that the library states, from that of the orientation (a turn of 1)."""
+    robot, record = fitted(np.zeros(covariance.shape[0]), covariance)
+    uncertainty = model_uncertainty(robot, record, poses(second), measured=True)
+    return np.einsum("iin->n", uncertainty.orientation)
+
+
+TRAINED = np.random.default_rng(1).uniform(LOW, HIGH, 150)
+PLACES = np.array([-1.9, -1.1, LOW, -0.3, HIGH, 0.65, 0.8, 1.4, 0.2 + 2 * np.pi])
+
+
+def test_the_variance_is_that_of_the_posterior_and_of_the_change_since_the_end() -> None:
+    covariance = posterior(TRAINED)
+    here, end = basis(PLACES), basis(np.where(PLACES > 6, 0.2, np.clip(PLACES, LOW, HIGH)))
+    expected = np.einsum("np,pq,nq->n", here, covariance, here)
+    expected += relaxation.DOUBT * np.einsum("np,pq,nq->n", here - end, covariance, here - end)
+    np.testing.assert_allclose(joint_variance(PLACES, covariance), expected, rtol=1e-9)
+    # Far from the range the posterior is the prior, of all orders, and the change since the end has about its variance.
+    prior = len(ORDERS) * STD**2
+    assert expected[0] == pytest.approx((1.0 + relaxation.DOUBT) * prior, rel=0.1)
+    assert expected[3] < 0.05 * prior
+
+
+def test_errors_of_profiles_of_the_prior_have_the_posterior_variance(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(relaxation, "DOUBT", 0.0)
+    random = np.random.default_rng(8)
+    design, covariance, n = basis(TRAINED), posterior(TRAINED), 4000
+    truth = STD * random.normal(size=(n, design.shape[1]))
+    measured = truth @ design.T + NOISE * random.normal(size=(n, len(TRAINED)))
+    estimate = measured @ design @ covariance / NOISE**2
+    error = (estimate - truth) @ basis(PLACES).T
+    # The variance of a variance of 4,000 values is 2/4,000: five standard deviations are 11 %.
+    np.testing.assert_allclose(np.mean(error**2, axis=0), joint_variance(PLACES, covariance), rtol=0.11)
+
+
+def test_the_profile_is_not_held_at_its_end() -> None:
+    values = STD * np.random.default_rng(2).normal(size=2 * len(ORDERS))
+    robot, _ = fitted(values, posterior(TRAINED))
+    data = poses(np.array([HIGH + 0.5]))
+    assert data.q is not None
+    still = dataclasses.replace(robot, effects=())
+    with_profile, without = predict(robot, data), predict(still, data)
+    turned = np.linalg.norm(log_between(with_profile.rotation, without.rotation))
+    assert turned == pytest.approx(abs(float((basis(np.array([HIGH + 0.5])) @ values)[0])), rel=1e-6)
+    outside = outside_validity(robot, data)
+    assert outside is not None
+    assert outside.std_max > 0.0
+    assert not outside.ranges[0].is_held
+
+
+def test_a_gear_that_does_not_repeat_itself_is_held() -> None:
+    robot, _ = fitted(np.ones(2 * len(ORDERS)) * STD, posterior(TRAINED))
+    geared = tuple(dataclasses.replace(j, gear_ratio=107.8) if j.name == "j2" else j for j in robot.joints)
+    robot = dataclasses.replace(robot, joints=geared)
+    first, second = (predict(robot, dataclasses.replace(poses(np.array([angle])))) for angle in (HIGH, HIGH + 0.5))
+    angle = basis(np.array([HIGH])) @ (np.ones(2 * len(ORDERS)) * STD)
+    still = dataclasses.replace(robot, effects=())
+    for pose, place in ((first, HIGH), (second, HIGH + 0.5)):
+        turned = np.linalg.norm(log_between(pose.rotation, predict(still, poses(np.array([place]))).rotation))
+        assert turned == pytest.approx(abs(float(angle[0])), rel=1e-6)

@@ -27,7 +27,8 @@ _ABOVE = 3
 _UNIT_BEHIND = re.compile(r"\s*[\[(<{][^\])>}]*[\])>}]\s*$")
 """Unit in brackets at the end of a name."""
 _UNIT_FIELD = re.compile(
-    r"[\[(<{]?\s*(m|mm|um|µm|μm|in|inch|rad|mrad|deg|degrees?|°|s|ms|sec|kg|°C|degC|C|-|)\s*[\])>}]?"
+    r"[\[(<{]?\s*(m|mm|um|µm|μm|in|inch|(milli)?met(er|re)s?|rad|mrad|radians?|deg|degrees?|Grad|°|s|ms|sec|kg|°C|degC|C|-|)"
+    r"\s*[\])>}]?"
 )
 
 
@@ -203,6 +204,10 @@ def _with_groups(names: tuple[str, ...], above: Sequence[str], dialect: TableDia
             f"{group} {name}".strip() if group in ambiguous or not name else name
             for group, name in zip(filled, names, strict=True)
         )
+    # A spreadsheet merges the name of a column over both lines.
+    upper = _split(dialect, above[-1]) if above else []
+    if len(upper) == len(names) and sum(map(bool, upper)) > 1:
+        names = tuple(name or text for name, text in zip(names, upper, strict=True))
     return names
 
 

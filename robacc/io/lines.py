@@ -25,6 +25,8 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _UTF16_LIMIT = 1 << 28
 """Largest UTF-16 file, bytes: it is decoded in one piece."""
 _MOST_LINES = 1000
+_NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
+"""Bytes that Windows-1252 leaves open."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,8 @@ class LineReader:
         self.encoding = "UTF-8"
         self.not_utf8: list[Problem] = []
         """Lines with bytes that are not UTF-8, up to :data:`_MOST_LINES`; they were read as Windows-1252."""
+        self.not_text: list[Problem] = []
+        """Those of them with bytes that Windows-1252 does not have either."""
         self._digest = _Digest()
         self._size = _size(stream)
         self._consumed = 0
@@ -139,6 +143,8 @@ class LineReader:
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
                 problem = Problem(message, self._log.file, number, fix="save the file as UTF-8")
                 self.not_utf8.append(problem)
+                if any(byte in _NO_CHARACTER for byte in line):
+                    self.not_text.append(problem)
             return line.decode("cp1252", errors="replace")
 
 

@@ -31,6 +31,8 @@ _OTHER_FILES = {
     b"<html": "an HTML page",
     b"<?xml": "an XML document",
     b"{": "a JSON document",
+    b"header:": "a text of ROS messages",
+    b"---\nheader:": "a text of ROS messages",
 }
 """What a file is that begins with these bytes, in small letters, and is no table."""
 _LONGEST = 16
@@ -111,6 +113,7 @@ def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:
     for start, kind in _OTHER_FILES.items():
         if first.startswith(start) or start_of_text.lower().startswith(start):
             fix = "unpack it first" if "compressed" in kind or "archive" in kind else "export the poses as CSV"
+            fix = "record the topics in a bag (ros2 bag record), which is read as it is" if "ROS" in kind else fix
             raise InputError(Problem(f"is {kind}, expected a table of poses", file, fix=fix))
     if PurePath(file).suffix.lower() in _SUFFIXES:
         fix = "export it again, or rename it to .csv if it is text"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import itertools
 import math
-import re
 import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from robacc.io.dialect import PLAIN, TableDialect, find_dialect
 from robacc.io.growing_columns import GrowingColumns
 from robacc.io.header_row import MAX_COLUMNS, header_names
 from robacc.io.lines import Block, LineReader
+from robacc.io.number_text import advice, is_grouped, number_of
 from robacc.io.problem_log import ProblemLog, clip
 
 GAPS = frozenset(
@@ -94,6 +94,8 @@ class TableReader:
         self.options = options or TableOptions()
         self._dialect = PLAIN
         self._gaps: set[int] = set()
+        self._grouped = False
+        """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
         """Line and number of fields of each row that does not fit the header."""
         self._reader = LineReader(stream, self.log)
@@ -144,7 +146,8 @@ class TableReader:
         encoding = self._reader.encoding
         if self._reader.not_utf8:
             encoding = "Windows-1252"
-        parts = [self._dialect.description(), "" if encoding == "UTF-8" else encoding]
+        grouped = "separators of thousands" if self._grouped else ""
+        parts = [self._dialect.description(), grouped, "" if encoding == "UTF-8" else encoding]
         return ", ".join(part for part in parts if part)
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
@@ -160,7 +163,8 @@ class TableReader:
                 column.append(part)
         self._report_widths(body_rows=sum(part.size for part in lines))
         if self._dialect is PLAIN:
-            for problem in self._reader.not_utf8:
+            # A reader of exports takes the bytes as Windows-1252 and says so.
+            for problem in self._reader.not_utf8 if self.options.is_known is None else self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
         body = TableBody(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
         return body.without(self._gaps)
@@ -269,9 +273,12 @@ class TableReader:
         for number, width in self._widths[:1] if alike else self._widths:
             more = f" here and in the {len(self._widths) - 1} rows below" if alike else ""
             fix = "write decimals with a point, not a comma" if width > 1.5 * expected else None
+            if fix is None and width < expected and body_rows > 1:
+                fix = "if another table or a footer begins here, delete it"
             if alike and fix is None:
                 fix = "give each column one name, with the same separator as in the rows"
-            self.log.add(f"found {width} fields{more}, expected {expected} as in the header", number, fix=fix)
+            fields = "field" if width == 1 else "fields"
+            self.log.add(f"found {width} {fields}{more}, expected {expected} as in the header", number, fix=fix)
 
     def _number(self, field: str, line: int, column: str) -> float:
         if self.options.skip_gaps and field.lower() in GAPS:
@@ -280,22 +287,15 @@ class TableReader:
         if not field:
             self.log.add("the value is missing, expected a number", line, column, _SKIP)
             return math.nan
-        found = field
-        field = field.replace("\u2212", "-")
-        if self._dialect.decimal_comma:
-            field = field.replace(".", "_").replace(",", ".")
-        try:
-            # float() also accepts 1_000 and digits of other scripts, which are not numbers in a CSV file.
-            value = float(field) if field.isascii() and "_" not in field else None
-        except ValueError:
-            value = None
+        value = number_of(field, self._dialect.decimal_comma)
         if value is None:
-            fix = _SKIP if found.lower() in GAPS else _advice(found, column, self._dialect.decimal_comma)
-            self.log.add(f"found {clip(found)}, expected a number", line, column, fix)
+            fix = _SKIP if field.lower() in GAPS else advice(field, column, self._dialect.decimal_comma)
+            self.log.add(f"found {clip(field)}, expected a number", line, column, fix)
             return math.nan
+        self._grouped |= is_grouped(field, self._dialect.decimal_comma)
         if not math.isfinite(value):
-            fix = _SKIP if found.lower() in GAPS else None
-            self.log.add(f"found {clip(found)}, expected a finite number", line, column, fix)
+            fix = _SKIP if field.lower() in GAPS else None
+            self.log.add(f"found {clip(field)}, expected a finite number", line, column, fix)
             return math.nan
         return value
 
@@ -308,20 +308,3 @@ class TableReader:
 
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?")
-_WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?\s*(mm|m|um|µm|in|deg|rad|°|%)", re.IGNORECASE)
-
-
-def _advice(field: str, column: str, decimal_comma: bool) -> str | None:
-    """Return what to do about a field that is no number."""
-    if field == column:
-        return "delete the repeated header row"
-    if _WITH_UNIT.fullmatch(field):
-        return "write the number alone, and the unit in the column's name"
-    if not decimal_comma and field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdigit():
-        return "write decimals with a point, not a comma"
-    if _THOUSANDS.fullmatch(field):
-        return "export numbers without a separator of thousands"
-    if decimal_comma and "." in field:
-        return "the file has decimal commas; a point could separate thousands"
-    return None

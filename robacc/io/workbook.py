@@ -5,15 +5,20 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import io
+import itertools
 from collections.abc import Sequence
 from typing import Any, BinaryIO
 
 from robacc.errors import InputError, Problem, UsageError
+from robacc.io.number_text import number_of
 from robacc.io.table import Header, TableBody, TableOptions, TableReader
 
 _LIMIT = 1 << 28
 """Largest workbook, bytes."""
 _MOST_CELLS = 50_000_000
+_EXAMINED = 100
+"""Rows of a sheet in which a table is looked for."""
+_FEWEST_NUMBERS = 3
 
 
 class WorkbookReader:
@@ -68,6 +73,8 @@ def _sheet_text(data: bytes, file: str, sheet: str | None) -> tuple[str, str]:
             raise UsageError(f"`sheet`: {file} has no sheet {sheet!r}; it has {', '.join(names)}")
         if sheet is None and len(names) > 1:
             names = [name for name in names if book.get_sheet_by_name(name).height > 1]
+            tables = [name for name in names if _has_numbers(book.get_sheet_by_name(name))]
+            names = tables or names
             if len(names) > 1:
                 raise UsageError(f"{file} has several sheets; choose one with `sheet`: {', '.join(names)}")
         if not names:
@@ -81,6 +88,16 @@ def _sheet_text(data: bytes, file: str, sheet: str | None) -> tuple[str, str]:
         raise InputError(Problem(f"cannot be read as a workbook ({reason})", file, fix="export it as CSV")) from error
     lines = ("\t".join(map(_cell_text, row)) for row in rows)
     return "".join(f"{line}\n" for line in lines), chosen.name
+
+
+def _has_numbers(sheet: Any) -> bool:
+    """Return whether a sheet has a row with three numbers among its first ones, as poses have."""
+    for row in itertools.islice(sheet.iter_rows(), _EXAMINED):
+        texts = [_cell_text(cell) for cell in row if not isinstance(cell, bool)]
+        numbers = [text for text in texts if number_of(text, decimal_comma="," in text) is not None]
+        if len(numbers) >= _FEWEST_NUMBERS:
+            return True
+    return False
 
 
 def _cell_text(value: Any) -> str:

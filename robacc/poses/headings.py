@@ -26,6 +26,8 @@ _UNIT_NAMES = {
 }
 _BRACKETED = re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]")
 _SUFFIXED = re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]+)")
+_GERMAN_DEGREES = re.compile(r"(.*?)\s*[\[( _/]\s*Grad\s*[\])]?")
+"""``Grad`` is a degree in German; ``grad`` may be a gradian, 400 to the turn."""
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")
 
 _ROS_FIELD = re.compile(r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$")
@@ -199,6 +201,8 @@ def heading_of(name: str) -> Heading:
         stem, unit = match[1], _UNIT_NAMES[match[2].lower()]
     elif match and match[2] in ("m", "s", "°"):
         stem, unit = match[1], _UNIT_NAMES[match[2]]
+    elif (match := _GERMAN_DEGREES.fullmatch(stem)) is not None:
+        stem, unit = match[1], "deg"
     spaced = re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
 

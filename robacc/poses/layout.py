@@ -24,11 +24,13 @@ from robacc.poses.columns import (
 )
 from robacc.poses.foreign_columns import documented_name, find_columns, statement
 from robacc.poses.headerless import with_known_names
+from robacc.poses.headings import heading_of
 from robacc.poses.reading import AS_NAMED, Reading
 
 _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
+_ANGLES_OF_SIGHT = frozenset({"az", "azimuth", "hz", "horizontal", "theta"})
 _ALIKE = 0.8
 """Similarity of two names (0 to 1) from which one may be a slip of the other."""
 
@@ -192,7 +194,8 @@ class _Completeness:
             key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
             for key in self.columns
         )
-        return not (position and (commands or not self.commands or "pose" in self.columns))
+        is_repeated = "pose" in self.columns and not self.names.joint_names
+        return not (position and (commands or not self.commands or is_repeated))
 
     def layout(self) -> Layout:
         """Return the layout; log sets that are incomplete."""
@@ -210,16 +213,21 @@ class _Completeness:
         missing = [key for key in keys if key not in self.columns]
         if missing and (required or len(missing) < len(keys)):
             fix = f"expected {', '.join(keys)}: {set_name}"
-            words = {name.lower() for name in self.unknown}
+            words = {word for name in self.unknown for word in (name.lower(), *heading_of(name).words)}
             if required and words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"}:
                 fix = "the file has one row for each axis; export one row for each point, with its X, Y and Z"
+            if required and words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"}:
+                fix = "the file has angles and distances of an instrument; export X, Y and Z"
             self._report_missing(missing, fix)
 
     def _report_missing(self, keys: Sequence[str], fix: str, message: str = "") -> None:
-        ignored = [name for name in self.unknown if name]
-        hint = f" (unknown in this file: {listing(ignored)})" if ignored else ""
         text = f"column {keys[0]} is missing" if len(keys) == 1 else f"columns {listing(keys)} are missing"
-        self.log.add(message + text, self.line, fix=fix + hint)
+        self.log.add(message + text, self.line, fix=fix + self._ignored())
+
+    def _ignored(self) -> str:
+        """Return the names of the file that are not used, for the end of a fix."""
+        ignored = [name for name in self.unknown if name]
+        return f" (unknown in this file: {listing(ignored)})" if ignored else ""
 
     def _orientation(self, prefix: str) -> tuple[str, ...] | None:
         """Return the keys of the file's representation of an orientation; log a second or incomplete one."""
@@ -255,7 +263,7 @@ class _Completeness:
                 f"or add columns {keys} (joint variables) or cmd_x, cmd_y, cmd_z (commanded pose)"
             )
             message = "the file has measured poses only: neither joint variables nor commanded poses"
-            self.log.add(message, self.line, fix=fix)
+            self.log.add(message, self.line, fix=fix + self._ignored())
         for match in matches:
             if int(match[2]) > count:
                 column = self.columns[match[0]].name

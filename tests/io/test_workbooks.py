@@ -113,6 +113,17 @@ def test_several_sheets_are_a_question(tmp_path: Path) -> None:
         read_poses(PoseFile(path, sheet="three"))
 
 
+def test_the_only_sheet_with_a_table_is_read(tmp_path: Path) -> None:
+    cover = [["Prüfprotokoll"], ["Prüfer", "Müller"], ["Zelle", 4]]
+    groups = ["", "Achsen", *[""] * (len(HEAD) - 2), "Bemerkung"]
+    sheets = {"Deckblatt": cover, "Messung": [groups, [*HEAD, ""], *[[*row, "ok"] for row in ROWS]]}
+    data = read_poses(written(tmp_path, sheets))
+    assert data.n == len(ROWS)
+    assert any("sheet 'Messung'" in warning for warning in data.warnings)
+    # The name of a column may stand in the line of the groups.
+    assert any("'Remark', 'Bemerkung'" in warning for warning in data.warnings)
+
+
 def test_a_damaged_workbook_is_refused(tmp_path: Path) -> None:
     good = workbook({"s": [HEAD, *ROWS]})
     path = tmp_path / "export.xlsx"

@@ -37,7 +37,7 @@ def estimate(*arguments: str, text: bytes = b"") -> subprocess.CompletedProcess[
         ((HEAD + ROW).encode("utf-16")[:-1], "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8"),
         (HEAD.encode("utf-16-le"), "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8"),
         ((HEAD + "1,2,3\0,1,2,3\n").encode(), "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8"),
-        (("pose," + HEAD + "pü," + ROW).encode("latin-1"), ":2: byte 2 of the line, 0xfc, is not UTF-8"),
+        (("pose," + HEAD).encode() + b"p\x81," + ROW.encode(), ":2: byte 2 of the line, 0x81, is not UTF-8"),
         (
             (HEAD + ROW.replace("1", "one").replace("2", "two")).replace(",", ";").encode(),
             ":2, x: found 'one', expected a number",

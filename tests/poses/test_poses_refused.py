@@ -70,9 +70,9 @@ def test_a_file_that_cannot_be_opened(tmp_path: Path) -> None:
             read_poses(path)
 
 
-def test_bytes_that_are_not_utf8(read: Reader) -> None:
-    problem = problem_texts(read, b"x,y,z,pose\n1,2,3,A\n1,2,3,M\xfcller\n")
-    assert problem == ["3: byte 8 of the line, 0xfc, is not UTF-8; save the file as UTF-8"]
+def test_bytes_that_are_no_text(read: Reader) -> None:
+    problem = problem_texts(read, b"x,y,z,pose\n1,2,3,A\n1,2,3,M\x81ller\n")
+    assert problem == ["3: byte 8 of the line, 0x81, is not UTF-8; save the file as UTF-8"]
 
 
 BAD_HEADERS = {

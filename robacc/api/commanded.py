@@ -168,6 +168,8 @@ def _with_rows(measured: Measurements, planned: Measurements, rows: NDArray[np.i
         pose=measured.pose if measured.pose is not None else at(planned.pose),
         direction=at(planned.direction),
         speed=at(planned.speed),
+        branches=at(planned.branches),
+        branch_names=planned.branch_names,
         ordered=ordered,
     )
     if not ordered or data.q is None or data.direction is not None:

@@ -27,7 +27,7 @@ from robacc.tracing.loop import SearchResult, choose
 from robacc.tracing.ranking import Chosen
 from robacc.tracing.refitting import SEARCH, frames_first, refit
 from robacc.tracing.rivals import rivals
-from robacc.tracing.selection import Selection
+from robacc.tracing.selection import Selection, fold_level
 from robacc.tracing.without_finding import ReducedFits, fold_options
 
 Result = TypeVar("Result")
@@ -125,6 +125,7 @@ def _chosen(
         empirical=empirical,
         max_poses=_FOLD_POSES,
         named_first=search_result.named_first,
+        level=fold_level(float(np.mean(assigned != number))),
     )
     chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
     matches = _matching_effects(search_result.effects, selection, chosen)

@@ -44,20 +44,21 @@ def choose(
     max_poses: int = SELECTION_POSES,
     most: int = MOST_FINDINGS,
     named_first: bool | None = None,
+    level: float = FALSE_ALARM,
 ) -> Selection:
     """Select named effects first; if they leave structure or are many, select corrections too and return the better.
 
     A selection of ``most`` named effects is returned as it is. ``named_first`` gives the order of an earlier selection
-    (:attr:`Selection.named_first`): only that order is tried.
+    (:attr:`Selection.named_first`): only that order is tried. ``level`` is the corrected p-value of a finding.
     """
     if named_first is False and empirical and not start:
         mixed = candidates.selection(rows, start, max_poses)
         mixed.scorer.blocks = candidates.batches(rows, max_poses)
-        mixed.named_first = False
+        mixed.named_first, mixed.level = False, level
         mixed.run(with_blocks=True)
         return mixed
     named = candidates.selection(rows, start, max_poses)
-    named.most = most
+    named.most, named.level = most, level
     named.prune()
     blocks = candidates.batches(rows, max_poses) if empirical else []
     named.scorer.blocks = blocks
@@ -68,12 +69,12 @@ def choose(
     if not blocks or MOST_FINDINGS > most <= len(named.chosen):
         return named
     remaining = named.rank(with_blocks=True)
-    structured = bool(remaining) and remaining[0].p_value <= FALSE_ALARM
+    structured = bool(remaining) and remaining[0].p_value <= level
     if structured and named_first:
         named.run(with_blocks=True)
     if named_first or (not structured and len(named.chosen) < _MANY):
         return named
-    mixed = Selection(named.scorer, named_first=False)
+    mixed = Selection(named.scorer, level=level, named_first=False)
     mixed.run(with_blocks=True)
     if structured:
         named.run(with_blocks=True)

@@ -6,8 +6,9 @@ import dataclasses
 from dataclasses import dataclass
 
 from robacc.effects.base import Effect
+from robacc.statistics.distributions import chi2_quantile, chi2_sf
 from robacc.tracing.candidate_scorer import CandidateScorer
-from robacc.tracing.candidates import Candidate
+from robacc.tracing.candidates import TYPICAL_CANDIDATES, Candidate
 from robacc.tracing.ranking import Chosen, Ranked, sorted_by_odds
 from robacc.tracing.refinement import refined
 
@@ -15,6 +16,8 @@ FALSE_ALARM = 0.002
 """Bound on the probability, over all candidates, that anything is found on a clean arm. The promise is one in a
 hundred. Orders and forms are searched more finely than they are counted: of 200 simulated clean arms four had a finding
 at 0.005, each with a corrected p-value between 0.001 and 0.005."""
+_LARGEST_LEVEL = 0.05
+"""Largest level of a fold."""
 _SWAP = 1.0
 """Evidence by which a rival must be better to take a finding's place: equals do not change places for ever."""
 MOST_FINDINGS = 12
@@ -25,6 +28,16 @@ _SWEEPS = 4
 """Largest number of new tests of all findings after a step."""
 _UNCHANGED = 0.9
 """Share of what it explains that a finding keeps if a step concerns neither it nor its rivals."""
+
+
+def fold_level(share: float) -> float:
+    """Return the level at which a ``share`` of the poses shows what all poses just show at :data:`FALSE_ALARM`.
+
+    A test statistic grows with the number of poses. At the level of all poses, folds would reject findings that the
+    complete search found with certainty enough.
+    """
+    statistic = chi2_quantile(1.0 - FALSE_ALARM / TYPICAL_CANDIDATES, 1.0)
+    return min(TYPICAL_CANDIDATES * chi2_sf(share * statistic, 1.0), _LARGEST_LEVEL)
 
 
 @dataclass
@@ -45,6 +58,8 @@ class Selection:
     steps: list[SelectionStep] = dataclasses.field(default_factory=list)
     most: int = MOST_FINDINGS
     """Number of findings from which none is added."""
+    level: float = FALSE_ALARM
+    """Corrected p-value up to which a candidate is a finding."""
     named_first: bool = True
     """Whether named effects were chosen before corrections."""
     _gains: dict[tuple[object, ...], float] = dataclasses.field(default_factory=dict)
@@ -101,15 +116,15 @@ class Selection:
             if without is not None:
                 ranking = [finding for finding in ranking if finding.candidate.key != without]
             best = ranking[0] if ranking else None
-            if (best is None or best.p_value > FALSE_ALARM) and without is None:
+            if (best is None or best.p_value > self.level) and without is None:
                 conditioned = self.scorer.condition(self.chosen)
                 high = self.scorer.rank_high_orders(conditioned, self.chosen)
                 high += self.scorer.rank_places(conditioned, self.chosen)
                 high += self.scorer.rank_beside(conditioned, self.chosen)
                 high = sorted_by_odds(high)
-                best = high[0] if high and high[0].p_value <= FALSE_ALARM else best
+                best = high[0] if high and high[0].p_value <= self.level else best
                 ranking = high[:1] + ranking if high and best is high[0] else ranking
-            if best is None or best.p_value > FALSE_ALARM:
+            if best is None or best.p_value > self.level:
                 if self._revise(without):
                     continue
                 self.steps.append(SelectionStep("stop", None, ranking))
@@ -156,14 +171,14 @@ class Selection:
         if gain is None:
             return False
         ranked = self._score(finding)
-        return _UNCHANGED * gain <= ranked.gain <= gain / _UNCHANGED and ranked.p_value <= FALSE_ALARM
+        return _UNCHANGED * gain <= ranked.gain <= gain / _UNCHANGED and ranked.p_value <= self.level
 
     def _revise_finding(self, finding: Chosen, without: tuple[object, ...] | None) -> bool:
         if finding not in self.chosen or len(self.chosen) < 2:
             return False
         ranked, ranking = self.contest(finding)
         self._gains[finding.candidate.key] = ranked.gain
-        if ranked.p_value > FALSE_ALARM:
+        if ranked.p_value > self.level:
             self.chosen.remove(finding)
             self.steps.append(SelectionStep("drop", str(finding.candidate.effect), ranking[:10]))
             return True
@@ -183,7 +198,7 @@ class Selection:
         """Drop findings that are not significant beside the others, the weakest first."""
         while self.chosen:
             weakest = max(self.chosen, key=lambda finding: self._score(finding).p_value)
-            if self._score(weakest).p_value <= FALSE_ALARM:
+            if self._score(weakest).p_value <= self.level:
                 return
             self.chosen.remove(weakest)
             self.steps.append(SelectionStep("drop", str(weakest.candidate.effect), []))

@@ -78,4 +78,6 @@ def _bounds(quantities: dict[Quantity, QuantityGrade]) -> str:
 
 def _amount(value: float, unit: Unit) -> str:
     """Format in mm or degrees with three digits."""
-    return f"{1e3 * value:.3g} mm" if unit == "m" else f"{math.degrees(value):.3g}°"
+    shown = 1e3 * value if unit == "m" else math.degrees(value)
+    # Three significant digits, without an exponent for errors of metres.
+    return f"{float(f'{shown:.3g}'):g}{' mm' if unit == 'm' else '°'}"

@@ -30,6 +30,9 @@ def too_far(error: float, position: Array) -> bool:
 def unregistered_warning(registered: bool) -> str:
     """Return the warning of errors that are too large for an arm."""
     if registered:
-        return "the errors are too large for an arm: check the units, the joint signs and the order of the joints"
+        return (
+            "the errors are too large for an arm: check the units, the joint signs, the order of the joints, that each "
+            "row has its own command, and that the axes are right-handed"
+        )
     advice = 'register the frames with `align="base_frame,tool_frame"`'
     return f"the errors are too large for an arm and suggest frames that are not registered; {advice}"

@@ -260,6 +260,6 @@ def _noise_doubts(noise: PromisedNoise) -> list[str]:
     stated = "`noise`" if noise.source == "given" else "the noise of `after`"
     return [
         f"the model's unexplained error contains the noise of its own measurements, so {stated} of "
-        f"{1e3 * noise.position:.3g} mm is not added, but is the least that this error counts as; to separate the two, "
+        f"{1e3 * noise.position:.3g} mm is not added; the error counts as this noise at least; to separate the two, "
         "fit the model to poses with columns sigma_x, sigma_y, sigma_z or with several rows in a visit"
     ]

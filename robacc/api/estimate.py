@@ -25,6 +25,9 @@ from robacc.measurements import Measurements
 if TYPE_CHECKING:
     from robacc.robots.description import Robot
 
+_MOST_ROWS = 5000
+"""Rows that show a rounding well enough."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Estimate(Result, EstimateResult):
@@ -128,7 +131,22 @@ def estimate(
     if warnings := fitted_pose_warnings(arm, (record,)):
         notes = (*body.notes, "the robot file was fitted to these same poses")
         body = dataclasses.replace(body, notes=notes, warnings=(*body.warnings, *warnings))
-    body = dataclasses.replace(body, warnings=(*body.warnings, *use.warnings))
+    body = dataclasses.replace(body, warnings=(*body.warnings, *_rounding(body, arm, data), *use.warnings))
     options = options_of(estimate, arguments, align=list(aligned), frame=body.errors.frame)
     made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
     return Estimate.of(body, arm, data, made)
+
+
+def _rounding(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
+    """Return the warning of joint variables that were recorded with few digits, where the errors show it."""
+    if robot is None or data.q is None:
+        return ()
+    import numpy as np
+
+    from robacc.accuracy.pose_errors import registered_poses
+    from robacc.diagnostics.rounded_joints import rounding_in_errors
+
+    some = data.subset(np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_ROWS)).astype(np.int64)))
+    registered = robot if body.alignment is None else body.alignment.robot
+    commanded = registered_poses(some, robot, body.alignment).block(slice(None))[0]
+    return rounding_in_errors(registered, some, some.position - commanded)

@@ -10,7 +10,7 @@ import typer
 
 _FORMS = {".json": "json", ".md": "markdown"}
 """Form of a result by the ending of its file, where ``--format`` is not given."""
-_DEFAULT = "table; json and markdown for --output FILE.json and FILE.md"
+_DEFAULT = "json or markdown if --output ends in .json or .md, else table"
 _FORM_HELP = "Form of the output: github writes annotations of a run, markdown a job summary."
 
 
@@ -107,7 +107,7 @@ PlainFormatOption = Annotated[
         "--format",
         help="Form of the output.",
         callback=form_of_output,
-        show_default="table; json for --output FILE.json",
+        show_default="json if --output ends in .json, else table",
     ),
 ]
 SummaryFormatOption = Annotated[Format, typer.Option("--format", help=_FORM_HELP)]

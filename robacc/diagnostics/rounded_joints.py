@@ -17,6 +17,8 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
 from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.robots.description import Robot
 
 _DIGITS = range(5)
 """Decimals of degrees, mm, rad and m that a step may have."""
@@ -45,12 +47,15 @@ class Rounding:
     """RMS displacement of the target that the rounding causes, m."""
 
     @property
+    def size(self) -> str:
+        """Return the step and its size at the target."""
+        moved = f"{1e3 * self.position:.2g} mm rms"
+        return f"the joint variables are rounded to {self.step}, which moves the target by {moved}"
+
+    @property
     def warning(self) -> str:
-        """Return the warning: the step, its size at the target, and what to do."""
-        return (
-            f"the joint variables are rounded to {self.step}, which moves the target by {1e3 * self.position:.2g} mm "
-            "rms; it counts as scatter of the joints; record more digits"
-        )
+        """Return the warning of a fit: the step, its size at the target, and what to do."""
+        return f"{self.size}; it counts as scatter of the joints; record more digits"
 
 
 def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
@@ -67,9 +72,26 @@ def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
 
 def evident_rounding(fit: Fit, data: Measurements) -> Rounding | None:
     """Return the rounding of the joint variables; None if there is none, or if the residual does not show it."""
+    rows = np.flatnonzero(fit.inliers)
+    return _evident_rounding(fit.model, data.subset(rows), fit.residual[:3, rows])
+
+
+def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple[str, ...]:
+    """Return the warning of a rounding of the joint variables that position errors show; empty without one.
+
+    Args:
+        robot: The robot of the commanded poses, registered.
+        data: The measured poses.
+        errors: ``(3, N)`` attained minus commanded positions in the measuring frame, m.
+    """
+    rounding = _evident_rounding(Model.of(robot), data, errors)
+    return () if rounding is None else (f"{rounding.size}; record more digits",)
+
+
+def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
     if data.q is None:
         return None
-    arm = fit.model.arm
+    arm = model.arm
     steps = [
         joint_step(row, "revolute" if arm.is_revolute(name) else "prismatic")
         for name, row in zip(arm.names, data.q, strict=True)
@@ -78,9 +100,7 @@ def evident_rounding(fit: Fit, data: Measurements) -> Rounding | None:
     if not present:
         return None
     std = np.array([0.0 if step is None else step[0] for step in steps]) / math.sqrt(12.0)
-    rows = np.flatnonzero(fit.inliers)
-    columns = joint_columns(fit.model, data.subset(rows))[:3] * std[:, None]
-    residual = fit.residual[:3, rows]
+    columns = joint_columns(model, data)[:3] * std[:, None]
     covariance = np.einsum("ajn,bjn->nab", columns, columns)
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
     if np.sqrt(np.mean(np.sum(np.square(residual), axis=0))) <= _LEAST_RESIDUAL * position:

@@ -137,6 +137,7 @@ _TEXT_NAMES = {
         ("point", "point name", "pointname", "point id", "name", "punkt", "punktname", "messpunkt"), "pose"
     ),
     **dict.fromkeys(("object", "object name"), "pose"),  # frames of SpatialAnalyzer
+    **dict.fromkeys(("label", "feature", "feature name", "element", "element name"), "pose"),  # CAM2, PolyWorks, GOM
     **dict.fromkeys(("target name", "target id", "frame name"), "pose"),
     **dict.fromkeys(("cycle", "run", "repetition", "zyklus", "wiederholung", "lauf"), "cycle"),
     **dict.fromkeys(("target", "smr", "reflector", "marker", "reflektor"), "target"),

@@ -203,3 +203,14 @@ def test_joints_read_back_that_a_real_arm_did_not_follow_are_no_finding(series: 
         both = dataclasses.replace(data, read_back=data.q + off)
         names = {effect.name for effect in search(model, both, only=["read_back", "gear_ratio"]).effects}
         assert "read_back" not in names
+
+
+@pytest.mark.parametrize("is_command", [False, True])
+def test_an_estimate_names_the_rounding_that_its_errors_show(tmp_path: Path, is_command: bool) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text(format_poses(rounded(0.1, is_command)), encoding="utf-8")
+    warnings = robacc.estimate(path, robot=robot(), align=("base_frame", "tool_frame")).warnings
+    texts = [text for text in warnings if "rounded" in text]
+    assert len(texts) == (0 if is_command else 1)
+    if texts:
+        assert texts[0].startswith("the joint variables are rounded to 0.1 degrees, which moves the target by ")

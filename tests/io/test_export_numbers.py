@@ -130,3 +130,12 @@ def test_a_column_target_with_another_name_in_each_row_names_the_poses(tmp_path:
     assert data.pose is not None
     assert data.pose.tolist() == ["T0", "T1", "T2", "T3"]
     assert any("taken for the names of the poses" in text for text in data.warnings)
+
+
+@pytest.mark.parametrize("name", ["Label", "Element", "Feature name"])
+def test_names_of_points_in_other_programs(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "export.csv"
+    path.write_text(f"{name};J1 [deg];X [mm];Y [mm];Z [mm]\nA;1;2;3;4\nB;2;3;4;5\n", encoding="utf-8")
+    data = read_poses(path)
+    assert data.pose is not None
+    assert data.pose.tolist() == ["A", "B"]

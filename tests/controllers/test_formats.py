@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,12 +14,14 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from robacc.controllers.dh_table import dh_table
-from robacc.controllers.formats import ControllerFormat, export_model
+from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model
 from robacc.controllers.import_text import parse_controller_file
 from robacc.controllers.joint_frames import joint_frames
 from robacc.controllers.restricted import remaining_error
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.yaml_robot import parse_robot
@@ -258,6 +261,75 @@ def test_effects_that_a_format_lacks_are_fitted_not_cut_off(form: ControllerForm
     assert exported.refitted == ("joint_compliance",)
     assert 0 < exported.remaining.position_rms < 0.8 * cut_off.position_rms
     assert exported.remaining.position_max >= exported.remaining.position_rms
+
+
+def urdf_poses(text: str, q: Array) -> Array:
+    """What a URDF computes at the end of its longest chain."""
+    root = ElementTree.fromstring(text)
+    joints = {joint.find("child").get("link"): joint for joint in root.iter("joint")}  # type: ignore[union-attr]
+    parents = {joint.find("parent").get("link") for joint in joints.values()}  # type: ignore[union-attr]
+    chains = []
+    for link in set(joints) - parents:
+        chain = []
+        while link in joints:
+            chain.append(joints[link])
+            link = joints[link].find("parent").get("link")  # type: ignore[union-attr]
+        chains.append(chain[::-1])
+    chain = max(chains, key=len)
+    result = []
+    for values in q.T:
+        pose, remaining = np.eye(4), list(values)
+        for joint in chain:
+            origin = joint.find("origin")
+            numbers = {} if origin is None else origin.attrib
+            xyz, rpy = ([float(v) for v in numbers.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
+            pose = pose @ transform(Rotation.from_euler("xyz", rpy), tuple(xyz))
+            if joint.get("type") != "fixed":
+                axis = np.array([float(v) for v in joint.find("axis").get("xyz").split()])  # type: ignore[union-attr]
+                pose = pose @ transform(Rotation.from_rotvec(remaining.pop(0) * axis))
+        result.append(pose)
+    return np.array(result)
+
+
+def written_poses(form: ControllerFormat, exported: ExportedModel, nominal: Robot, model: Robot, q: Array) -> Array:
+    """What the written file computes, with the base of the model and the tool that the export names."""
+    base, tool = of_frame(model.base), of_frame(exported.tool)
+    if form is ControllerFormat.urdf:
+        return urdf_poses(exported.text, q)
+    if form is ControllerFormat.mdh:
+        return model_poses(parse_robot(exported.text, "mdh.yaml"), q)
+    if form is ControllerFormat.json:
+        return model_poses(parse_controller_file(exported.text, "arm.json"), q)
+    if form is ControllerFormat.ur_calibration:
+        return base @ ur_poses(exported.text, UR10, q) @ tool
+    if form is ControllerFormat.joint_offsets:
+        rows = [line.split(",") for line in exported.text.splitlines() if not line.startswith("#")][1:]
+        shifted = q + np.radians([float(row[1]) for row in rows])[:, None]
+        controller = exported.controller
+        return model_poses(dataclasses.replace(nominal, base=controller.base, tool=controller.tool), shifted)
+    return base @ link_poses(exported.text, q) @ tool
+
+
+@pytest.mark.parametrize("form", list(ControllerFormat))
+def test_each_file_holds_the_restricted_fit_of_an_elastic_arm(form: ControllerFormat) -> None:
+    path = ROOT / "configs" / "robots" / "ur10.yaml"
+    nominal = parse_robot(path.read_text(encoding="utf-8"), path.name)
+    nominal = dataclasses.replace(nominal, effects=(), targets={})
+    rigid = perturbed(path)
+    names = rigid.variable_names[1:3]
+    entry = {"effect": "joint_compliance", "joints": list(names), "values": dict(zip(names, (2e-5, 3e-5), strict=True))}
+    model = dataclasses.replace(rigid, effects=(entry,))
+    exported = export_model(model, form, nominal=nominal)
+    q = samples(model)
+    assert_same(written_poses(form, exported, nominal, model, q), model_poses(exported.controller, q))
+    # What the format lacks is stated, with the error that it leaves.
+    assert exported.not_carried[0] == "effect joint_compliance"
+    assert ("link geometry" in exported.not_carried) == (form is ControllerFormat.joint_offsets)
+    elastic = predict(model, Measurements(np.zeros((3, q.shape[1])), q=q)).translation.T
+    left = np.linalg.norm(model_poses(exported.controller, q)[:, :3, 3] - elastic, axis=1)
+    # 40 other poses than the thousand of the figure.
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(exported.remaining.position_rms, rel=0.5)
+    assert exported.remaining.position_rms > 1e-6
 
 
 def test_joint_offsets_are_those_of_the_model() -> None:

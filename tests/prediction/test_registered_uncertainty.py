@@ -5,15 +5,18 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from arms import arm
 
 from robacc.effects.joint_offset import JointOffset
+from robacc.errors import InputError
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.observation import residuals
+from robacc.prediction.coverage import coverage
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import model_uncertainty
 from robacc.prediction.registered_uncertainty import registered_uncertainty
@@ -107,3 +110,32 @@ def test_covariance_after_a_registration_is_that_of_registered_draws() -> None:
     expected = np.sqrt(np.concatenate([np.einsum("iin->in", part) for part in (alone.position, alone.orientation)]))
     assert 0.9 < np.sqrt(np.mean(np.square(moments(bare) / expected))) < 1.1
     assert np.abs(predicted / expected - 1.0).max() > 0.3
+
+
+def measured_at(robot: Robot, q: Array) -> Measurements:
+    """Measured poses of the arm as the model has it, with noise."""
+    random = np.random.default_rng(12)
+    data = Measurements(np.zeros((3, q.shape[1])), q=q)
+    poses = predict(robot, data)
+    return dataclasses.replace(
+        data,
+        position=poses.translation + 1e-5 * random.standard_normal(poses.translation.shape),
+        rotation=compose(exp_so3(2e-5 * random.standard_normal((3, q.shape[1]))), poses.rotation),
+    )
+
+
+def test_frames_cannot_be_fitted_to_a_half_of_a_single_pose() -> None:
+    robot, fit = model()
+    q = np.repeat(np.random.default_rng(5).uniform(LOW, HIGH, (6, 1)), 30, axis=1)
+    with pytest.raises(InputError, match="cannot be fitted to one half of the poses: all are the same commanded pose"):
+        coverage(robot, fit, measured_at(robot, q), 0, aligned=FRAMES)
+
+
+def test_repeats_of_a_pose_stay_in_its_half() -> None:
+    robot, fit = model()
+    once = np.random.default_rng(5).uniform(LOW, HIGH, (6, 12))
+    repeated = measured_at(robot, np.repeat(once, 10, axis=1))
+    position, orientation = coverage(robot, fit, repeated, 0, aligned=FRAMES, noise=(1e-5, 2e-5))
+    # The bounds have the uncertainty of a joint's zero, ten times the noise of these poses.
+    assert (position.share, orientation.share) == (1.0, 1.0)
+    assert position.registered == FRAMES

@@ -15,29 +15,35 @@ from robacc.effects.elastic import Elastic
 from robacc.effects.specification import entry_of
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
-from robacc.robots.description import Robot
+from robacc.robots.arm import Arm
 
 ELASTIC = tuple(name for name, cls in REGISTRY.items() if issubclass(cls, Elastic))
 
 
-def effect_of(name: str, robot: Robot, data: Measurements, deflection: str) -> Effect:
-    one = arm("targets:puma560")
+def arm_for(name: str) -> Arm:
+    """The arm with two targets, or one with a slide where the effect needs it."""
+    stem = "puma560" if REGISTRY[name].possible_joints(arm("targets:puma560")) else "stanford"
+    return arm(f"targets:{stem}")
+
+
+def effect_of(name: str, one: Arm, data: Measurements, deflection: str) -> Effect:
     cls = REGISTRY[name]
-    effect = cls.default(one, data, ("j2", "j3") if cls.per_joint else None)
+    joints = tuple(joint for joint in ("j2", "j3") if joint in cls.possible_joints(one))
+    effect = cls.default(one, data, joints if cls.per_joint else None)
     return dataclasses.replace(effect, deflection=deflection) if isinstance(effect, Elastic) else effect
 
 
 def check(name: str, n: int, deflection: str = "equilibrium") -> None:
     """Fit the effect alone, with base and tool, to poses of an arm that has it; nothing fails and errors decrease."""
-    robot = arm("targets:puma560").robot
-    data = circumstances(robot, n, 3)
-    effect = effect_of(name, robot, data, deflection)
-    terms = effect.terms(arm("targets:puma560"), data)
+    one = arm_for(name)
+    robot, data = one.robot, circumstances(one.robot, n, 3)
+    effect = effect_of(name, one, data, deflection)
+    terms = effect.terms(one, data)
     true = dataclasses.replace(robot, effects=(entry_of(effect, {term.name: term.typical for term in terms}),))
     exact = predict(true, data)
     noise = np.random.default_rng(n).normal(0, 2e-5, (3, n))
     data = dataclasses.replace(data, position=exact.translation + noise, rotation=exact.rotation)
-    joints = "[j2,j3]" if REGISTRY[name].per_joint else ""
+    joints = f"[{','.join(effect.joints)}]" if REGISTRY[name].per_joint else ""
     result = calibrate(data, robot=robot, fit=f"{name}{joints}", folds=2)
     assert result.after.fitted.position.rms < 2e-4
     assert result.document()["parameters"]

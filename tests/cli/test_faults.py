@@ -114,7 +114,8 @@ def test_an_interrupt_while_it_starts(delay: float) -> None:
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert out == ""
-    if "runpy" not in err:
+    # On a loaded machine the signal may end the process before Python has a handler.
+    if process.returncode != -signal.SIGINT and "runpy" not in err:
         assert err == "interrupted; nothing was written\n"
 
 

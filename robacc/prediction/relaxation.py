@@ -18,10 +18,11 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.prediction.motion_columns import motion_columns
 
-DOUBT = 1.0
+DOUBT = 0.3
 """Share of the variance of a profile's change since the end of its range that is added.
 
-Found on a UR10: docs/reference/model-accuracy.md has the table.
+Of 0, 0.3, 0.5 and 1 the one whose bounds hold closest to 95 % of the poses of another day of a UR10;
+docs/reference/model-accuracy.md has the table.
 """
 
 
@@ -55,8 +56,11 @@ def _columns_of(
         return None
     here = known.effect.terms(model.arm, data)
     at_end = known.effect.terms(model.arm, clip_drivers(model.arm, data, limits, periods))
-    pairs = [(number[term.name], term.parts[0], end.parts[0]) for term, end in zip(here, at_end, strict=True)
-             if term.name in number]  # fmt: skip
+    pairs = [
+        (number[term.name], term.parts[0], end.parts[0])
+        for term, end in zip(here, at_end, strict=True)
+        if term.name in number
+    ]
     if not pairs:
         return None
     index = [i for i, _, _ in pairs]

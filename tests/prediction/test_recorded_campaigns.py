@@ -27,6 +27,6 @@ def test_recorded_poses_lie_within_their_bounds() -> None:
     again = robacc.predict(model, against=DATA / "series_D.csv", align="base_frame,tool_frame")
     assert any("632 of 632 configurations lie outside" in note for note in again.notes)
     position, orientation = again.coverage
-    # Beyond the ranges the bounds are wide: of one gear, the next part of a turn may be rougher than the last.
-    assert position.share > 0.93
+    assert 0.93 < position.share < 0.97
+    # Beyond the ranges bounds of orientation are wide: the next part of a gear's turn may be rougher than the last.
     assert orientation.share > 0.93

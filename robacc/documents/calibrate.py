@@ -15,7 +15,7 @@ from robacc.documents.fit import (
     stage_documents,
 )
 from robacc.documents.poses import curve_document
-from robacc.documents.statistics import correlation_document, parameters_document
+from robacc.documents.statistics import covariance_document, parameters_document
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.measurements import Measurements
@@ -46,7 +46,7 @@ def calibration_payload(
             for effect in calibration.effects
         ],
         "parameters": parameters_document(calibration.parameters),
-        "parameter_correlations": correlation_document(calibration.covariance),
+        "parameter_covariance": covariance_document(calibration.covariance),
         "priors": priors_document(calibration.fit),
         "repeatability": repeatability_document(calibration.repeatability),
         "converged": calibration.fit.converged,

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from robacc.accuracy.grade import Grade, QuantityGrade
 from robacc.accuracy.metrics import ErrorMetrics
 from robacc.statistics.intervals import Interval
@@ -20,8 +18,8 @@ if TYPE_CHECKING:
     from robacc.fitting.parameters import FittedParameter, ParameterCovariance
 
 Document = dict[str, Any]
-_CORRELATION_DECIMALS = 8
-"""A covariance from rounded correlations keeps the variances of all sums of 500 coefficients to 2e-7 of their size."""
+_COVARIANCE_DIGITS = 8
+"""Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
 def statistics_document(statistics: ErrorStatistics) -> Document:
@@ -125,17 +123,13 @@ def parameters_document(parameters: Iterable[FittedParameter]) -> list[Document]
     ]
 
 
-def correlation_document(covariance: ParameterCovariance) -> Document:
-    """Return the correlations of the coefficients, of which the lower triangle tells all.
-
-    Their covariance is their product with both standard errors. Without noise, standard errors are zero and
-    correlations are those of the unit matrix.
-    """
-    std = np.sqrt(np.diag(covariance.matrix))
-    scale = np.where(std > 0.0, std, 1.0)
-    matrix = np.round(np.clip(covariance.matrix / scale[:, None] / scale, -1.0, 1.0), _CORRELATION_DECIMALS) + 0.0
-    np.fill_diagonal(matrix, 1.0)
-    return {"names": list(covariance.names), "lower_triangle": [row[: i + 1] for i, row in enumerate(matrix)]}
+def covariance_document(covariance: ParameterCovariance) -> Document:
+    """Return the covariance of the coefficients: its lower triangle, which tells all, in few digits."""
+    rows = [
+        [*(float(f"{value:.{_COVARIANCE_DIGITS}g}") for value in row[:i]), float(row[i])]
+        for i, row in enumerate(covariance.matrix.tolist())
+    ]
+    return {"names": list(covariance.names), "lower_triangle": rows}
 
 
 def figures_document(figures: ErrorMetrics, unit: str) -> Document:

@@ -15,7 +15,7 @@ from robacc.documents.fit import (
     stage_documents,
 )
 from robacc.documents.poses import curve_document
-from robacc.documents.statistics import correlation_document, parameters_document
+from robacc.documents.statistics import covariance_document, parameters_document
 from robacc.effects.baseline import Baseline
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
@@ -58,7 +58,7 @@ def trace_payload(
             "hints": list(trace.unexplained.hints),
         },
         "parameters": parameters_document(trace.parameters),
-        "parameter_correlations": correlation_document(trace.covariance),
+        "parameter_covariance": covariance_document(trace.covariance),
         "search": {"rounds": trace.rounds, "steps": len(trace.steps), "settled": trace.settled},
         "candidates": [
             {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.statistics import correlation_document
+from robacc.documents.statistics import covariance_document
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.parameters import ParameterCovariance, parameter_covariance, parameters
@@ -80,23 +80,24 @@ def test_diagonal_is_the_square_of_the_standard_errors(pitch: float) -> None:
     assert np.linalg.eigvalsh(covariance.matrix).min() > 0
 
 
-def test_document_gives_the_covariance_from_its_triangle_and_the_standard_errors() -> None:
+def test_document_gives_the_covariance_by_its_triangle() -> None:
     result = fitted((0.4, -0.8, 1.9))
     covariance = parameter_covariance(result)
-    document = json.loads(json_text(correlation_document(covariance)))
-    stds = {parameter.name: parameter.std for parameter in parameters(result)}
-    std = np.array([stds[name] for name in document["names"]])
-    triangle = np.zeros((std.size, std.size))
+    document = json.loads(json_text(covariance_document(covariance)))
+    assert tuple(document["names"]) == covariance.names
+    size = len(covariance.names)
+    triangle = np.zeros((size, size))
     for i, row in enumerate(document["lower_triangle"]):
         assert len(row) == i + 1
         triangle[i, : i + 1] = row
-    correlation = np.where(triangle == 0.0, triangle.T, triangle)
-    # The document has eight decimals.
-    np.testing.assert_allclose(correlation, covariance.matrix / std / std[:, None], atol=6e-9)
+    written = np.where(triangle == 0.0, triangle.T, triangle)
+    # The document has eight significant digits, twelve of variances.
+    np.testing.assert_allclose(written, covariance.matrix, rtol=6e-8)
+    np.testing.assert_allclose(np.diag(written), np.diag(covariance.matrix), rtol=1e-11)
     # Sums of coefficients whose errors cancel keep their variance.
-    assert np.linalg.eigvalsh(correlation).min() > 0
+    assert np.linalg.eigvalsh(written).min() > 0
 
 
 def test_document_of_a_fit_without_noise_has_no_nan() -> None:
     covariance = ParameterCovariance(("a", "b"), np.zeros((2, 2)))
-    assert correlation_document(covariance)["lower_triangle"][1].tolist() == [0.0, 1.0]
+    assert covariance_document(covariance)["lower_triangle"] == [[0.0], [0.0, 0.0]]

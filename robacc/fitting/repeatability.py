@@ -29,6 +29,8 @@ _SETTLED = 1e-2
 """Change of the restricted log-likelihood below which the iteration stops."""
 _SURE_POWER = 0.5
 """Power of the ratio in a step that never lowers the likelihood; a power of one is faster, and mostly raises it."""
+_LEAST_NOISE = 1e-8
+"""Least standard deviation of the noise, m or rad: exact data would leave only rounding errors to estimate from."""
 _LARGEST_INVERSE = 1e12
 """Largest entry of the inverse of a matrix that is not singular."""
 MANY_COEFFICIENTS = 120
@@ -107,7 +109,7 @@ def _start(data: _Data) -> tuple[float, float]:
 def _weight(data: _Data, noise: tuple[float, float]) -> Array:
     extra = np.full(data.residual.shape, noise[0] ** 2)
     extra[3:] = noise[1] ** 2
-    return np.asarray(1.0 / np.sqrt(np.maximum(data.known_var + extra, 1e-24)), dtype=np.float64)
+    return np.asarray(1.0 / np.sqrt(np.maximum(data.known_var + extra, _LEAST_NOISE**2)), dtype=np.float64)
 
 
 def _ascend(
@@ -268,7 +270,8 @@ def _standard_errors(data: _Data, scatter: Scatter, noise: tuple[float, float]) 
         columns = block_columns(scaled, rows)
         count, size = columns.shape[:2]
         covariance = np.eye(size) + (columns * np.square(scatter.visit_std)) @ np.swapaxes(columns, 1, 2)
-        inverse = np.linalg.inv(covariance)
+        values, vectors = np.linalg.eigh(covariance)
+        inverse = (vectors / np.maximum(values, 1.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
         cross = np.swapaxes(columns, 1, 2) @ inverse @ columns
         information[:joints, :joints] += 0.5 * np.sum(np.square(cross), axis=0)
         squared = np.moveaxis(np.square(weight)[:, rows], 1, 0).reshape(count, 1, size)

@@ -33,6 +33,7 @@ class AxisWobble(Effect):
     """Directions that tilt; empty for both."""
 
     name = "axis_wobble"
+    only_revolute = True
     shares_terms = True
     is_bounded = True
     about = About(
@@ -47,11 +48,6 @@ class AxisWobble(Effect):
         example="{effect: axis_wobble, joints: [j1], orders: [1, 2], "
         "values: {j1.alpha_cos1: 1e-4, j1.beta_sin2: -5e-5}}",
     )
-
-    @classmethod
-    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """Return joints that turn."""
-        return tuple(name for name in arm.names if arm.is_revolute(name))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:

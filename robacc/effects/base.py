@@ -56,6 +56,8 @@ class Effect(abc.ABC):
     """True if every regressor is 1, so that the fitted value is written into the robot's own numbers."""
     per_joint: ClassVar[bool] = True
     """True if the effect acts on named joints, and is a candidate joint by joint."""
+    only_revolute: ClassVar[bool] = False
+    """True if only revolute joints have the effect."""
     joints_optional: ClassVar[bool] = False
     """True if an effect on joints also has forms without a joint."""
     is_frame: ClassVar[bool] = False
@@ -124,7 +126,9 @@ class Effect(abc.ABC):
     @classmethod
     def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
         """Return the joints the effect can act on."""
-        return arm.names if cls.per_joint else ()
+        if not cls.per_joint:
+            return ()
+        return tuple(name for name in arm.names if arm.is_revolute(name) or not cls.only_revolute)
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:

@@ -28,6 +28,7 @@ class ComplianceVariation(TorqueDriven):
     orders: tuple[float, ...] = (2.0,)
 
     name = "compliance_variation"
+    only_revolute = True
     about = About(
         summary="the joint's spring is softer at some angles: a periodic error that grows with the torque",
         equation="theta_j + tau_j (c cos(n q_j) + s sin(n q_j)), tau_j the torque of gravity about the axis; "
@@ -41,11 +42,6 @@ class ComplianceVariation(TorqueDriven):
         "over the angle",
         example="{effect: compliance_variation, joints: [j2], orders: [2], values: {j2.cos2: 2e-7, j2.sin2: 1e-7}}",
     )
-
-    @classmethod
-    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """Return joints that turn."""
-        return tuple(name for name in arm.names if arm.is_revolute(name))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:

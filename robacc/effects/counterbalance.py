@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +40,7 @@ class Counterbalance(Effect):
     """r, above 0 and below 1."""
 
     name = "counterbalance"
+    only_revolute = True
     is_bounded = True
     odds_beside = 1.0 / (150.0 * len(_CENTRES) * len(_RATIOS))
     about = About(
@@ -54,16 +55,6 @@ class Counterbalance(Effect):
         example="{effect: counterbalance, joints: [j2], centre_deg: 90, ratio: 0.6, "
         "values: {j2.spring: 2e-3, j2.length: -1e-3}}",
     )
-
-    @classmethod
-    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """Return joints that turn."""
-        return tuple(name for name in arm.names if arm.is_revolute(name))
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Return the effect with the spring longest at the joint's zero."""
-        return cls(tuple(joints) if joints is not None else cls.possible_joints(arm))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:

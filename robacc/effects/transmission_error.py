@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +32,7 @@ class TransmissionError(Effect):
     shrunk: bool = False
 
     name = "transmission_error"
+    only_revolute = True
     shares_terms = True
     is_bounded = True
     about = About(
@@ -46,16 +47,6 @@ class TransmissionError(Effect):
         example="{effect: transmission_error, joints: [j2], orders: [1, 12.5], "
         "values: {j2.cos1: 2e-4, j2.sin12.5: 5e-5}}",
     )
-
-    @classmethod
-    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """Return joints that turn."""
-        return tuple(name for name in arm.names if arm.is_revolute(name))
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Return orders 1 and 2."""
-        return cls(tuple(joints) if joints is not None else cls.possible_joints(arm))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:

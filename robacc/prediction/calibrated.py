@@ -75,7 +75,9 @@ def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements 
             return column
         return np.full(poses.n, 0.5 * sum(fit.ranges[name]))
 
-    direction = rng.choice([-1.0, 1.0], poses.q.shape) if poses.direction is None else poses.direction
+    direction = poses.direction
+    if direction is None:
+        direction = rng.choice(np.array([-1.0, 1.0]), poses.q.shape)
     return dataclasses.replace(
         poses,
         direction=direction,

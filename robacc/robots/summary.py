@@ -89,8 +89,8 @@ def low_discrepancy(dimensions: int, count: int) -> Array:
         if all(candidate % prime for prime in primes):
             primes.append(candidate)
         candidate += 1
-    result: Array = (np.sqrt(np.array(primes, dtype=float))[:, None] * np.arange(1, count + 1)) % 1.0
-    return result
+    products = np.sqrt(np.array(primes, dtype=float))[:, None] * np.arange(1, count + 1)
+    return np.asarray(products % 1.0, dtype=np.float64)
 
 
 def robot_document(summary: Summary) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,18 +45,22 @@ class Known:
 
     def held_limits(self, arm: Arm) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers that the effect does not extrapolate, and their periods."""
-        return _held_limits(self.effect, arm, self.validity)
+        return _limits(self.effect, arm, self.validity, self.effect.held_drivers(arm, self.validity))
+
+    def relaxing_limits(self, arm: Arm) -> tuple[Validity, Periods]:
+        """Return the ranges of the drivers beyond which the effect returns to zero, and their periods."""
+        return _limits(self.effect, arm, self.validity, self.effect.relaxing_drivers(arm, self.validity))
 
 
 def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:
     """Return the poses with the drivers that ``effect`` does not extrapolate held at the ends of their ranges."""
     if not validity:
         return data
-    return clip_drivers(arm, data, *_held_limits(effect, arm, validity))
+    return clip_drivers(arm, data, *_limits(effect, arm, validity, effect.held_drivers(arm, validity)))
 
 
-def _held_limits(effect: Effect, arm: Arm, validity: Validity) -> tuple[Validity, Periods]:
-    names = effect.held_drivers(arm, validity)
+def _limits(effect: Effect, arm: Arm, validity: Validity, names: Sequence[str]) -> tuple[Validity, Periods]:
+    """Return the ranges of some drivers, and the periods of those that have one."""
     periods = {name: effect.period(arm, name) for name in names}
     return (
         {name: validity[name] for name in names},

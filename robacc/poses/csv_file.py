@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import io
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -42,7 +43,6 @@ from robacc.poses.values import COMMANDED_AXES, Limits, Values
 
 _BLOCK = 4096
 """Rows written at a time."""
-_NEEDS_QUOTES = re.compile(r'[,"\r\n]')
 
 
 def read_poses(
@@ -264,17 +264,13 @@ def pose_pieces(
     """Yield the text of :func:`format_poses` in pieces of some thousand rows, to limit the memory used."""
     for start in range(0, max(measurements.n, 1), _BLOCK):
         columns = _columns(measurements.subset(slice(start, start + _BLOCK)), joint_names, attained)
-        lines = [",".join(row) + "\n" for row in zip(*(column for _, column in columns), strict=True)]
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
         if start == 0:
             with_unit = _names_that_need_a_unit(measurements)
-            names = [_cell(f"{name}_m" if name in with_unit else name) for name, _ in columns]
-            lines.insert(0, ",".join(names) + "\n")
-        yield "".join(lines)
-
-
-def _cell(text: str) -> str:
-    """Return a text as a cell of a CSV file, in quotes where it needs them."""
-    return '"{}"'.format(text.replace('"', '""')) if _NEEDS_QUOTES.search(text) else text
+            writer.writerow([f"{name}_m" if name in with_unit else name for name, _ in columns])
+        writer.writerows(zip(*(column for _, column in columns), strict=True))
+        yield out.getvalue()
 
 
 def _names_that_need_a_unit(measurements: Measurements) -> tuple[str, ...]:
@@ -314,7 +310,7 @@ def _columns(
     # Text goes last: an id that begins with # would make a comment of its row.
     for name in TEXTS:
         if (texts := getattr(measurements, name)) is not None:
-            columns.append((name, [_cell(str(text)) for text in texts]))
+            columns.append((name, [str(text) for text in texts]))
     return columns
 
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robacc.effects.specification import Known
-from robacc.effects.validity import Periods, Validity, clip_drivers, is_outside
+from robacc.effects.validity import clip_drivers, is_outside
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -51,7 +51,7 @@ def _columns_of(
     known: Known, model: Model, number: Mapping[str, int], covariance: Array, data: Measurements, sample: Measurements
 ) -> Array | None:
     """Return the columns of one effect; None if it is no profile, or no pose is beyond its range."""
-    limits, periods = _relaxing_limits(known, model)
+    limits, periods = known.relaxing_limits(model.arm)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
         return None
     here = known.effect.terms(model.arm, data)
@@ -73,12 +73,3 @@ def _columns_of(
         change[i, motions.index(part.motion)] = part.factor - end.factor
     result: Array = np.einsum("imn,pmn,pk->ikn", moved, change, root, optimize=True)
     return result
-
-
-def _relaxing_limits(known: Known, model: Model) -> tuple[Validity, Periods]:
-    names = known.effect.relaxing_drivers(model.arm, known.validity)
-    periods = {name: known.effect.period(model.arm, name) for name in names}
-    return (
-        {name: known.validity[name] for name in names},
-        {name: period for name, period in periods.items() if period is not None},
-    )

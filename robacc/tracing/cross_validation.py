@@ -201,15 +201,15 @@ def _judged(work: _Work, number: int) -> _Fold:
     by_finding = [work.choices.matching(effect, number) for effect in search_result.effects]
     matching = dict.fromkeys(effect for matches in by_finding for effect in matches)
     effects = frames_first(work.choices.all_effects[number] if work.is_whole else matching)
-    train, test = _parts(search_result, work.data, work.assigned, number)
     rows = work.assigned == number
+    if earlier is not None and effects and earlier.model_effects[number] == frozenset(effects):
+        without = (earlier.without.get(effect.key()) for effect in search_result.effects)
+        lacking = tuple(None if residual is None else residual[:, rows] for residual in without)
+        return _Fold(earlier.before[:, rows], earlier.after[:, rows], lacking, frozenset(effects))
+    train, test = _parts(search_result, work.data, work.assigned, number)
     before = _declared_alone(search_result, train, test) if earlier is None else earlier.before[:, rows]
     if not effects:
         return _Fold(before, before, tuple(before for _ in by_finding), frozenset())
-    if earlier is not None and earlier.model_effects[number] == frozenset(effects):
-        without = (earlier.without.get(effect.key()) for effect in search_result.effects)
-        lacking = tuple(None if residual is None else residual[:, rows] for residual in without)
-        return _Fold(before, earlier.after[:, rows], lacking, frozenset(effects))
     complete = _completed(search_result, effects, train)
     after = held_out(complete, test)
     reduced = ReducedFits(complete, train, test, fold_options(complete))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from robacc.measurements import Measurements
 from robacc.tracing.candidates import Candidate
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.ranking import Chosen, Ranked
+from robacc.tracing.refinement import refined
 from robacc.tracing.refitting import SEARCH, frames_first, refit
 from robacc.tracing.selection import Selection
 
@@ -71,18 +72,21 @@ def rivals(
     """Return a finding's score and its rivals near in evidence, nearest first: at most one for each effect and joint.
 
     Rivals are scored at the fit that contains the finding at full size. The linearisation ignores the curvature of a
-    rival, so an equal of a large finding seems to fall behind. ``refitted`` is asked about those.
+    rival, so an equal of a large finding seems to fall behind. ``refitted`` is asked about those. A rival competes as
+    the finding does: in the form of largest evidence near the best of those that a search tries first.
     """
     ranked, ranking = selection.contest(finding)
-    names = {str(finding.candidate.effect)}
     alternatives: list[Alternative] = []
     n_fitted = 0
-    for place, rival in enumerate(ranking):
+    for place, first_form in enumerate(_best_forms(ranking, finding)):
+        behind = ranked.total - first_form.total > RIVAL
+        if len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):
+            continue
+        rival = _refined(selection, finding, first_form)
         effect = rival.candidate.effect
-        name = str(effect)
         lag = ranked.total - rival.total
         behind = lag > RIVAL
-        if name in names or len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):
+        if behind and refitted is None:
             continue
         within_uncertainty = False
         similarity = _similarity(selection, finding, rival.candidate)
@@ -94,11 +98,31 @@ def rivals(
             if fitted is None or (fitted.lag > RIVAL and fitted.difference >= _LEAST_DIFFERENCE):
                 continue
             lag, within_uncertainty = fitted.lag, fitted.lag > RIVAL
-        names.add(name)
         alternatives.append(
             Alternative(effect.name, effect.joints, similarity, lag, effect.settings(), within_uncertainty)
         )
     return ranked, tuple(sorted(alternatives, key=lambda other: other.evidence_difference))
+
+
+def _best_forms(ranking: Sequence[Ranked], finding: Chosen) -> list[Ranked]:
+    """Return the best form of each effect on each joint, without the finding's own."""
+    best: dict[str, Ranked] = {}
+    for rival in ranking:
+        best.setdefault(str(rival.candidate.effect), rival)
+    best.pop(str(finding.candidate.effect), None)
+    return list(best.values())
+
+
+def _refined(selection: Selection, finding: Chosen, rival: Ranked) -> Ranked:
+    """Return a rival with its searched setting improved in the finding's place."""
+    scorer = selection.scorer
+    conditioned = scorer.condition(selection.chosen, without=finding)
+    candidate = refined(scorer, conditioned, scorer.as_chosen(rival.candidate, rival.prior_var))
+    if candidate.key == rival.candidate.key:
+        return rival
+    better = scorer.score(scorer.as_chosen(candidate, rival.prior_var), conditioned)
+    better = dataclasses.replace(better, handicap=rival.handicap)
+    return better if better.total > rival.total else rival
 
 
 def _similarity(selection: Selection, finding: Chosen, rival: Candidate) -> float:

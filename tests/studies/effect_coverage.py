@@ -2,10 +2,11 @@
 
     PYTHONPATH=.. python effect_coverage.py --coverage 20     # intervals of coefficients, and of predicted positions
     PYTHONPATH=.. python effect_coverage.py --clean 20        # searches on arms without an effect
-    PYTHONPATH=.. python effect_coverage.py --sizes 5         # searches that name the effect, at shares of its size
+    PYTHONPATH=.. python effect_coverage.py --sizes 6         # traces that name it, at multiples of the ideal size
 
 Positions are predicted at 40 fresh poses, so that effects without coefficients of a true value count too: splines of a
-rail, a spring's place that is searched. A set is one draw of poses and noise; the unit of a share is the interval.
+rail, a spring's place that is searched. The ideal size is what a test of the effect alone finds with probability 1/2.
+A set is one draw of poses and noise; the unit of a share is the interval.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from collections.abc import Callable
 
 import numpy as np
 from independent_arm import DECLARED, GRAVITY, TOOL, Run, link_frames, measured, robot, run, target, torques
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2
 
 from robacc.effects.compliance_variation import ComplianceVariation
 from robacc.effects.counterbalance import Counterbalance
@@ -34,6 +37,7 @@ from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
 from robacc.tracing.loop import search
+from robacc.tracing.trace import trace
 
 NOISE = 1e-5
 ARM = Arm.of(robot())
@@ -72,6 +76,10 @@ class Case:
     truth: dict[str, float]
     arm: Arm = ARM
     n: int = 100
+    beside: tuple = ()
+    """Effects that the arm has besides."""
+    n_terms: int = 2
+    """Degrees of freedom of the effect in the ideal test."""
 
 
 def counterbalance(n: int, seed: int, noise: float, size: float) -> Measurements:
@@ -163,6 +171,7 @@ CASES = {
         counterbalance,
         lambda data: (JointCompliance(("j2",)), Counterbalance(("j2",), 70.0, 0.7)),
         {"counterbalance.j2.spring": 2e-3, "counterbalance.j2.length": -1.5e-3, "joint_compliance.j2": COMPLIANCE},
+        beside=(JointCompliance(("j2",)),),
     ),
     "compliance_variation": Case(
         variation,
@@ -171,9 +180,10 @@ CASES = {
             "compliance_variation.j2.cos2": 0.3 * COMPLIANCE * np.cos(0.7),
             "compliance_variation.j2.sin2": 0.3 * COMPLIANCE * np.sin(0.7),
         },
+        beside=(JointCompliance(("j2",)),),
     ),
-    "read_back": Case(read_back, lambda data: (ReadBack(),), {"read_back": 1.0}),
-    "rail_errors": Case(rail, lambda data: (RailErrors.default(rail_arm(), data),), {}, rail_arm(), 140),
+    "read_back": Case(read_back, lambda data: (ReadBack(),), {"read_back": 1.0}, n_terms=1),
+    "rail_errors": Case(rail, lambda data: (RailErrors.default(rail_arm(), data),), {}, rail_arm(), 140, n_terms=6),
     "payload_compliance com uncertain": Case(
         payload,
         lambda data: (PayloadCompliance(("j2",), "uncertain"),),
@@ -248,18 +258,57 @@ def clean(sets: int) -> None:
         print("rail", searched(on_rail, rail(120, 4000 + seed, NOISE, 0.0)) if seed % 2 else "-", flush=True)
 
 
-def sizes(sets: int, only: str) -> None:
+def ideal_size(case: Case) -> tuple[float, float]:
+    """Return the share of the size that an F test of this effect alone finds with probability 1/2, and its RMS in um.
+
+    The test knows noise and baseline, and has the level of one candidate among 80 in a trace (0.002 / 80). The RMS is
+    that of the target's displacement which the baseline cannot follow.
+    """
+    ratios, lengths = [], []
+    for seed in range(3):
+        data = case.data(case.n, 7000 + seed, 1e-12, 1.0)
+        remaining = fitted(case, data, case.beside).residual[:3]
+        ratios.append(np.sum(np.square(remaining / NOISE)))
+        lengths.append(1e6 * np.sqrt(np.mean(np.sum(np.square(remaining), axis=0))))
+    limit = chi2.isf(0.002 / 80, case.n_terms)
+    needed = brentq(lambda x: ncx2.sf(limit, case.n_terms, x) - 0.5, 1e-3, 1e3)
+    share = float(np.sqrt(needed / np.mean(ratios)))
+    return share, share * float(np.mean(lengths))
+
+
+def sizes(sets: int, only: str, multiples: list[float]) -> None:
+    """Print, at multiples of the ideal size, in how many traces the effect is a finding, an alternative, or neither."""
     for name, case in CASES.items():
         if only not in name:
             continue
-        shares = []
-        for size in (0.05, 0.1, 0.2, 0.4):
-            named = 0
+        ideal, rms = ideal_size(case)
+        print(f"{name}: ideal test from {ideal:.3g} of the size on, {rms:.1f} um at the target", flush=True)
+        for multiple in multiples:
+            named = alternative = missed = 0
+            others: list[str] = []
             for seed in range(sets):
-                effects = searched(case, case.data(case.n, 7000 + seed, NOISE, size))
-                named += any(effect.startswith(name.split()[0]) for effect in effects)
-            shares.append(f"{size}: {named}/{sets}")
-        print(f"{name:34s} {', '.join(shares)}", flush=True)
+                data = case.data(case.n, 7000 + seed, NOISE, multiple * ideal)
+                declared = build(parse_requests(DECLARED), case.arm, data)
+                result = trace(Model(case.arm, free=declared), data, empirical=False)
+                effect = name.split()[0]
+                if any(finding.effect == effect for finding in result.findings):
+                    named += 1
+                elif any(rival.effect == effect for finding in result.findings for rival in finding.alternatives):
+                    alternative += 1
+                else:
+                    missed += 1
+                expected = {effect, *(companion.name for companion in case.beside)}
+                others += [
+                    f"{finding.effect}[{','.join(finding.joints)}]"
+                    for finding in result.findings
+                    if finding.effect not in expected
+                    and not expected & {rival.effect for rival in finding.alternatives}
+                ]
+            print(
+                f"  {multiple:4.1f} times: {named} named, {alternative} as an alternative, {missed} not; "
+                f"other names {', '.join(others) or 'none'}",
+                flush=True,
+            )
 
 
 def main() -> None:
@@ -267,11 +316,12 @@ def main() -> None:
     parser.add_argument("--coverage", type=int, default=0, metavar="SETS")
     parser.add_argument("--clean", type=int, default=0, metavar="SETS")
     parser.add_argument("--sizes", type=int, default=0, metavar="SETS")
+    parser.add_argument("--multiples", type=float, nargs="+", default=[0.7, 1.0, 1.5, 2.0, 3.0, 5.0], metavar="X")
     parser.add_argument("--only", default="", metavar="NAME")
     options = parser.parse_args()
     coverage(options.coverage, options.only) if options.coverage else None
     clean(options.clean) if options.clean else None
-    sizes(options.sizes, options.only) if options.sizes else None
+    sizes(options.sizes, options.only, options.multiples) if options.sizes else None
     print(f"{time.process_time():.0f} s of processor time")
 
 

@@ -51,3 +51,21 @@ def test_a_rival_that_fits_clearly_worse_differs_by_many_standard_errors(
     assert fitted is not None
     assert fitted.lag > RIVAL
     assert fitted.difference > 3.0
+
+
+def test_a_counterbalance_competes_with_a_periodic_error_at_its_best_place() -> None:
+    poses = run(100, seed=7000)
+    angle = poses.q[1] - np.radians(70.0)
+    moved = poses.q.copy()
+    moved[1] += 8e-7 * np.array([torques(q)[1] for q in poses.q.T])
+    moved[1] += 2e-3 * np.sin(angle) - 1.5e-3 * np.sin(angle) / np.sqrt(1 + 0.7 * np.cos(angle))
+    data = measured(poses, np.array([target(q) for q in moved.T]).T, 1e-5, 7000)
+    loop = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, empirical=False)
+    number = [effect.name for effect in loop.effects].index("transmission_error")
+    effect = loop.effects[number]
+    finding = next(c for c in loop.selection.chosen if c.candidate.effect.search_key() == effect.search_key())
+    _, named = rivals(loop.selection, finding, lag_refitted(loop, finding, effect, data))
+    # The forms of a spring that the search tries first are 15 degrees apart: the best of them fits clearly worse.
+    (spring,) = [alternative for alternative in named if alternative.effect == "counterbalance"]
+    assert spring.similarity > 0.999
+    assert spring.settings["centre_deg"] % 15.0 != 0.0

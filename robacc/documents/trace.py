@@ -17,6 +17,7 @@ from robacc.documents.fit import (
 from robacc.documents.poses import curve_document
 from robacc.documents.statistics import covariance_document, parameters_document
 from robacc.effects.baseline import Baseline
+from robacc.fitting.undeclared_load import UndeclaredLoad
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 from robacc.tracing.findings import Finding
@@ -46,6 +47,7 @@ def trace_payload(
         "n_folds": trace.n_folds,
         "findings": [_finding(finding) for finding in trace.findings],
         "deflection": deflection_document(trace.deflection),
+        "undeclared_load": _undeclared_load(trace.undeclared_load),
         "priors": priors_document(trace.final),
         "converged": trace.final.converged,
         "repeatability": repeatability_document(trace.repeatability),
@@ -142,6 +144,27 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "partial_residuals": [curve_document(curve) for curve in finding.partial_residuals],
         "implausible": finding.implausible,
         "warnings": list(finding.warnings),
+    }
+
+
+def _undeclared_load(load: UndeclaredLoad | None) -> dict[str, Any] | None:
+    if load is None:
+        return None
+    return {
+        "statement": load.statement,
+        "joints": list(load.joints),
+        "named": load.is_named,
+        "mass_error": load.mass_error,
+        "places": [
+            {
+                "link": place.link,
+                "mass_kg": place.mass,
+                "low_kg": place.low,
+                "high_kg": place.high,
+                "log_bayes_factor": place.log_bayes_factor,
+            }
+            for place in load.places
+        ],
     }
 
 

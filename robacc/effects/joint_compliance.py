@@ -16,6 +16,9 @@ from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
+_MASS_ERROR = 0.25
+"""Relative standard deviation of uncertain masses."""
+
 
 @register
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ class JointCompliance(Elastic):
                 terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (self.part(motion, own_weight),)))
             if self.masses == "known":
                 continue
-            stds = _regressor_stds(arm) if self.masses == "uncertain" else None
+            stds = regressor_stds(arm, _MASS_ERROR) if self.masses == "uncertain" else None
             loads, parts = unit_loads(arm, arm.owners[arm.number(joint)]), partial(self.parts, (motion,))
             terms.extend(base_regressors(f"{self.name}.{joint}", unit, 1e-5, loads, parts, stds))
         return tuple(terms)
@@ -111,13 +114,13 @@ class JointCompliance(Elastic):
         return cls(joints, masses, deflection=deflection_setting(cls.name, other_settings))
 
 
-def _regressor_stds(arm: Arm) -> dict[str, float]:
-    """Return the prior std of each base regressor: a quarter of the link's mass, and of its first moment."""
+def regressor_stds(arm: Arm, error: float) -> dict[str, float]:
+    """Return the prior std of each base regressor: a share ``error`` of the link's mass, and of its first moment."""
     stds = {}
     for body in arm.chain.bodies:
         reach = max(math.hypot(*body.com), 0.05)
-        stds[f"m{body.owner + 1}"] = 0.25 * body.mass
-        stds |= {f"{label}{body.owner + 1}": 0.25 * body.mass * reach for label in ("hx", "hy", "hz")}
+        stds[f"m{body.owner + 1}"] = error * body.mass
+        stds |= {f"{label}{body.owner + 1}": error * body.mass * reach for label in ("hx", "hy", "hz")}
     smallest = min(stds.values())
     return {
         f"{label}{i + 1}": stds.get(f"{label}{i + 1}", 0.1 * smallest)

@@ -21,6 +21,7 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
+from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
     convergence_warning,
@@ -75,6 +76,8 @@ class Trace:
     deflection: DeflectionChoice | None
     """Pose at which the torques of elastic effects are taken; None if no such effect is fitted or no choice was
     made."""
+    undeclared_load: UndeclaredLoad | None
+    """Whether the torques point to a load on one link; None unless masses are uncertain."""
     unexplained: Unexplained
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not significant beside the noise."""
@@ -167,6 +170,7 @@ def trace(
         covariance=parameter_covariance(with_masses),
         findings=findings,
         deflection=form,
+        undeclared_load=undeclared_load(final, data),
         unexplained=unexplained,
         repeatability=repeatability,
         explained_share=explained_share(stages.before, stages.after, noise, repeatability),

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 
+import independent_arm
 import numpy as np
 import pytest
-from independent_arm import DECLARED, GRAVITY, Matrix, measured, robot, run, target, torques
+from independent_arm import DECLARED, DH, GRAVITY, Matrix, measured, robot, run, target, torques
 
+from robacc.effects.joint_compliance import JointCompliance
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
+from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
@@ -73,3 +76,51 @@ def test_an_undeclared_load_is_named_and_the_fit_reaches_the_floor(link: int, ma
     # Up to 40 corrections of masses in place of none cost a third of the floor at 80 poses.
     assert error_at_other_poses(ARM, effects, data, fresh) < 1.4 * floor
     assert error_at_other_poses(ARM, springs, data, fresh) > 1.4 * floor
+
+
+def judged(data: Measurements, arm: Arm = ARM) -> UndeclaredLoad:
+    """What the springs of joints 2 and 3 point to, with uncertain masses."""
+    springs = JointCompliance(("j2", "j3"), "uncertain")
+    result = fit(Model(arm, free=(*build(parse_requests(DECLARED), arm, data), springs)), data, Options())
+    load = undeclared_load(result, data)
+    assert load is not None
+    return load
+
+
+def test_a_tool_that_is_not_declared_is_named_with_its_mass() -> None:
+    load = judged(loaded(80, 1, NOISE, 5, 15.0, np.array([0.1, 0.05, 0.2])))
+    assert load.is_named
+    assert [place.link for place in load.places] == ["j6"]
+    assert load.places[0].low < 15.0 < load.places[0].high
+    assert load.places[0].mass == pytest.approx(15.0, rel=0.3)
+    assert "point to a load on the link of j6" in load.statement
+
+
+@pytest.mark.parametrize("error", [None, 0.02], ids=["10 percent", "2 percent"])
+def test_a_load_within_the_errors_of_the_masses_is_named_only_if_these_are_known(error: float | None) -> None:
+    arm = Arm.of(dataclasses.replace(robot(), mass_uncertainty=error))
+    load = judged(loaded(80, 1, NOISE, 2, 12.0, np.array([0.05, 0.1, 0.1])), arm)
+    # The link of j3 has 30 kg in the file.
+    assert load.is_named == (error is not None)
+    assert load.places[0].link == "j3"
+    assert load.places[0].low < 12.0 < load.places[0].high
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 40))])
+def test_no_load_is_named_where_the_masses_of_the_file_are_wrong(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    factors = np.clip(1.0 + 0.2 * np.random.default_rng(seed).normal(size=6), 0.2, None)
+    wrong = tuple((*row[:4], row[4] * factor, row[5]) for row, factor in zip(DH, factors, strict=True))
+    monkeypatch.setattr(independent_arm, "DH", wrong)
+    data = loaded(80, seed, NOISE, 0, 0.0, np.zeros(3))
+    load = judged(data)
+    assert not load.is_named
+    assert "do not tell" in load.statement
+
+
+def test_without_uncertain_masses_nothing_is_judged() -> None:
+    data = loaded(40, 1, NOISE, 5, 15.0, np.zeros(3))
+    springs = JointCompliance(("j2", "j3"))
+    result = fit(
+        Model(ARM, free=(*build(parse_requests("base_frame,tool_frame"), ARM, data), springs)), data, Options()
+    )
+    assert undeclared_load(result, data) is None

@@ -63,6 +63,8 @@ def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int
         yield from (TextLine(line.text, "dim") for line in wrapped(note, width))
     for text in deflection(result.deflection):
         yield from wrapped(text, width)
+    if result.undeclared_load is not None:
+        yield from wrapped(f"undeclared load: {result.undeclared_load.statement}", width)
     yield BLANK
     yield heading("4. Before and after")
     rows_of_stages = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,7 @@ from robacc.fitting.parameters import (
     parameters,
 )
 from robacc.fitting.parsimony import without_idle_rotations
+from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.solver import fit
 from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal
@@ -176,6 +177,7 @@ def calibrate(
         warnings=(
             *mistakes,
             *_warnings(final_fit, data, comparison.after, noise),
+            *_request_warnings(requests, final_fit, comparison.nominal, comparison.after),
             *([] if is_scatter else [NO_SCATTER]),
         ),
         residuals=comparison.residuals,
@@ -294,6 +296,23 @@ def _hold_out(
         # The poses outside a fold are too few for the fitted coefficients.
         return None
     return before, after
+
+
+def _request_warnings(requests: Sequence[Request], final_fit: Fit, registered: Stage, after: Stage) -> Iterator[str]:
+    """Return a warning about requested effects that no joint shows, and about frames that were not fitted."""
+    names = {effect.name for effect in final_fit.model.free}
+    unsupported = [request.name for request in requests if _is_searched(request) and request.name not in names]
+    if unsupported:
+        yield (
+            f"no joint shows {' or '.join(unsupported)} on these poses, so it is not fitted; joints in brackets, as "
+            f"in {unsupported[0]}[{final_fit.model.arm.names[0]}], fit it all the same"
+        )
+    frames = [name for name in ALIGNABLE if name not in names]
+    if frames and after.fitted.position.rms > registered.fitted.position.rms:
+        yield (
+            f"the calibrated model is worse ({1e3 * after.fitted.position.rms:.3g} mm rms) than the nominal model with "
+            f"base and tool registered ({1e3 * registered.fitted.position.rms:.3g} mm): add {','.join(frames)} to `fit`"
+        )
 
 
 def _warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:

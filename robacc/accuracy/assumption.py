@@ -9,6 +9,7 @@ from robacc.statistics.multivariate import AssumptionTests
 
 SIGNIFICANCE = 0.01
 """Significance level: an assumption with a smaller p-value is rejected."""
+_REMOVED = "the registration removed the mean"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +30,7 @@ def without_mean_test(tests: AssumptionTests) -> AssumptionTests:
     test = tests.zero_mean
     if test.p_value is None or test.p_value < SIGNIFICANCE:
         return tests
-    why = "the alignment removed the mean"
-    return replace(tests, zero_mean=replace(test, statistic=None, p_value=None, why=why, imposed=True))
+    return replace(tests, zero_mean=replace(test, statistic=None, p_value=None, why=_REMOVED, imposed=True))
 
 
 def interval_assumption(tests: AssumptionTests, sampling: PoseSampling) -> Assumption:
@@ -53,13 +53,11 @@ def interval_assumption(tests: AssumptionTests, sampling: PoseSampling) -> Assum
     untested = (zero_mean_p is None and not imposed) or None in shape_p_values
     level = f"{100 * SIGNIFICANCE:g} %"
     if rejections:
-        text = f"{'; '.join(rejections)}: intervals come from resampling, not from the Gaussian model of equation (13)"
+        text = f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
     elif untested:
         text = "errors assumed Gaussian with zero mean; the poses are too few to test it"
     elif imposed:
-        text = (
-            f"errors assumed Gaussian (no test rejects it at {level}) with zero mean (the alignment removed the mean)"
-        )
+        text = f"errors assumed Gaussian (no test rejects it at {level}) with zero mean ({_REMOVED})"
     else:
         text = f"errors assumed Gaussian with zero mean; no test rejects it at {level}"
     return Assumption(shape, zero_mean, independent, text)

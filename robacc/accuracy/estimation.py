@@ -248,7 +248,7 @@ def _notes(
         names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
         notes.append(f"effects of the robot file are applied: {', '.join(names)}")
     if alignment is not None:
-        notes.append(f"the alignment was fitted to the same poses, with {alignment.n_parameters} parameters")
+        notes.append(f"the frames were registered to the same poses, with {alignment.n_parameters} parameters")
         notes.extend(alignment.notes)
     if data.sigma_position is not None:
         sigma = rms_length(data.sigma_position) * 1e3

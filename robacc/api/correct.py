@@ -236,6 +236,12 @@ def load_nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, 
         return robot, (replace(record, kind="nominal"),), ()
     if (fit := model_fit(model)) is not None:
         return nominal_robot(model, fit), (), ()
+    if not model.effects:
+        doubt = (
+            "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
+            "`write_model` wrote, or `nominal` with the controller's robot file"
+        )
+        return nominal_of(model), (), (doubt,)
     doubt = (
         "the model does not contain the robot that it was fitted from, so its numbers without its effects count as "
         "the controller's; give `nominal`"

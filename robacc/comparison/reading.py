@@ -259,4 +259,4 @@ def _alignment(result: ResultDocument, command: str) -> str:
     effects = result.at("alignment.what") if command != "iso9283" else result.at("alignment.0.what")
     if not isinstance(effects, list) or not effects:
         return "none"
-    return " and ".join(str(effect) for effect in effects) + " aligned"
+    return " and ".join(str(effect) for effect in effects) + " registered"

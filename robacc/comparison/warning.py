@@ -11,7 +11,7 @@ from robacc.comparison.pairing import PoseMatch
 
 _CONSEQUENCES = {
     "frame": "lengths are compared; components are not, because their axes differ",
-    "alignment": "an alignment removes a part of the error that the other result still contains",
+    "alignment": "a registration removes a part of the error that the other result still contains",
     "held out": "errors of calibration poses are smaller than errors of held-out poses",
     "robot file": "errors of the poses that it was fitted to are smaller than errors of other poses",
     "confidence": "the intervals are not comparable",

@@ -39,6 +39,11 @@ class ExpectedErrors:
     grades: tuple[str, ...] | None
     """``(N,)`` grade of each bound; None without bounds."""
 
+    @property
+    def orientation_is_known(self) -> bool:
+        """Return whether the model says how uncertain its orientation is; a fit to positions alone does not."""
+        return self.position_bound is None or self.orientation_bound is not None
+
 
 def expected_errors(
     error: Array, position: Array | None, orientation: Array | None, scale: Scale, oriented: bool

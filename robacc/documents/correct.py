@@ -65,13 +65,13 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
     """Return the expected errors of the corrected targets together."""
     chosen = result.targets.is_corrected
 
-    def part(length: Array, rms: Array, bound: Array | None, unit: str) -> Document | None:
+    def part(length: Array, rms: Array | None, bound: Array | None, unit: str) -> Document | None:
         if not chosen.any():
             return None
         return {
             f"rms_{unit}": float(np.sqrt(np.mean(np.square(length[chosen])))),
             f"max_{unit}": float(np.max(length[chosen])),
-            f"expected_rms_{unit}": float(np.sqrt(np.mean(np.square(rms[chosen])))),
+            f"expected_rms_{unit}": None if rms is None else float(np.sqrt(np.mean(np.square(rms[chosen])))),
             f"largest_bound95_{unit}": None if bound is None else float(np.max(bound[chosen])),
         }
 
@@ -80,7 +80,7 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
         grades = dict(grade_counts(result.scale, [g for g, c in zip(errors.grades, chosen, strict=True) if c]))
     return {
         "position": part(errors.position, errors.position_rms, errors.position_bound, "m"),
-        "orientation": part(errors.orientation, errors.orientation_rms, errors.orientation_bound, "rad")
+        "orientation": part(errors.orientation, _orientation_rms(errors), errors.orientation_bound, "rad")
         if oriented
         else None,
         "grades": grades,
@@ -118,11 +118,15 @@ def _targets(result: Correction, given: Measurements) -> Document:
 def _bounds(errors: ExpectedErrors) -> Document:
     return {
         "rms_m": errors.position_rms,
-        "rms_rad": errors.orientation_rms,
+        "rms_rad": _orientation_rms(errors),
         "bound95_m": errors.position_bound,
         "bound95_rad": errors.orientation_bound,
         "grade": None if errors.grades is None else list(errors.grades),
     }
+
+
+def _orientation_rms(errors: ExpectedErrors) -> Array | None:
+    return errors.orientation_rms if errors.orientation_is_known else None
 
 
 def framed_poses(result: Correction) -> tuple[Poses, Poses]:
@@ -164,7 +168,9 @@ def per_target_csv(result: Correction, given: Measurements) -> str:
     numbers |= _number_columns(("dx_m", "dy_m", "dz_m", "drx_rad", "dry_rad", "drz_rad"), targets.correction)
     for stage, errors in (("before", result.before), ("after", result.after)):
         numbers[f"{stage}_m"], numbers[f"{stage}_rad"] = errors.position, errors.orientation
-        numbers[f"{stage}_rms_m"], numbers[f"{stage}_rms_rad"] = errors.position_rms, errors.orientation_rms
+        numbers[f"{stage}_rms_m"] = errors.position_rms
+        if errors.orientation_is_known:
+            numbers[f"{stage}_rms_rad"] = errors.orientation_rms
         for unit, bound in (("m", errors.position_bound), ("rad", errors.orientation_bound)):
             if bound is not None:
                 numbers[f"{stage}_bound95_{unit}"] = bound

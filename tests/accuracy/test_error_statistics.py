@@ -307,8 +307,8 @@ def test_a_mean_that_an_alignment_removed_is_not_tested() -> None:
     free, aligned = error_statistics(centred, "m"), error_statistics(centred, "m", aligned=True)
     assert free.tests.zero_mean.p_value == pytest.approx(1.0)
     assert aligned.tests.zero_mean.p_value is None
-    assert aligned.tests.zero_mean.why == "the alignment removed the mean"
-    assert aligned.assumption.endswith("with zero mean (the alignment removed the mean)")
+    assert aligned.tests.zero_mean.why == "the registration removed the mean"
+    assert aligned.assumption.endswith("with zero mean (the registration removed the mean)")
     assert aligned.intervals.rms == free.intervals.rms
     # Rows that an alignment left out may keep the mean from zero, and that is told.
     offset = error_statistics(errors + 3e-4, "m", aligned=True)

@@ -67,8 +67,8 @@ def test_every_number_shown_is_the_jsons(command: str) -> None:
         match = re.fullmatch(r"(-?[\d.]+(?:e[-+]\d+)?)\s*(\D*)", cell.text)
         assert match is not None, cell.text
         digits, unit = match.groups()
-        # Covariances stand in a table whose head has the unit, so a bare number may be in any of them.
-        scales = [factors[unit]] if unit else [1.0, 1e6, (180 / math.pi) ** 2]
+        # Covariances have their unit in the head of the table, coefficients in the last column: any may apply.
+        scales = [factors[unit]] if unit else [1.0, 1e3, 180 / math.pi, 1e6, (180 / math.pi) ** 2]
         decimals = len(digits.partition("e")[0].partition(".")[2])
         exponent = int(digits.partition("e")[2] or 0)
         step = 10.0 ** (exponent - decimals)
@@ -107,8 +107,8 @@ def test_a_registration_has_standard_errors_and_reasons_for_parameters_that_are_
     x |= {"value": 2.1, "std": 2.7e-6}
     yaw |= {"value": -0.0, "std": None, "why": "tool_frame.yaw has no effect on these poses"}
     made = render([document], ["estimate"])
-    assert ">2.1000000<" in made
-    assert ">2.7e-06<" in made
+    assert ">2100.0000<" in made
+    assert ">0.0027<" in made
     assert "tool_frame.yaw has no effect on these poses" in made
     assert ">-0<" not in made
 

@@ -87,7 +87,7 @@ def correct(
         CampaignUseName,
         typer.Option(
             "--campaign",
-            help="Facts of the campaign that the model was fitted in: auto applies steps, keep a warm-up too.",
+            help="Effects of the campaign of the fit: auto applies its steps, keep its warm-up too, drop neither.",
         ),
     ] = CampaignUseName.auto,
     strict_range: Annotated[

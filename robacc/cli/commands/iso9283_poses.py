@@ -49,7 +49,10 @@ def iso9283_poses(
     ] = None,
     orientation: Annotated[
         OrientationName | None,
-        typer.Option("--orientation", help="Orientation of the tool; default: the first that the arm can reach."),
+        typer.Option(
+            "--orientation",
+            help="Tool: down, forward, own (as at the centre) or free; default: the first that fits.",
+        ),
     ] = None,
     cycles: Annotated[
         int, typer.Option("--cycles", metavar="N", min=1, max=10_000, help="Number of cycles through P1 to P5.")

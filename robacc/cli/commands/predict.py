@@ -64,7 +64,7 @@ def predict(
         str | None,
         typer.Option(
             "--align",
-            metavar="EFFECT,…",
+            metavar="FRAME,…",
             help="Frames to fit to the poses of --against first: base_frame, tool_frame or both.",
         ),
     ] = None,

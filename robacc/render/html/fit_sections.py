@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from robacc.effects import REGISTRY
 from robacc.render.html.blocks import Block, Cell, Grid, Listing, Number, ReportSection, Text, angle, length, quantity
 from robacc.render.plots.chart import Document
 from robacc.render.plots.stage_errors import STAGE_LABELS, STAGE_MEANINGS
@@ -35,6 +36,7 @@ def _findings(document: Document) -> ReportSection:
     rows: list[Sequence[Cell]] = [
         [
             effect_name(finding),
+            "–" if finding["largest_at_tool_m"] is None else length(finding["largest_at_tool_m"]),
             p_value(finding["p_value"]),
             f"{finding['stability']['folds']} of {finding['stability']['of']}" if finding["stability"]["of"] else "–",
             length(finding["held_out_before_m"]),
@@ -44,12 +46,16 @@ def _findings(document: Document) -> ReportSection:
     ]
     header = (
         "effect",
+        "moves the tool by up to",
         "significance",
         "found in folds",
         "rms without it, held-out poses",
         "rms with it, held-out poses",
     )
-    blocks: list[Block] = [Grid(header, rows)]
+    names = dict.fromkeys(str(finding["effect"]) for finding in findings)
+    # A result may name an effect of another package, which is not loaded here.
+    meanings = [f"{name}: {REGISTRY[name].about.summary}" for name in names if name in REGISTRY]
+    blocks: list[Block] = [Grid(header, rows), *([Listing(meanings)] if meanings else [])]
     alternatives = [
         _alternative(finding, alternative) for finding in findings for alternative in finding["alternatives"]
     ]
@@ -169,7 +175,7 @@ def _parameters(document: Document) -> ReportSection:
     ]
     if not estimated and not unidentified:
         return ReportSection("Parameters", [Text("No parameter was fitted.")])
-    note = "Values in SI units, as corrections to the values of the robot file."
+    note = "Values are corrections to the values of the robot file, in mm and degrees; the JSON result is in SI units."
     grid = Grid(("parameter", "value", "standard error", "unit"), [parameter_row(item) for item in estimated])
     blocks: list[Block] = [Text(note), grid]
     if unidentified:
@@ -179,8 +185,8 @@ def _parameters(document: Document) -> ReportSection:
 
 def parameter_row(parameter: Mapping[str, Any]) -> list[Cell]:
     """Return name, value, standard error and unit of an identifiable coefficient."""
-    unit = "" if parameter["unit"] == "1" else str(parameter["unit"])
-    value, error = measured(parameter["value"], parameter["std"])
+    factor, unit = table_unit(str(parameter["unit"]))
+    value, error = measured(factor * parameter["value"], factor * parameter["std"])
     return [parameter["name"], Number(value, parameter["value"]), Number(error, parameter["std"]), unit]
 
 

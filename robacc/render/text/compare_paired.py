@@ -43,11 +43,12 @@ def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> I
     )
     if result.promise is not None:
         promise = result.promise
-        kept = "is what the model promised" if promise.kept else "is not what the model promised"
+        kept = "agrees with the model" if promise.kept else "does not agree with the model"
+        measured_rms = np.sqrt(np.mean(np.sum(np.square(result.after), axis=0)))
         texts.append(
-            f"the remaining error {kept}: {three_digits(promise.promised_rms * _IN_MM)} mm rms expected with "
-            f"measurement noise; chi-square {promise.chi_square:.4g} on {promise.degrees_of_freedom} degrees of "
-            f"freedom, {p_value(promise.p_value)}"
+            f"the error after {kept}: {three_digits(float(measured_rms) * _IN_MM)} mm rms measured, "
+            f"{three_digits(promise.promised_rms * _IN_MM)} mm rms predicted with measurement noise; chi-square "
+            f"{promise.chi_square:.4g} on {promise.degrees_of_freedom} degrees of freedom, {p_value(promise.p_value)}"
         )
     yield from items((*texts, *result.notes), width)
 

@@ -71,8 +71,8 @@ def _figures(result: Correction, oriented: bool) -> list[TextLine]:
 
 def _expected_row(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return the RMS errors to expect; a model that was fitted to positions alone says nothing of orientation."""
-    is_known = errors.position_bound is None or errors.orientation_bound is not None
-    return _row(f"expected error {stage}", errors.position_rms, errors.orientation_rms if is_known else None, chosen)
+    orientation = errors.orientation_rms if errors.orientation_is_known else None
+    return _row(f"expected error {stage}", errors.position_rms, orientation, chosen)
 
 
 def _bound_rows(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -> list[tuple[str, ...]]:

@@ -52,7 +52,7 @@ def prediction_lines(
     source = f"{len(prediction.parameters)} tolerances" if prediction.parameters else "the fit of its model"
     yield heading(f"Expected accuracy of {robot.name}, from {source}")
     yield TextLine(f"at {prediction.configurations.source}")
-    yield TextLine(prediction.meaning)
+    yield from wrapped(prediction.meaning, width)
     yield from (BLANK, *_grade(prediction, width))
     yield from (BLANK, heading("Predicted error"))
     yield from _figures(prediction)
@@ -61,7 +61,11 @@ def prediction_lines(
     for name, errors in (("position", prediction.position), ("orientation", prediction.orientation)):
         yield from _worst(robot, errors, name, width)
     yield from (BLANK, heading("Error budget: share of the variance (parameters sorted by both shares)"))
-    budget = sorted(prediction.budget, key=lambda share: -round(share.position + share.orientation, 9))
+    # Scatter that the fit did not separate and poses within its ranges have no share of their own.
+    present = [
+        share for share in prediction.budget if share.tolerance is not None or share.position + share.orientation
+    ]
+    budget = sorted(present, key=lambda share: -round(share.position + share.orientation, 9))
     yield from _budget("parameter" if prediction.parameters else "source", budget[:_LISTED])
     if len(budget) > _LISTED:
         unlisted = budget[_LISTED:]
@@ -84,7 +88,7 @@ def prediction_lines(
 def _grade(prediction: Prediction, width: int) -> Iterator[TextLine]:
     grade = prediction.grade
     yield heading(f"Grade {grade.grade} predicted (scale: {grade.scale.name})")
-    text = f"by {_STATISTICS[grade.scale.statistic]}, over robots and poses"
+    text = f"criterion: {_STATISTICS[grade.scale.statistic]}, over robots and poses"
     if grade.limited_by:
         text += f"; limited by {' and '.join(grade.limited_by)}"
     shares = ", ".join(f"{name} {percent(share)}" for name, share in grade.meeting)
@@ -115,7 +119,7 @@ def _over_poses(prediction: Prediction) -> list[TextLine]:
         for p in percentiles[0]
     ]
     largest = [amount(value, errors.unit) for errors in quantities for value in (errors.worst.rms, errors.max)]
-    header = ("percentile over poses", "RMS, mm", "95 % radius, mm", "RMS, °", "95 % radius, °")
+    header = ("percentile over poses", "RMS, mm", "95 % within, mm", "RMS, °", "95 % within, °")
     return columns(header, [*rows, ("largest", *largest)])
 
 

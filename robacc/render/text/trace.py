@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import TextIO
 
+from robacc.effects.base import effect_class
 from robacc.effects.baseline import Baseline
 from robacc.fitting.parameters import FittedParameter
 from robacc.render.text.console import width_of, write_lines
@@ -59,7 +60,10 @@ def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int
     for number, finding in enumerate(result.findings, 1):
         yield from _finding(number, finding, _baseline_rms(result), width)
     if result.findings:
-        note = "of the residual: of the baseline's mean square error on held-out poses; ± is one standard error"
+        note = (
+            "of the residual: share of the baseline's mean square error on held-out poses that the effect removes "
+            "if it is added last; shares need not add up to 100 %; ± is one standard error"
+        )
         yield from (TextLine(line.text, "dim") for line in wrapped(note, width))
     for text in deflection(result.deflection):
         yield from wrapped(text, width)
@@ -140,7 +144,8 @@ def _finding(number: int, finding: Finding, baseline_rms: float | None, width: i
     yield from wrapped(f"{number}) {finding.effect}{joints} {at_tool(finding, baseline_rms)}", width)
     found_in, folds = finding.stability
     stability = f", found in {found_in} of {folds} folds" if folds else ""
-    details = [] if finding.statement is None else [finding.statement]
+    details = [effect_class(finding.effect).about.summary]
+    details += [] if finding.statement is None else [finding.statement]
     details.append(f"{p_value(finding.p_value)}{stability}")
     if finding.held_out_before is not None and finding.held_out_after is not None:
         details.append(

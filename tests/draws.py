@@ -28,8 +28,8 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.candidates import named_candidates, order_grids
-from robacc.tracing.detection import noncentrality_at_limit
-from robacc.tracing.selection import FALSE_ALARM
+from robacc.tracing.detection import decisive_test
+from robacc.tracing.selection import FALSE_ALARM, fold_level
 from robacc.tracing.trace import Trace
 
 FRAMES = "base_frame,tool_frame"
@@ -106,10 +106,12 @@ class Draw:
         whole = dataclasses.replace(self.built, effects=(*self.built.effects, entry_of(self.effect, values)))
         return simulate(whole, self.plan).data
 
-    def power(self, times: float, share: float) -> float:
-        """Of the F test at so many times the limit, on a share of the poses."""
+    def power(self, times: float, n_folds: int = 0) -> float:
+        """Of the F test at so many times the limit: of all poses, or of a fold at its level."""
+        share = 1 - 1 / n_folds if n_folds else 1.0
+        level = self.level * (fold_level(share) / FALSE_ALARM if n_folds else 1.0)
         rank, freedom = len(self.values), self.freedom * share - len(self.values)
-        critical = stats.f.isf(self.level, rank, freedom)
+        critical = stats.f.isf(level, rank, freedom)
         return float(stats.ncf.sf(critical, rank, freedom, share * times**2 * self.noncentrality))
 
     def model(self, data: Measurements) -> Model:
@@ -160,7 +162,7 @@ def draw(kind: Kind, seed: int) -> Draw:
         seen = _seen(effect, declared, blank, plan, rng)
         if seen is not None:
             values, square, freedom = seen
-            needed = noncentrality_at_limit(len(values), freedom, log_prior)
+            needed = decisive_test(len(values), freedom, log_prior).noncentrality_at_limit
             size = math.sqrt(needed / square)
             if size <= 300 * effect.terms(declared.model.arm, blank)[0].typical:
                 at_limit = {key: size * value for key, value in values.items()}

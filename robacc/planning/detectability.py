@@ -19,11 +19,9 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.linear_model import ExpectedNoise, whitened
-from robacc.statistics.noncentral_f import f_critical, noncentral_f_sf
 from robacc.tracing.candidates import Candidate, named_candidates
-from robacc.tracing.detection import noncentrality_at_limit, visible
+from robacc.tracing.detection import decisive_test, visible
 from robacc.tracing.rivals import RIVAL
-from robacc.tracing.selection import FALSE_ALARM
 
 FOLDS = 5
 """Folds of a trace's cross-validation, in half of which a finding must recur."""
@@ -174,18 +172,11 @@ def _limit(
     size = rms = None
     power = 0.0
     if values[0] > 0:
-        share = 1.0 - 1.0 / FOLDS
-        needed = noncentrality_at_limit(values.size, dof, candidate.log_prior, share)
+        test = decisive_test(values.size, dof, candidate.log_prior, FOLDS)
+        needed = test.noncentrality_at_limit
         size = math.sqrt(needed / float(values[0]))
-        level = FALSE_ALARM * math.exp(candidate.log_prior)
-        residual_dof = float(round(dof * share) - values.size)
-        critical = f_critical(level, float(values.size), residual_dof)
-        noncentrality = usual**2 * float(values[0]) * share
-        power = (
-            1.0
-            if noncentrality > _CERTAIN * needed
-            else noncentral_f_sf(critical, values.size, residual_dof, noncentrality)
-        )
+        noncentrality = usual**2 * float(values[0])
+        power = 1.0 if noncentrality > _CERTAIN * needed else test.power(noncentrality)
         if size > _LARGEST * candidate.terms[0].typical:
             size = None
     if size is not None:

@@ -25,7 +25,7 @@ from robacc.modelling.model import Model
 from robacc.planning.detectability import FOLDS, usual_size
 from robacc.planning.linear_model import ExpectedNoise, coefficients, pose_rows, whitened, with_targets
 from robacc.tracing.candidates import named_candidates
-from robacc.tracing.detection import noncentrality_at_limit
+from robacc.tracing.detection import decisive_test
 from robacc.tracing.rivals import RIVAL
 
 _CANDIDATES = 800
@@ -245,7 +245,7 @@ def power_problem(
         information, with_free = information + measured.T @ measured, measured.T @ effect_rows
         products = effect_rows.T @ effect_rows
     dof = float(rows.shape[0] * max(n_already + 30, 60) - planned.columns.size)
-    chance = {value: noncentrality_at_limit(1, dof, value, 1.0 - 1.0 / FOLDS) for value in set(log_priors)}
+    chance = {value: decisive_test(1, dof, value, FOLDS).noncentrality_at_limit for value in set(log_priors)}
     even_chance = np.array([chance[value] for value in log_priors])
     return PowerProblem(free, effects, information, with_free, products, even_chance, _rivals(free, effects))
 

@@ -36,6 +36,7 @@ from robacc.fitting.parameters import (
     parameters,
 )
 from robacc.fitting.parsimony import without_idle_rotations
+from robacc.fitting.places import places, places_warning
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.solver import fit
@@ -173,9 +174,10 @@ def calibrate(
         correlations=correlations(final_fit),
         identifiability=final_fit.identifiability,
         leverage=high_leverage(final_fit, data),
-        n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(data.groups().max()) + 1),
+        n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(places(data).max()) + 1),
         warnings=(
             *mistakes,
+            *places_warning(data),
             *_warnings(final_fit, data, comparison.after, noise),
             *_request_warnings(requests, final_fit, comparison.nominal, comparison.after),
             *([] if is_scatter else [NO_SCATTER]),

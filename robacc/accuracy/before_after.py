@@ -13,6 +13,7 @@ from robacc.effects.base import effect_class
 from robacc.errors import InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.places import places
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
@@ -59,12 +60,12 @@ def before_and_after(
         nominal = registered.fitted if registered.held_out is None else registered.held_out
         apart = (unregistered, nominal, *held_out)
         calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual, nominal, *held_out)
-        validation, judged, groups = None, inliers, data.groups()
+        validation, judged, groups = None, inliers, places(data)
     else:
         unregistered = residuals(holdout, predict(robot, holdout))
         nominal = unregistered if registered.held_out is None else registered.held_out
         apart = (unregistered, nominal, *held_out)
-        validation, judged, groups = Residuals(*apart), np.ones(holdout.n, dtype=bool), holdout.groups()
+        validation, judged, groups = Residuals(*apart), np.ones(holdout.n, dtype=bool), places(holdout)
     stages = [_stage(errors, inliers, other, judged) for errors, other in zip(fitted, apart, strict=True)]
     gain = paired_gain(held_out[0][:, judged], held_out[1][:, judged], groups[judged])
     return BeforeAfter(stages[0], stages[1], stages[2], stages[3], gain, calibration, validation)

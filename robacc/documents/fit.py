@@ -16,6 +16,7 @@ from robacc.fitting.deflection_model import BETTER, DeflectionChoice
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
+from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
@@ -78,7 +79,7 @@ def stage_documents(
 ) -> dict[str, dict[str, Any]]:
     """Return ``nominal_unregistered``, ``nominal``, ``before`` and ``after``."""
     residuals, holdout = result.residuals, result.holdout
-    groups, used = data.groups(), fit.inliers
+    groups, used = places(data), fit.inliers
     fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
     held_out: tuple[Array | None, ...] = (
         residuals.unregistered,
@@ -89,7 +90,7 @@ def stage_documents(
     held_out_groups, held_out_used = groups, used
     if holdout is not None and apart is not None:
         held_out = (holdout.unregistered, holdout.nominal, holdout.before, holdout.after)
-        held_out_groups, held_out_used = apart.groups(), np.ones(apart.n, dtype=bool)
+        held_out_groups, held_out_used = places(apart), np.ones(apart.n, dtype=bool)
     stages = {
         "nominal_unregistered": result.nominal_unregistered,
         "nominal": result.nominal,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
@@ -19,10 +20,10 @@ LEAST_GROUPS = 6
 def folds(data: Measurements, count: int, seed: int) -> NDArray[np.int64] | None:
     """Return ``(N,)`` the number of the fold that holds each row out; None if there are too few poses.
 
-    Repeats of one commanded pose stay together. A pose's fold depends on the pose and the seed, not on the order of
-    rows.
+    Repeats of one commanded pose stay together, and so do poses of one place (:mod:`robacc.fitting.places`). A pose's
+    fold depends on the pose and the seed, not on the order of rows.
     """
-    groups = data.groups()
+    groups = places(data)
     total = int(groups.max(initial=-1)) + 1
     if total < LEAST_GROUPS or count < 2:
         return None

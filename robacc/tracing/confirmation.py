@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robacc.effects.base import Effect
+from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.tracing.cross_validation import CrossValidation, FoldChoices, cross_validate
@@ -92,13 +93,13 @@ def with_held_out_gain(
 def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
     """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
 
-    Poses are independent, not rows. ``weight`` ``(M, N)`` are reciprocal standard deviations of the components; where
+    Places are independent, not rows. ``weight`` ``(M, N)`` are reciprocal standard deviations of the components; where
     None, positions serial are judged, each as good as the others.
     """
     if weight is None:
         without, after, weight = without[:3], after[:3], np.ones_like(after[:3])
     gain = np.sum((np.square(without) - np.square(after)) * np.square(weight), axis=0)
-    sums = np.bincount(np.unique(data.groups(), return_inverse=True)[1], weights=gain)
+    sums = np.bincount(np.unique(places(data), return_inverse=True)[1], weights=gain)
     if sums.size < 2:
         return 0.0
     error = float(np.std(sums, ddof=1)) / np.sqrt(sums.size)

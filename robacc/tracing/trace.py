@@ -21,6 +21,7 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
+from robacc.fitting.places import places_warning
 from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
@@ -188,6 +189,7 @@ def trace(
             *mass_warning(final),
             *data.warnings,
             *data.contradicted_ids(),
+            *places_warning(data),
             *([no_held_out_warning(data)] if validation is None else []),
             *withdrawn_warning(withdrawn),
             *outliers_warning(final, data),

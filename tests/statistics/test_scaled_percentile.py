@@ -45,7 +45,7 @@ def test_a_known_shape_is_exact_at_whole_ranks() -> None:
     interval = curve.interval(0.9, "m")
     quantile = stats.halfnorm.ppf(stats.beta.ppf([0.95, 0.05], 20, 2))
     expected = 1.7 * stats.halfnorm.ppf(0.95) / quantile
-    np.testing.assert_allclose([interval.lower, interval.upper], expected, rtol=1e-8)
+    np.testing.assert_allclose([interval.lower, interval.upper], expected, rtol=1e-5)
 
 
 def test_the_promised_number_of_poses_suffices() -> None:
@@ -61,3 +61,19 @@ def test_the_promised_number_of_poses_suffices() -> None:
     assert ratio is not None
     # Assured in nine of ten sets, 0.5 % of standard error.
     assert np.mean(percentiles * ratio <= 1.3) == pytest.approx(0.9, abs=0.03)
+
+
+@pytest.mark.parametrize("n", [10, 20, 30, 47])
+def test_between_two_ranks_the_interval_is_no_wider_than_needed(n: int) -> None:
+    """A shape known exactly: the bound of 95 % holds in 95 % of 40,000 sets, 0.11 % of standard error."""
+    shape = LengthShape(np.zeros(3), np.ones(3))
+    rng = np.random.default_rng(n)
+    percentiles = np.percentile(np.linalg.norm(rng.normal(size=(40_000, n, 3)), axis=2), 95.0, axis=1)
+    interval = ScaledPercentileCurve.of(1.0, n, 0.95, shape).interval(0.95, "m")
+    assert interval.lower is not None
+    assert interval.upper is not None
+    assert interval.upper_bound is not None
+    truth = shape.quantile(0.95)
+    inside = np.mean((percentiles * interval.lower <= truth) & (truth <= percentiles * interval.upper))
+    assert inside == pytest.approx(0.95, abs=0.005)
+    assert np.mean(truth <= percentiles * interval.upper_bound) == pytest.approx(0.95, abs=0.005)

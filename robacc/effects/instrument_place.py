@@ -17,6 +17,9 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 Place = tuple[float, float, float]
+FARTHEST = 12.0
+"""Largest distance, m, from which an arm is measured. Seen from farther away, an angle's error is a scale along an
+axis, and a drift of the scale is one of the base."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +154,10 @@ def spherical(azimuth: Array, elevation: Array, distance: Array) -> Array:
 
 
 def neighbours(place: Array, centre: Array, step: float) -> Array:
-    """Return ``(27, 3)`` places about ``place`` that differ by ``step`` in azimuth, elevation and log distance."""
+    """Return ``(27, 3)`` places about ``place`` that differ by ``step`` in azimuth, elevation and log distance.
+
+    None is farther than :data:`FARTHEST` from the centre, unless ``place`` is.
+    """
     offset = place - centre
     distance = float(np.sqrt(offset @ offset))
     azimuth = math.atan2(offset[1], offset[0])
@@ -159,4 +165,5 @@ def neighbours(place: Array, centre: Array, step: float) -> Array:
     steps = np.array((-step, 0.0, step))
     turned, raised, scaled = (part.ravel() for part in np.meshgrid(steps, steps, steps, indexing="ij"))
     raised = np.clip(elevation + raised, -1.5, 1.5)
-    return centre + spherical(azimuth + turned, raised, distance * np.exp(scaled))
+    distances = np.minimum(distance * np.exp(scaled), max(distance, FARTHEST))
+    return centre + spherical(azimuth + turned, raised, distances)

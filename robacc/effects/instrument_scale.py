@@ -12,14 +12,13 @@ import numpy as np
 from robacc.chain import BASE
 from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.effects.driver import circumstance_driver
+from robacc.effects.instrument_place import FARTHEST
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 _DEGREES = (1, 3, 5)
 """Degrees of the drifts that a trace tries."""
-_FARTHEST = 12.0
-"""m; an instrument that measures an arm stands nearer. A drift about a farther point is one of the base."""
 
 
 @register
@@ -114,7 +113,7 @@ class InstrumentScale(Effect):
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if the point of a drift is no place of an instrument: then it is a drift of the base."""
         centre = self._centre({term.name: value for term, value in zip(terms, values, strict=True)})
-        if centre is None or math.hypot(*centre) <= _FARTHEST:
+        if centre is None or math.hypot(*centre) <= FARTHEST:
             return super().implausible(terms, values)
         return f"{self.name}: its centre {math.hypot(*centre):.2g} m away is implausible: an instrument stands nearer"
 

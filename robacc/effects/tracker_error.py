@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, register
+from robacc.effects.base import About, Effect, Term, register
 from robacc.effects.instrument_place import LineOfSight, Place, beams, place_setting
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
 
+_LARGEST_ANGLE = 3e-4
+"""Largest plausible amplitude of an angle's error, rad: three times what a tracker in need of service has."""
 Kind = Literal["range", "horizontal", "vertical"]
 
 
@@ -30,6 +33,7 @@ class TrackerError(LineOfSight):
     per_joint = False
     is_of_measurement = True
     extrapolates = "the geometry of the instrument"
+    implausible_factor = 3.0
     about = About(
         summary="the tracker's own geometry: a wrong range offset (home point), an eccentric horizontal or vertical "
         "encoder",
@@ -67,6 +71,18 @@ class TrackerError(LineOfSight):
             return np.stack((tangent * x[:, None], tangent * y[:, None]), axis=1)
         tangent = np.stack((-z * x, -z * y, flat), axis=1) * distance[:, None]
         return np.stack((tangent * flat[:, None], tangent * z[:, None]), axis=1)
+
+    def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
+        """Return the reason if an offset, or an angle's error, is more than a tracker can have; else None."""
+        if self.kind == "range":
+            return super().implausible(terms, values)
+        size = math.hypot(*values)
+        if size <= _LARGEST_ANGLE:
+            return None
+        return (
+            f"{self.name}: an error of {1e3 * size:.2g} mrad of the {self.kind} angle is implausible: usual are "
+            "0.002 to 0.1 mrad"
+        )
 
     def at(self, place: Place) -> LineOfSight:
         """Return the same form at another place."""

@@ -122,7 +122,7 @@ def test_the_lines_of_a_real_arm_and_what_they_are_worth_elsewhere() -> None:
     orders: dict[str, list[float]] = {}
     for finding in found.findings:
         if finding.effect == "transmission_error":
-            orders.setdefault(finding.joints[0], []).extend(line.order for line in finding.lines)
+            orders.setdefault(finding.joints[0], []).extend(line.order for line in finding.harmonics)
     print(f"B held out: {found.after.held_out.position.rms * 1e3:.3f} mm; orders {orders}")
     shoulder_pan, shoulder_lift, elbow = robot.variable_names[:3]
     assert any(16.5 <= order <= 17.5 for order in orders[shoulder_lift])

@@ -11,6 +11,9 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from robacc.io.cell_units import split_cell
+from robacc.io.number_text import GAPS
+
 NUMBER_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NUMBER_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _COMMENTS = ("#", "//", "%", "!")
@@ -86,7 +89,8 @@ class TableDialect:
         return bool(stripped) and not stripped.startswith(self.comments)
 
     def is_number(self, text: str) -> bool:
-        """Return whether a field is a number in this dialect."""
+        """Return whether a field is a number in this dialect, with or without a unit behind it."""
+        text = split_cell(text)[0]
         return bool(NUMBER_POINT.fullmatch(text) or (self.decimal_comma and _NUMBER_COMMA.fullmatch(text)))
 
 
@@ -109,6 +113,10 @@ def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> Table
         for separator in _declared_separator(lines) or _SEPARATORS
         if (candidate := _candidate(list(lines[:_EXAMINED]), separator)) is not None
     ]
+    if not candidates:
+        # A table with one number in each row is told from other text by its names.
+        single = (_candidate(list(lines[:_EXAMINED]), separator, fewest=1) for separator in (";", "\t", "|"))
+        candidates = [candidate for candidate in single if candidate is not None and len(candidate[1].names) > 2]
     if candidates:
         return max(candidates, key=lambda item: item[0])[1]
     return _without_rows(head, lines.index(head), is_known)
@@ -130,7 +138,9 @@ def _declared_separator(lines: Sequence[str]) -> tuple[str | None, ...]:
     return (match[1],) if match else ()
 
 
-def _candidate(lines: list[str], separator: str | None) -> tuple[tuple[int, int], TableDialect] | None:
+def _candidate(
+    lines: list[str], separator: str | None, fewest: int = _FEWEST_NUMBERS
+) -> tuple[tuple[int, int], TableDialect] | None:
     """Return the best table with this separator and its score; None where there is none."""
     comma = separator != "," and _has_decimal_comma(lines, separator)
     dialect = TableDialect(separator, comma, _COMMENTS)
@@ -140,7 +150,9 @@ def _candidate(lines: list[str], separator: str | None) -> tuple[tuple[int, int]
         if not dialect.is_row(line):
             continue
         fields = _split(dialect, line)
-        if sum(dialect.is_number(text) for text in fields) < _FEWEST_NUMBERS:
+        numbers = sum(dialect.is_number(text) for text in fields)
+        gaps = sum(text.lower() in GAPS for text in fields if text)
+        if not numbers or numbers + gaps < fewest:
             rows = 0
             continue
         if rows == 0 or len(fields) != width:
@@ -224,8 +236,9 @@ def _has_decimal_comma(lines: Sequence[str], separator: str | None) -> bool:
     commas = points = 0
     for line in lines:
         for text in _split(dialect, line) if dialect.is_row(line) else ():
-            commas += bool(_NUMBER_COMMA.fullmatch(text))
-            points += bool(NUMBER_POINT.fullmatch(text)) and "." in text
+            number = split_cell(text)[0]
+            commas += bool(_NUMBER_COMMA.fullmatch(number))
+            points += bool(NUMBER_POINT.fullmatch(number)) and "." in number
     return commas > points
 
 

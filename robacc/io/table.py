@@ -10,8 +10,8 @@ import csv
 import itertools
 import math
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -20,17 +20,14 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
 from robacc.io.bag_options import NO_BAG_OPTIONS, BagOptions
+from robacc.io.cell_units import split_cell, units_of_columns
 from robacc.io.dialect import PLAIN, TableDialect, find_dialect
 from robacc.io.growing_columns import GrowingColumns
 from robacc.io.header_row import MAX_COLUMNS, header_names
 from robacc.io.lines import Block, LineReader
-from robacc.io.number_text import advice, is_grouped, number_of
+from robacc.io.number_text import GAPS, advice, is_grouped, number_of
 from robacc.io.problem_log import ProblemLog, clip
 
-GAPS = frozenset(
-    {"", "-", "--", "---", "----", "nan", "-nan", "inf", "-inf", "+inf", "n/a", "#n/a", "na", "null", "none"}
-)
-"""Entries for a value that was not measured, in small letters."""
 MAX_TEXT = 256
 """Characters of an id; text columns are as wide as their longest entry."""
 
@@ -60,6 +57,8 @@ class Header:
     """1-based line of the names; None where the file has no lines."""
     dialect: TableDialect = PLAIN
     """Form of the table, where it is not the documented one."""
+    cell_units: Mapping[int, str] = field(default_factory=dict)
+    """Units behind the numbers of the cells, by the index of the column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +101,8 @@ class TableReader:
         self._blocks = self._reader.blocks()
         self._pending: Block | None = None
         self._names: tuple[str, ...] = ()
+        self._units: dict[int, str] = {}
+        """Unit in the cells of a column, by its index."""
 
     @property
     def sha256(self) -> str:
@@ -124,7 +125,8 @@ class TableReader:
                 number = block.first + i
                 self._names = header_names(line, number, self.file)
                 self._pending = Block(block.lines[i + 1 :], number + 1)
-                return Header(self._names, number)
+                self._units = self._cell_units()
+                return Header(self._names, number, cell_units=self._units)
         raise InputError(
             Problem("the file is empty", self.file, fix="expected a header row of column names and one row a pose")
         )
@@ -139,7 +141,18 @@ class TableReader:
         self._names = dialect.names or tuple(f"column {i + 1}" for i in range(width))
         self._pending = Block(first.lines[dialect.first_row :], first.first + dialect.first_row)
         line = dialect.first_row if dialect.header_line is None else dialect.header_line
-        return Header(self._names, first.first + line, dialect)
+        self._units = self._cell_units()
+        return Header(self._names, first.first + line, dialect, self._units)
+
+    def _cell_units(self) -> dict[int, str]:
+        """Return the units in the first cells of the columns, if an export may have them."""
+        if self.options.is_known is None or self._pending is None:
+            return {}
+        lines = (line for line in self._pending.lines if self._dialect.is_row(line))
+        try:
+            return units_of_columns(self._dialect.split(line) for line in lines)
+        except csv.Error:
+            return {}
 
     def description(self) -> str:
         """Return how the table differs from the documented form, for a message; empty where it does not."""
@@ -147,7 +160,8 @@ class TableReader:
         if self._reader.not_utf8:
             encoding = "Windows-1252"
         grouped = "separators of thousands" if self._grouped else ""
-        parts = [self._dialect.description(), grouped, "" if encoding == "UTF-8" else encoding]
+        units = f"units in the cells: {', '.join(dict.fromkeys(self._units.values()))}" if self._units else ""
+        parts = [self._dialect.description(), grouped, "" if encoding == "UTF-8" else encoding, units]
         return ", ".join(part for part in parts if part)
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
@@ -188,6 +202,8 @@ class TableReader:
 
     def _parse_fast(self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody | None:
         """Return the rows parsed by NumPy, lines from 0; None where it cannot or a value is not finite or empty."""
+        if not self._units.keys().isdisjoint(numbers):
+            return None
         n_columns = len(self._names)
         only_numbers = len(set(numbers)) == n_columns
         # Without a type for every column a row with too many fields would pass unnoticed.
@@ -241,7 +257,7 @@ class TableReader:
             fields = self._fields(number, line)
             if fields is None:
                 continue
-            values.append([self._number(fields[i], number, self._names[i]) for i in numbers])
+            values.append([self._number(self._bare(fields[i], number, i), number, self._names[i]) for i in numbers])
             columns.append([self._text(fields[i], number, self._names[i]) for i in texts])
             lines.append(number)
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
@@ -279,6 +295,19 @@ class TableReader:
                 fix = "give each column one name, with the same separator as in the rows"
             fields = "field" if width == 1 else "fields"
             self.log.add(f"found {width} {fields}{more}, expected {expected} as in the header", number, fix=fix)
+
+    def _bare(self, field: str, line: int, index: int) -> str:
+        """Return a cell without its unit; log a unit that is not the column's."""
+        if index not in self._units or not any(sign.isdigit() for sign in field):
+            return field
+        expected, (number, unit) = self._units[index], split_cell(field)
+        if unit is not None and unit != expected:
+            fix = "export the column in one unit"
+            self.log.add(f"found {clip(field)}, but the first cell is in {expected}", line, self._names[index], fix)
+        elif unit is None and number_of(number, self._dialect.decimal_comma) is not None:
+            fix = f"export every cell with its unit, or none and {expected} in the column's name"
+            self.log.add(f"found {clip(field)} without the unit {expected}", line, self._names[index], fix)
+        return number
 
     def _number(self, field: str, line: int, column: str) -> float:
         if self.options.skip_gaps and field.lower() in GAPS:

@@ -10,7 +10,7 @@ from robacc.io.open_table import open_table
 from robacc.io.problem_log import ProblemLog
 from robacc.io.table import Header, TableOptions
 from robacc.poses.column_map import OPEN
-from robacc.poses.columns import JOINT_COLUMN, Column, Names, is_documented, parse_column
+from robacc.poses.columns import JOINT_COLUMN, Column, Names, is_documented, parse_column, with_cell_unit
 from robacc.poses.foreign_columns import ForeignColumns, find_columns
 from robacc.poses.headerless import with_known_names
 from robacc.poses.headings import TIME_KEYS
@@ -50,7 +50,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     for index, text in enumerate(header.names):
         column = parse_column(text, index, names, log, header.line)
         if column is not None:
-            known.setdefault(column.key, column)
+            known.setdefault(column.key, with_cell_unit(column, header, log))
     foreign = find_columns(header, known, names, AS_NAMED, log)
     statements = _statements(foreign)
     lines = [

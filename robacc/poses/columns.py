@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from robacc.io.problem_log import ProblemLog
+from robacc.io.table import Header
 from robacc.poses.headings import TIME_KEYS
 
 Kind = Literal["length", "angle", "joint", "ratio", "number", "text"]
@@ -203,6 +204,27 @@ def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int
         log.add(f"found unit {unit} in the name, expected {expected}", line, name)
         unit = None
     return Column(name, index, key, kind, unit)
+
+
+_UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
+
+
+def with_cell_unit(column: Column, header: Header, log: ProblemLog) -> Column:
+    """Return a column with the unit behind its numbers; log a unit that its name contradicts or that does not fit."""
+    unit = header.cell_units.get(column.index)
+    if unit is None or column.kind == "text":
+        return column
+    stated = column.unit or _UNIT_OF_KEY.get(column.key)
+    quantity = {**UNITS, **FOREIGN_UNITS}[unit][0]
+    if stated is not None:
+        if stated != unit:
+            log.add(f"the cells are in {unit}, but the name is of {stated}", header.line, column.name)
+        return column
+    if not _fits(column.kind, quantity) or quantity not in ("length", "angle"):
+        expected = {"angle": "an angle", "length": "a length"}.get(column.kind, "a plain number")
+        log.add(f"the cells are in {unit}, expected {expected}", header.line, column.name)
+        return column
+    return replace(column, unit=unit)
 
 
 def is_documented(name: str) -> bool:

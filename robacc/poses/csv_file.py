@@ -36,6 +36,7 @@ from robacc.poses.motion import check_visits, motion_of
 from robacc.poses.orientation import AngleChoice, KnownOrientations, OrientationAt, rotations
 from robacc.poses.plausibility import lengths_too_large
 from robacc.poses.reading import reading_of, table_options
+from robacc.poses.reshaped_tables import reshaped
 from robacc.poses.row_checks import READ_BACK_TOLERANCE, RowChecks
 from robacc.poses.timestamps import read_times
 from robacc.poses.unit_checks import UnitChecks
@@ -88,9 +89,12 @@ def read_poses(
     """
     reading = reading_of(path)
     options = table_options(path)
-    with open_table(os.fspath(path), options) as reader:
+    with open_table(os.fspath(path), options) as table:
+        reader = table
         header = reader.header()
         log = reader.log
+        if reading.columns is None:
+            reader, header = reshaped(reader, header, target_names or ())
         layout = read_layout(header, log, joint_names, joint_types, attained, reading, commands, branches)
         values, remarks = _read_values(reader, layout)
         _check_target_column(layout, target_names or (), reader, header.line)

@@ -65,7 +65,7 @@ def find_columns(
     result = ForeignColumns(dict(known))
     candidates = [
         candidate
-        for candidate in _candidates(header, names)
+        for candidate in _candidates(header, names, log)
         if candidate.index not in used and candidate.key not in known
     ]
     chosen = _without_conflicts(_renumbered(candidates), log, header.line)
@@ -105,8 +105,8 @@ def _with_unit_of_position(nameless: Sequence[Column], result: ForeignColumns) -
     return [column for column in nameless if column not in sigmas]
 
 
-def _candidates(header: Header, names: Names) -> Iterator[_Candidate]:
-    headings = [heading_of(name) for name in header.names]
+def _candidates(header: Header, names: Names, log: ProblemLog) -> Iterator[_Candidate]:
+    headings = [_heading(i, header, log) for i in range(len(header.names))]
     siblings = frozenset(heading.text for heading in headings)
     for i, heading in enumerate(headings):
         joint = _named_joint(heading, names)
@@ -117,6 +117,16 @@ def _candidates(header: Header, names: Names) -> Iterator[_Candidate]:
         if meaning.commanded and key in FIXED_KINDS and f"cmd_{key}" in FIXED_KINDS:
             key = f"cmd_{key}"
         yield _Candidate(heading, i, meaning, key)
+
+
+def _heading(index: int, header: Header, log: ProblemLog) -> Heading:
+    """Return a column's heading with the unit behind its numbers; log a unit that its name contradicts."""
+    heading, unit = heading_of(header.names[index]), header.cell_units.get(index)
+    if unit is None or heading.unit == unit:
+        return heading
+    if heading.unit is not None:
+        log.add(f"the cells are in {unit}, but the name is of {heading.unit}", header.line, heading.name)
+    return replace(heading, unit=unit)
 
 
 def _named_joint(heading: Heading, names: Names) -> str | None:
@@ -194,7 +204,7 @@ def _column(
     if unit is not None and expected in ("length", "angle", "time", "temperature", "mass"):
         stated = {**UNITS, **FOREIGN_UNITS}[unit][0]
         if stated != expected and not (kind == "joint" and stated == "length"):
-            log.add(f"found unit {unit} in the name of {key}, expected a unit of {expected}", line, heading.name)
+            log.add(f"found unit {unit} for {key}, expected a unit of {expected}", line, heading.name)
             unit = None
     if unit is None and quantity in ("length", "angle"):
         unit = units.unit_of.get(quantity) or reading.unit_of.get(quantity)

@@ -6,24 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-_UNIT_NAMES = {
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
-    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
-    **dict.fromkeys(("um", "µm", "μm", "micron", "microns", "micrometer", "micrometre"), "um"),
-    **dict.fromkeys(("in", "inch", "inches"), "in"),
-    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
-    **dict.fromkeys(("mrad",), "mrad"),
-    **dict.fromkeys(("deg", "°", "degree", "degrees"), "deg"),
-    **dict.fromkeys(("s", "sec", "second", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec"), "ms"),
-    **dict.fromkeys(("us", "µs"), "us"),
-    **dict.fromkeys(("ns", "nsec"), "ns"),
-    **dict.fromkeys(("min",), "min"),
-    **dict.fromkeys(("h",), "h"),
-    **dict.fromkeys(("kg",), "kg"),
-    **dict.fromkeys(("g",), "g"),
-    **dict.fromkeys(("°c", "c", "degc", "deg c", "celsius"), "degC"),
-}
+from robacc.io.cell_units import UNIT_NAMES
+
 _BRACKETED = re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]")
 _SUFFIXED = re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]+)")
 _GERMAN_DEGREES = re.compile(r"(.*?)\s*[\[( _/]\s*Grad\s*[\])]?")
@@ -196,12 +180,12 @@ def heading_of(name: str) -> Heading:
     """Return the parts of a column's name."""
     # Signals of RobotStudio have a path: System1\ROB_1\J1.
     stem, unit = name.strip().strip("'\"").rpartition("\\")[2], None
-    if ((match := _BRACKETED.fullmatch(stem)) and match[2].lower() in _UNIT_NAMES) or (
-        (match := _SUFFIXED.fullmatch(stem)) and match[2].lower() in _UNIT_NAMES and len(match[2]) > 1
+    if ((match := _BRACKETED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES) or (
+        (match := _SUFFIXED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES and len(match[2]) > 1
     ):
-        stem, unit = match[1], _UNIT_NAMES[match[2].lower()]
+        stem, unit = match[1], UNIT_NAMES[match[2].lower()]
     elif match and match[2] in ("m", "s", "°"):
-        stem, unit = match[1], _UNIT_NAMES[match[2]]
+        stem, unit = match[1], UNIT_NAMES[match[2]]
     elif (match := _GERMAN_DEGREES.fullmatch(stem)) is not None:
         stem, unit = match[1], "deg"
     spaced = re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", stem)
@@ -239,6 +223,23 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     if joint := _joint(core):
         return Meaning(joint, commanded, si=is_of_ros(heading))
     return _coordinate(heading, core, commanded, siblings)
+
+
+def is_point_name(name: str) -> bool:
+    """Return whether a name is that of a column of point or pose names."""
+    return _TEXT_NAMES.get(heading_of(name).text) == "pose"
+
+
+def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
+    """Return axis and label of a measured coordinate, ``x`` and ``1`` of ``X1``; None, None for another name.
+
+    The label of ``X`` and of ``Measured X`` is empty.
+    """
+    words = [word for word in heading.words if word not in _FILLERS | _ATTAINED]
+    axes = [word for word in words if word in ("x", "y", "z")]
+    if len(axes) != 1 or set(heading.words) & (_COMMANDED | _REFUSED | _SPREAD | _UNCERTAIN | _ORIENTED):
+        return None, None
+    return axes[0], "".join(word for word in words if word != axes[0])
 
 
 def _universal_robots(words: Sequence[str]) -> Meaning | None:

@@ -21,11 +21,13 @@ from robacc.poses.columns import (
     Names,
     parse_column,
     time_column,
+    with_cell_unit,
 )
 from robacc.poses.foreign_columns import documented_name, find_columns, statement
 from robacc.poses.headerless import with_known_names
 from robacc.poses.headings import heading_of
 from robacc.poses.reading import AS_NAMED, Reading
+from robacc.poses.reshaped_tables import advice_on_points
 
 _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
@@ -100,6 +102,7 @@ def read_layout(
         column = parse_column(name, index, names, log, header.line)
         if reading.columns is not None and name is not None:
             column = _as_in_map(column or time_column(name, index), header, reading)
+        column = None if column is None else with_cell_unit(column, header, log)
         if column is None:
             unknown.append(name)
         elif column.key not in columns:
@@ -218,6 +221,8 @@ class _Completeness:
                 fix = "the file has one row for each axis; export one row for each point, with its X, Y and Z"
             if required and words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"}:
                 fix = "the file has angles and distances of an instrument; export X, Y and Z"
+            if required and keys == AXES and (text := advice_on_points(self.unknown)) is not None:
+                fix = text
             self._report_missing(missing, fix)
 
     def _report_missing(self, keys: Sequence[str], fix: str, message: str = "") -> None:

@@ -109,8 +109,8 @@ def test_a_unicode_minus_is_a_minus(tmp_path: Path) -> None:
     assert read_poses(table(tmp_path, "\u2212100,5")).position[0].tolist() == [-0.1005, 0.1005, -0.05025]
 
 
-def test_units_in_cells_are_refused_with_advice(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="write the number alone, and the unit in the column's name"):
+def test_a_unit_in_some_cells_only_is_refused_with_advice(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="without the unit mm; export every cell with its unit, or none"):
         read_poses(table(tmp_path, "100,5 mm"))
 
 

@@ -125,16 +125,23 @@ REFUSED = {
         "[*POSREG*]$POSREG\n    [1,1] =   'P1'   Group: 1\n  X:  100.0   Y:  200.0   Z:  300.0\n",
         "is a listing of FANUC variables; give the file of measured poses",
     ),
-    "cam2.txt": (
-        "Part:\tKR10\nUnits:\tMillimeters\n\nFeature\tAxis\tActual\tNominal\tDeviation\n"
-        "P1\tX\t100.1\t100.0\t0.1\nP1\tY\t200.1\t200.0\t0.1\nP1\tZ\t300.1\t300.0\t0.1\n",
-        "the file has one row for each axis; export one row for each point, with its X, Y and Z",
-    ),
     "points.csv": (
         "Point Name,X (mm),Y (mm),Z (mm)\nP1,1023.4512,-233.1207,812.0031\nP2,998.2210,-120.8841,790.5502\n",
         "measured poses only: neither joint variables nor commanded poses; give the commands with `commanded`",
     ),
 }
+
+
+def test_rows_of_cam2_for_each_axis_are_joined(tmp_path: Path) -> None:
+    text = (
+        "Part:\tKR10\nUnits:\tMillimeters\n\nFeature\tAxis\tActual\tNominal\tDeviation\n"
+        "P1\tX\t100.1\t100.0\t0.1\nP1\tY\t200.1\t200.0\t0.1\nP1\tZ\t300.1\t300.0\t0.1\n"
+    )
+    (tmp_path / "cam2.txt").write_text(text, encoding="utf-8")
+    read = robacc.read_poses(tmp_path / "cam2.txt")
+    np.testing.assert_allclose(1e3 * read.position[:, 0], [100.1, 200.1, 300.1], rtol=1e-14)
+    assert read.commanded_position is not None
+    np.testing.assert_allclose(1e3 * read.commanded_position[:, 0], [100, 200, 300], rtol=1e-14)
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -25,6 +25,7 @@ from robacc.api.plan_inputs import (
 from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of, options_of
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
+from robacc.planning.branches_at_rest import at_rest_warning
 from robacc.planning.campaign import PURPOSES, CampaignPlan, CampaignSettings, Purpose
 from robacc.planning.constraints import Constraints, length, parse_box, parse_half_space
 from robacc.planning.design import CRITERIA, Criterion
@@ -282,7 +283,7 @@ def plan(
         seed=seed,
     )
     body = plan_campaign(arm, settings, candidates=loaded_candidates, task=loaded_task, already=measured)
-    body = dataclasses.replace(body, warnings=(*body.warnings, *use.warnings))
+    body = dataclasses.replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *use.warnings))
     inputs = (*records, *candidate_records, *task_records, *measured_records, *demand_records)
     files = {"model", "candidates", "task", "already", "gate", "scale"}
     options = options_of(plan, arguments)

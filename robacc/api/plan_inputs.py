@@ -19,10 +19,12 @@ from robacc.api.inputs import (
     require_poses,
 )
 from robacc.api.result import check_range
+from robacc.diagnostics.robot_poses import branch_columns
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.acceptance import AcceptanceStatistic, Demand
+from robacc.planning.branches_at_rest import check_at_rest
 from robacc.planning.campaign import CampaignSettings
 from robacc.planning.collisions import LinkCollisions, link_collisions
 from robacc.planning.constraints import Sight, parse_distance, parse_vector
@@ -71,12 +73,16 @@ def load_planned_poses(
     if source is None:
         return None, ()
     if isinstance(source, Measurements):
+        check_at_rest(arm, source)
         return require_poses(source), (record_of(source, kind),)
     from robacc.poses.csv_file import read_poses
 
     types = [joint.type for joint in arm.variables]
     path = pose_path(source)
-    data = read_poses(path, joint_names=arm.variable_names, joint_types=types, attained=False)
+    data = read_poses(
+        path, joint_names=arm.variable_names, joint_types=types, attained=False, branches=branch_columns(arm)
+    )
+    check_at_rest(arm, data)
     return require_poses(data), (InputFile.at(path, data.sha256 or "", kind),)
 
 

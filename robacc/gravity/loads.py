@@ -36,8 +36,9 @@ def combined(shares: Iterable[tuple[float, Sequence[Load]]]) -> tuple[Load, ...]
 def own_weight(arm: Arm, data: Measurements | None = None) -> tuple[Load, ...]:
     """Return the loads of the arm's own links, and of the branches that they carry.
 
-    Branches stand as in ``data``; where it does not have their joints, at the positions of the robot file. Branches of
-    an arm without masses do not count.
+    Branches stand as in ``data``; where it does not have their joints, at the positions of the robot file. Joints of
+    branches that follow joints of the chain stand as those, at zero without ``data``. Branches of an arm without masses
+    do not count.
     """
     loads = []
     for body in arm.chain.bodies:
@@ -50,8 +51,7 @@ def _branch_loads(arm: Arm, data: Measurements | None) -> Iterator[Load]:
     """Yield the load of each branch in the frame of the link that carries it."""
     if not arm.branches:
         return
-    at_rest = np.array([[branch.position] for branch in arm.robot.branch_variables])
-    positions = at_rest if data is None or data.branches is None else data.branches
+    positions = _branch_positions(arm, data)
     for after, chain in arm.branches:
         counts = [body.after for body in chain.bodies]
         n = positions.shape[1]
@@ -63,6 +63,15 @@ def _branch_loads(arm: Arm, data: Measurements | None) -> Iterator[Load]:
         mass = sum(body.mass for body in chain.bodies)
         x, y, z = first_moment if n > 1 else first_moment[:, 0].tolist()
         yield Load(after, mass, (x, y, z))
+
+
+def _branch_positions(arm: Arm, data: Measurements | None) -> Array:
+    """Return the variables ``(B + J, N)`` of the branches and of the chain; ``(B + J, 1)`` if none of them counts."""
+    at_rest = np.array([branch.position for branch in arm.robot.branch_variables])[:, None]
+    positions = at_rest if data is None or data.branches is None else data.branches
+    followed = data.q if data is not None and arm.branches_follow else None
+    q = np.zeros((len(arm.names), positions.shape[1])) if followed is None else followed
+    return np.vstack((np.broadcast_to(positions, (len(positions), q.shape[1])), q))
 
 
 def payload(arm: Arm, mass: Array) -> tuple[Load, ...]:

@@ -13,6 +13,7 @@ from robacc.fitting.parameters import Correlation
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.planning.acceptance import Demand, NeededPoses
+from robacc.planning.branches_at_rest import branches_at_rest
 from robacc.planning.candidates import CandidatePoses
 from robacc.planning.constraints import Constraints, SafetyBox
 from robacc.planning.design import Criterion
@@ -159,6 +160,7 @@ class CampaignPlan:
         q = self.q
         direction, speed = motion_between_rows(q)
         numbers = self.route.visits
+        branches, branch_names = branches_at_rest(self.robot, q.shape[1])
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
         return Measurements(
             position=np.zeros((3, q.shape[1])),
@@ -166,6 +168,8 @@ class CampaignPlan:
             pose=np.array([self.ids[number] for number in numbers]),
             cycle=np.array(cycle),
             payload=self.payload_kg,
+            branches=branches,
+            branch_names=branch_names,
             direction=direction,
             speed=speed,
             ordered=True,
@@ -182,11 +186,14 @@ class CampaignPlan:
         n = self.validation.shape[1]
         ids = np.array([f"V{i + 1:0{len(str(n))}d}" for i in range(n)])
         direction, speed = motion_between_rows(self.validation)
+        branches, branch_names = branches_at_rest(self.robot, n)
         return Measurements(
             position=np.zeros((3, n)),
             q=self.validation,
             pose=ids,
             payload=self.validation_payload,
+            branches=branches,
+            branch_names=branch_names,
             direction=direction,
             speed=speed,
             ordered=True,

@@ -147,6 +147,7 @@ def _after(earlier: Measurements, data: Measurements) -> Measurements:
         payload=payload,
         direction=_joined(earlier.direction, data.direction),
         speed=_joined(earlier.speed, data.speed),
+        branches=_joined(earlier.branches, data.branches),
     )
 
 

@@ -78,9 +78,10 @@ class Arm:
     def branches(self) -> tuple[tuple[int, Chain], ...]:
         """Chains of joints beside the arm's that move mass, each with the number of motions up to its carrier.
 
-        Every link beside the arm's is a body of one of them.
+        Every link beside the arm's is a body of one of them. Their joint variables are those of the branches, and then
+        the arm's.
         """
-        variables = self.robot.branch_variables
+        variables = (*(branch.joint.name for branch in self.robot.branch_variables), *self.names)
         counted: set[str] = set()
         paths = []
         for path in sorted(map(self._branch_path, self.robot.branches), key=len, reverse=True):
@@ -93,6 +94,12 @@ class Arm:
             bodies = tuple(body for body in chain.bodies if path[body.owner].joint.name in new)
             chains.append((self._motions_before(path[0].parent), replace(chain, bodies=bodies)))
         return tuple(chains)
+
+    @cached_property
+    def branches_follow(self) -> bool:
+        """Return whether a joint beside the chain follows a joint of the chain."""
+        first = len(self.robot.branch_variables)
+        return any(drive.joint >= first for _, chain in self.branches for drive in chain.drives)
 
     def _branch_path(self, last: BranchJoint) -> list[BranchJoint]:
         """Return the joints beside the chain up to ``last``."""

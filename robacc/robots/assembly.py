@@ -65,10 +65,11 @@ def build_chain(robot: Robot) -> Chain:
     return Chain(tuple(motions), tuple(drives), len(robot.variables), tuple(bodies), tuple(joint_axis))
 
 
-def branch_chain(path: Sequence[BranchJoint], variables: Sequence[BranchJoint]) -> Chain:
+def branch_chain(path: Sequence[BranchJoint], variables: Sequence[str]) -> Chain:
     """Return the chain of joints beside the arm's, from the link that carries the first of them.
 
-    Its joint variables are numbered as ``variables``, and each link with a mass is a body.
+    Its joint variables are numbered as the names ``variables``, of the branches first and then of the arm, which joints
+    of a branch may follow. Each link with a mass is a body.
     """
     motions: list[Motion] = []
     drives: list[JointDrive] = []
@@ -76,9 +77,9 @@ def branch_chain(path: Sequence[BranchJoint], variables: Sequence[BranchJoint]) 
     for owner, branch in enumerate(path):
         joint, first = branch.joint, len(motions)
         motions.extend(_joint_motions(joint, owner, "urdf"))
-        if joint.is_variable:
+        if joint.type != "fixed":
             axis = next(k for k in range(first, len(motions)) if motions[k].label == variable_label(joint))
-            drives.append(JointDrive(axis, variables.index(branch), joint.sign))
+            drives += [JointDrive(axis, variables.index(name), joint.sign * c) for name, c in _ratios(joint).items()]
         if joint.mass:
             bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
     return Chain(tuple(motions), tuple(drives), len(variables), tuple(bodies))

@@ -11,7 +11,7 @@ import numpy as np
 from robacc.chain import Chain
 from robacc.geometry import Array
 from robacc.robots.assembly import build_chain
-from robacc.robots.description import BranchJoint, Campaign, Frame, Joint, Robot
+from robacc.robots.description import BranchJoint, Campaign, Frame, Joint, Mimic, Robot
 
 SAMPLES = 8192
 """Joint configurations searched for the reach, before the best is refined."""
@@ -134,8 +134,6 @@ def _campaign_document(campaign: Campaign) -> dict[str, Any]:
 
 
 def _joint_document(joint: Joint) -> dict[str, Any]:
-    mimic = joint.mimic
-    follows = mimic and {"joint": mimic.master, "multiplier": mimic.multiplier, "offset": mimic.offset}
     return {
         "name": joint.name,
         "type": joint.type,
@@ -148,11 +146,17 @@ def _joint_document(joint: Joint) -> dict[str, Any]:
         "mass_kg": joint.mass,
         "com_m": None if joint.com is None else list(joint.com),
         "tolerance": dict(joint.tolerance),
-        "mimic": follows,
+        "mimic": _mimic_document(joint.mimic),
         "coupling": dict(joint.coupling),
         "passive": joint.is_passive,
         "link": joint.link,
     }
+
+
+def _mimic_document(mimic: Mimic | None) -> dict[str, Any] | None:
+    if mimic is None:
+        return None
+    return {"joint": mimic.master, "multiplier": mimic.multiplier, "offset": mimic.offset}
 
 
 def _branch_document(branch: BranchJoint) -> dict[str, Any]:
@@ -162,6 +166,7 @@ def _branch_document(branch: BranchJoint) -> dict[str, Any]:
         "parent": branch.parent,
         "type": joint.type,
         "position": branch.position,
+        "mimic": _mimic_document(joint.mimic),
         "mass_kg": joint.mass,
         "com_m": None if joint.com is None else list(joint.com),
     }

@@ -11,7 +11,7 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.robots.description import MAX_JOINTS, ORIGIN_PARAMETERS, ZERO, Joint, JointType, Mimic, Robot, Vector
 from robacc.robots.urdf_branches import with_branches
 from robacc.robots.urdf_chain import UrdfTree, choose_chain
-from robacc.robots.urdf_mimics import resolve_mimics
+from robacc.robots.urdf_mimics import resolve_branch_mimics, resolve_mimics
 from robacc.robots.urdf_sizes import check_sizes
 from robacc.robots.urdf_writer import robot_to_urdf
 from robacc.robots.urdf_xml import UrdfDocument, read_document
@@ -74,6 +74,7 @@ def parse_urdf(
     )
     check_sizes(document, tree.elements, [*joints, *(branch.joint for branch in branches)])
     document.finish()
+    branches = resolve_branch_mimics(document, tree.elements, tree.robot.joints, joints, branches)
     joints = resolve_mimics(document, tree.elements, tree.robot.joints, joints)
     if not any(joint.is_variable for joint in joints):
         document.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")

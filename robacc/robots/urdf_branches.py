@@ -25,8 +25,8 @@ def with_branches(
 ) -> tuple[list[Joint], tuple[BranchJoint, ...]]:
     """Return the joints of a chain, each link with the mass that it carries rigidly, and the joints of branches.
 
-    A joint beside the chain that moves little mass stands at zero, as if it were fixed. A joint that follows another
-    is read as a joint of its own. A chain without any mass stays without.
+    A joint beside the chain that moves little mass stands at zero, as if it were fixed. Joints that follow others are
+    not resolved yet (:mod:`.urdf_mimics`). A chain without any mass stays without.
 
     Args:
         tree: The URDF's tree.
@@ -132,7 +132,7 @@ def _branches(
     for link in carried:
         if link.joint is None:
             continue
-        joint = dataclasses.replace(read_joint(link.joint), mimic=None, limits=None)
+        joint = dataclasses.replace(read_joint(link.joint), limits=None)
         if not np.array_equal(link.frame, _transform(link.joint.origin)):
             joint = dataclasses.replace(joint, parameters=_origin(link.frame))
         behind = list(beside.carried(joint.link))

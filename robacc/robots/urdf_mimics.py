@@ -1,4 +1,4 @@
-"""Resolve the mimic joints of a URDF's chain."""
+"""Resolve the mimic joints of a URDF's chain, and of its branches."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from robacc.robots.description import Joint, Mimic
+from robacc.robots.description import BranchJoint, Joint, Mimic
 from robacc.robots.urdf_xml import UrdfDocument
 
 
@@ -23,6 +23,45 @@ def resolve_mimics(
         joints: Joints of the chain.
     """
     return _with_outside_masters(_direct_mimics(document, elements, all_joints, joints))
+
+
+def resolve_branch_mimics(
+    document: UrdfDocument,
+    elements: Mapping[str, Element],
+    all_joints: Sequence[Any],
+    joints: Sequence[Joint],
+    branches: Sequence[BranchJoint],
+) -> tuple[BranchJoint, ...]:
+    """Return the joints beside the chain with every mimic made to follow, directly, a variable of chain or branches.
+
+    A joint that a joint of the chain follows moves as that one tells: ``q_m = (q_a - o_a) / m_a``. A joint that follows
+    one which stands at zero keeps a variable.
+
+    Args:
+        document: The URDF, which collects the problems.
+        elements: Each joint's element, by its name.
+        all_joints: Joints of the file, as yourdfpy reads them.
+        joints: Joints of the chain, whose mimics are not resolved.
+        branches: Joints beside the chain, whose mimics are not resolved.
+    """
+    inside = {joint.name for joint in joints}
+    leaders: dict[str, tuple[str, Mimic]] = {}
+    for joint in _direct_mimics(document, elements, all_joints, joints):
+        if joint.mimic is not None and joint.mimic.master not in inside and joint.mimic.multiplier != 0.0:
+            leaders.setdefault(joint.mimic.master, (joint.name, joint.mimic))
+    beside = _direct_mimics(document, elements, all_joints, [branch.joint for branch in branches])
+    known = inside | {joint.name for joint in beside}
+    result = []
+    for branch, joint in zip(branches, beside, strict=True):
+        rule = joint.mimic or Mimic(joint.name)
+        if rule.master in leaders:
+            leader, first = leaders[rule.master]
+            ratio = rule.multiplier / first.multiplier
+            joint = replace(joint, mimic=Mimic(leader, ratio, rule.offset - ratio * first.offset))
+        elif rule.master not in known:
+            joint = replace(joint, mimic=None)
+        result.append(replace(branch, joint=joint))
+    return tuple(result)
 
 
 def _direct_mimics(

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from robacc.io.yaml_nodes import YamlSection
 from robacc.robots.description import MAX_JOINTS, BranchJoint, Joint
-from robacc.robots.yaml_joint import BASE_LINK, read_branch
+from robacc.robots.yaml_joint import BASE_LINK, read_branch, resolve_mimics
 from robacc.robots.yaml_units import Units
 
 
 def read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tuple[BranchJoint, ...]:
-    """Return the joints beside the chain of the key ``branches``; each parent must be ``base`` or an earlier joint."""
+    """Return the joints beside the chain of the key ``branches``; each parent must be ``base`` or an earlier joint.
+
+    A joint may follow another one beside the chain, or a joint of the chain.
+    """
     node, source = top.get("branches"), top.source
     if node is None:
         return ()
     names = {joint.name for joint in joints}
-    branches = []
+    branches, nodes = [], []
     for i, item in enumerate(source.items(node, "branches", "joints beside the chain")):
         path = f"branches[{i}]"
         branch = read_branch(source, item, i, units)
@@ -30,6 +34,10 @@ def read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tu
             source.report(item, f"{path}.parent", message, f"there are {', '.join(sorted(names))}")
         names.add(name)
         branches.append(branch)
+        nodes.append(item)
     if len(branches) > MAX_JOINTS:
         source.report(node, "branches", f"found {len(branches)} joints, expected at most {MAX_JOINTS}")
-    return () if source.problems else tuple(branches)
+    beside = resolve_mimics(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
+    if source.problems:
+        return ()
+    return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))

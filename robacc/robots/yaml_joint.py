@@ -33,7 +33,7 @@ _KEYS = {
 }
 _BRANCH_KEYS = (
     *("name", "parent", "type", "origin", "link", "mass", "com"),
-    *("axis", "offset", "position", "limits", "sign"),
+    *("axis", "offset", "position", "limits", "sign", "mimic"),
 )
 BASE_LINK = "base"
 """Parent of a branch that the base carries."""
@@ -60,7 +60,9 @@ def read_branch(source: Source, node: yaml.Node, index: int, units: Units) -> Br
     parent_node, position_node = section.require("parent"), section.get("position")
     parent = source.text(parent_node, section.at("parent")) if parent_node else None
     position = 0.0
-    if joint and position_node:
+    if joint and position_node and joint.mimic:
+        source.report(position_node, section.at("position"), "a joint that follows another has no position of its own")
+    elif joint and position_node:
         is_length = joint.type == "prismatic"
         position = units.parameter(source, position_node, section.at("position"), is_length=is_length) or 0.0
     return BranchJoint(joint, None if parent == BASE_LINK else parent, position) if joint else None
@@ -272,16 +274,24 @@ def resolve_couplings(
 
 
 def resolve_mimics(
-    source: Source, joints: Sequence[Joint], nodes: Sequence[yaml.Node], units: Units
+    source: Source,
+    joints: Sequence[Joint],
+    nodes: Sequence[yaml.Node],
+    units: Units,
+    masters: Sequence[Joint] = (),
+    key: str = "joints",
 ) -> tuple[Joint, ...]:
-    """Return the joints with their mimics in SI units; report mimics that follow no joint with a variable."""
-    by_name = {joint.name: joint for joint in joints}
+    """Return the joints with their mimics in SI units; report mimics that follow no joint with a variable.
+
+    Each joint of the list ``key`` of the file follows another one of it, or one of ``masters``.
+    """
+    by_name = {joint.name: joint for joint in (*masters, *joints)}
     resolved = []
     for i, joint in enumerate(joints):
         if joint.mimic is None or not joint.mimic.master:
             resolved.append(joint)
             continue
-        path, master = f"joints[{i}].mimic.joint", by_name.get(joint.mimic.master)
+        path, master = f"{key}[{i}].mimic.joint", by_name.get(joint.mimic.master)
         if master is None:
             message = f"{joint.name!r} follows {joint.mimic.master!r}, which is not a joint of this robot"
             source.report(nodes[i], path, message)

@@ -69,10 +69,10 @@ def robot_document(robot: Robot, units: Units = SI) -> dict[str, Any]:
         document["base_link"] = robot.base_link
     if robot.tip_link:
         document["tip_link"] = robot.tip_link
-    types = {joint.name: joint.type for joint in robot.joints}
+    types = {joint.name: joint.type for joint in (*robot.joints, *(branch.joint for branch in robot.branches))}
     document["joints"] = [_joint(joint, robot.convention == "urdf", units, types) for joint in robot.joints]
     if robot.branches:
-        document["branches"] = [_branch(branch, units) for branch in robot.branches]
+        document["branches"] = [_branch(branch, units, types) for branch in robot.branches]
     if robot.effects:
         document["effects"] = [_plain(effect) for effect in robot.effects]
     if robot.campaign is not None:
@@ -150,8 +150,8 @@ def _joint(joint: Joint, is_urdf: bool, units: Units, types: Mapping[str, str]) 
     return entry
 
 
-def _branch(branch: BranchJoint, units: Units) -> dict[str, Any]:
-    entry = _joint(branch.joint, True, units, {})
+def _branch(branch: BranchJoint, units: Units, types: Mapping[str, str]) -> dict[str, Any]:
+    entry = _joint(branch.joint, True, units, types)
     position = {"position": branch.position / units.of_joint(branch.joint.type)} if branch.position else {}
     return {"name": entry.pop("name"), "parent": branch.parent or "base", **entry, **position}
 

@@ -137,7 +137,8 @@ def _mass_table(robot: Robot) -> Table:
             table.add_row(joint.name, _number(joint.mass), *(_number(value * 1e3) for value in joint.com or (0, 0, 0)))
     for branch in robot.branches:
         x, y, z = branch.joint.com or (0, 0, 0)
-        place = f"{branch.joint.name} (on {branch.parent or 'the base'})"
+        rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
+        place = f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})"
         table.add_row(place, _number(branch.joint.mass or 0.0), *(_number(value * 1e3) for value in (x, y, z)))
     return table
 

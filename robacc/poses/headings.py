@@ -178,8 +178,8 @@ class Meaning:
 
 def heading_of(name: str) -> Heading:
     """Return the parts of a column's name."""
-    # Signals of RobotStudio have a path: System1\ROB_1\J1.
-    stem, unit = name.strip().strip("'\"").rpartition("\\")[2], None
+    # Signals of RobotStudio have a path: System1\ROB_1\J1; fields of rostopic begin with field.
+    stem, unit = name.strip().strip("'\"").rpartition("\\")[2].removeprefix("field."), None
     if ((match := _BRACKETED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES) or (
         (match := _SUFFIXED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES and len(match[2]) > 1
     ):

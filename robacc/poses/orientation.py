@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.geometry import Array, rotation_from_quaternion, rotation_from_rpy
+from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.problem_log import ProblemLog
 from robacc.poses.angles import CONVENTIONS, AngleTrial, try_conventions
-from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY
+from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY, is_documented
 from robacc.poses.reading import Reading
 from robacc.poses.values import Values
 
@@ -34,6 +34,9 @@ _WRITERS = {
 _DOCUMENTED = ("rotvec", "fixed-xyz", "moving-xyz")
 """Conventions that files use for columns rx, ry, rz, which are documented as a rotation vector."""
 
+_ABOUT_XYZ = ("fixed-xyz", "moving-xyz")
+"""Conventions that instruments use for roll, pitch and yaw, which are documented as about fixed axes."""
+
 
 def rotations(values: Values, keys: tuple[str, ...] | None, convention: str) -> Array | None:
     """Return rotations ``(3, 3, N)`` from the file's representation; None where the file has none."""
@@ -47,10 +50,14 @@ def rotations(values: Values, keys: tuple[str, ...] | None, convention: str) -> 
 
 
 def _conversion(keys: tuple[str, ...], convention: str) -> Callable[[Array], Array]:
-    first = keys[0].removeprefix("cmd_")
-    if first == QUATERNION[0]:
-        return rotation_from_quaternion
-    return rotation_from_rpy if first == RPY[0] else CONVENTIONS[convention]
+    return rotation_from_quaternion if keys[0].removeprefix("cmd_") == QUATERNION[0] else CONVENTIONS[convention]
+
+
+def _convention(keys: tuple[str, ...] | None, stated: str | None) -> str:
+    """Return the convention of these columns as stated, or as documented; roll, pitch, yaw are about x, y, z."""
+    if keys is not None and keys[0].removeprefix("cmd_") == RPY[0]:
+        return stated if stated in _ABOUT_XYZ else _ABOUT_XYZ[0]
+    return stated or "rotvec"
 
 
 class AngleChoice:
@@ -78,12 +85,16 @@ class AngleChoice:
         """Return the convention of the angles by prefix, ``""`` and ``cmd_``."""
         layout = self._values.layout
         orientations = {"": layout.orientation, "cmd_": layout.commanded_orientation}
-        chosen = {prefix: self._stated(prefix) or "rotvec" for prefix in orientations}
+        chosen = {prefix: _convention(keys, self._stated(prefix)) for prefix, keys in orientations.items()}
         if self._log.total or not self._values.lines.size:
             return chosen  # without sound numbers a trial shows nothing
         for prefix, keys in orientations.items():
-            if keys is not None and keys[0] == prefix + ROTATION_VECTOR[0] and not self._stated(prefix):
+            if keys is None or self._stated(prefix):
+                continue
+            if keys[0] == prefix + ROTATION_VECTOR[0]:
                 chosen[prefix] = self._tried(prefix, keys, orientations)
+            elif keys[0] == prefix + RPY[0]:
+                chosen[prefix] = self._tried_rpy(prefix, keys, orientations)
         return chosen
 
     def _stated(self, prefix: str) -> str | None:
@@ -109,8 +120,27 @@ class AngleChoice:
         if trial is None or not trial.decided:
             self._ask(names, "may be angles of several conventions", trial, open_names)
             return open_names[0]
-        others = (name for name in trial.disagreement if name != trial.best)
-        worse = min(trial.disagreement[name] for name in others)
+        return self._best(names, trial)
+
+    def _tried_rpy(self, prefix: str, keys: tuple[str, ...], orientations: Mapping[str, tuple[str, ...] | None]) -> str:
+        """Return about fixed axes, unless the data show that an export's roll, pitch and yaw are about moving axes."""
+        n = self._values.lines.size
+        rows = np.linspace(0, n - 1, min(n, _SAMPLE)).astype(int)
+        known, angles = self._known(prefix, rows, orientations), self._values.column_set(keys)
+        trial = None
+        if known is not None and angles is not None:
+            trial = try_conventions(angles[:, rows], known, _ABOUT_XYZ)
+        if trial is None or not trial.rules_out(_ABOUT_XYZ[0]):
+            return _ABOUT_XYZ[0]
+        columns = [self._values.layout.columns[key] for key in keys]
+        names = ", ".join(column.name for column in columns)
+        if any(is_documented(column.name) for column in columns):
+            self._ask(names, "are documented as about fixed axes, which they do not fit", trial, _ABOUT_XYZ)
+        return self._best(names, trial)
+
+    def _best(self, names: str, trial: AngleTrial) -> str:
+        """Return the convention that fits best, with a remark."""
+        worse = min(size for name, size in trial.disagreement.items() if name != trial.best)
         self.remarks.append(
             f"{names} taken as {trial.best}: it fits the known orientations to "
             f"{_degrees(trial.disagreement[trial.best])}, others miss by {_degrees(worse)}"
@@ -130,7 +160,7 @@ class AngleChoice:
         if keys is None or (columns := self._values.column_set(keys)) is None:
             return None
         certain = keys[0] != other + ROTATION_VECTOR[0] or self._stated(other)
-        return _conversion(keys, self._stated(other) or "rotvec")(columns[:, rows]) if certain else None
+        return _conversion(keys, _convention(keys, self._stated(other)))(columns[:, rows]) if certain else None
 
     def _ask(self, names: str, doubt: str, trial: AngleTrial | None, conventions: Sequence[str]) -> None:
         tried = ""

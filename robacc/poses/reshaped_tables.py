@@ -29,10 +29,28 @@ def reshaped(table: Table, header: Header, target_names: Sequence[str]) -> tuple
         header: That header.
         target_names: Targets of the robot file.
     """
+    header = _with_joint_names(header)
     new: _AxisRows | _TargetsInRows | None = _AxisRows.of(table, header)
     if new is None:
         new = _TargetsInRows.of(table, header, target_names)
     return (table, header) if new is None else (new, new.header())
+
+
+def _with_joint_names(header: Header) -> Header:
+    """Return names of joint states as rostopic prints them, with the joints that the first row names.
+
+    The columns ``field.name0`` and ``field.position0`` are of one joint; messages list joints in any order.
+    """
+    if not header.dialect.sample:
+        return header
+    first = dict(zip(header.names, header.dialect.sample[0], strict=False))
+    names = tuple(
+        f"joint_states/{first[f'field.name{match[1]}']}/position"
+        if (match := re.fullmatch(r"field\.position(\d+)", name)) and f"field.name{match[1]}" in first
+        else name
+        for name in header.names
+    )
+    return replace(header, names=names)
 
 
 def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:

@@ -31,10 +31,14 @@ DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"
 Matrix = np.ndarray
 
 
-def robot() -> Robot:
-    """The nominal model, as a robot file describes it."""
+def robot(targets: dict[str, Matrix] | None = None) -> Robot:
+    """The nominal model, as a robot file describes it; with ``targets`` in place of the tool."""
+    at_flange = f"tool: {{xyz: {TOOL.tolist()}, rpy: [0, 0, 0]}}"
+    if targets is not None:
+        places = (f"{name}: {{xyz: {place.tolist()}}}" for name, place in targets.items())
+        at_flange = f"targets: {{{', '.join(places)}}}"
     lines = ["robacc: 1", "name: independent", "convention: standard", "units: {length: m, angle: rad}"]
-    lines += [f"gravity: [0, 0, {-GRAVITY}]", f"tool: {{xyz: {TOOL.tolist()}, rpy: [0, 0, 0]}}", "joints:"]
+    lines += [f"gravity: [0, 0, {-GRAVITY}]", at_flange, "joints:"]
     for i, ((theta, d, a, alpha, mass, com), (low, high)) in enumerate(zip(DH, LIMITS, strict=True), 1):
         lines.append(
             f"  - {{name: j{i}, type: revolute, theta: {theta!r}, d: {d}, a: {a}, alpha: {alpha!r}, "

@@ -17,7 +17,7 @@ from robacc.robots.arm import Arm
 CHANGE_POINT = Step.name
 """Name of the effect that a search over the poses finds."""
 FEWEST = 5
-"""Poses on each side of a step that a search demands: fewer deviating poses are outliers."""
+"""Visits on each side of a step that a search demands: fewer deviating visits are outliers."""
 _MIXED_SHARE = 0.25
 """Least rate, relative to random order, at which a pose and its neighbour in joint space are on either side."""
 _LEAST_TORQUE = 0.1
@@ -112,7 +112,9 @@ def mixed_places(data: Measurements, number: NDArray[np.int64]) -> NDArray[np.bo
     count = int(number.max()) + 1
     if data.q is None:
         return np.ones(count - 1, dtype=bool)
-    rows = np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_COMPARED)).round().astype(np.int64))
+    # Rows of one visit have the same joints: one of them stands for the visit.
+    visits = np.unique(number, return_index=True)[1]
+    rows = visits[np.unique(np.linspace(0, count - 1, min(count, _MOST_COMPARED)).round().astype(np.int64))]
     q = data.q[:, rows] / np.maximum(np.ptp(data.q[:, rows], axis=1), 1e-12)[:, None]
     square = np.sum(np.square(q), axis=0)
     distance = square[:, None] + square - 2 * q.T @ q

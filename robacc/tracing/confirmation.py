@@ -123,5 +123,5 @@ def withdrawn_warning(withdrawn: Sequence[str]) -> tuple[str, ...]:
     """Return a warning that lists the withdrawn findings, if there are any."""
     if not withdrawn:
         return ()
-    names = ", ".join(withdrawn)
+    names = ", ".join(dict.fromkeys(withdrawn))
     return (f"withdrawn, because the error of held-out poses is not lower with the effect than without: {names}",)

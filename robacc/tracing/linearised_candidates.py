@@ -278,7 +278,7 @@ def _step_scans(
     if not forms or data.n < 2:
         return ()
     numbered = places(data, visit_numbers(data))
-    usable = usable_places(numbered[0], mixed_places(data, numbered[0]))
+    usable = usable_places(mixed_places(data, numbered[0]))
     same_part = Counter(form.joints or form.settings()["part"] for form in forms)
     scans, start = [], 0
     for form, terms in forms.items():

@@ -132,17 +132,18 @@ def scan_of(
     return StepScan(form, arm, data, columns, number, before, eligible, shared)
 
 
-def usable_places(number: NDArray[np.int64], mixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return ``(P,)`` places with enough poses on each side that lie between each other in joint space."""
-    before = np.cumsum(np.bincount(number))[:-1]
-    return np.asarray(mixed & (before >= FEWEST) & (number.size - before >= FEWEST))
+def usable_places(mixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return ``(P,)`` places with enough visits on each side that lie between each other in joint space."""
+    before = np.arange(1, mixed.size + 1)
+    return np.asarray(mixed & (before >= FEWEST) & (mixed.size + 1 - before >= FEWEST))
 
 
 def places_of(scan: StepScan, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return eligible places of which no two divide the poses ``at`` alike, with enough poses on either side."""
-    count = np.cumsum(np.bincount(scan.number[at], minlength=scan.places.size + 1))[:-1]
+    """Return eligible places of which no two divide the poses ``at`` alike, with enough visits on either side."""
+    visits = np.unique(scan.number[at])
+    count = np.cumsum(np.bincount(visits, minlength=scan.places.size + 1))[:-1]
     before = count[scan.eligible]
-    enough = (before >= FEWEST) & (at.size - before >= FEWEST)
+    enough = (before >= FEWEST) & (visits.size - before >= FEWEST)
     _, first = np.unique(before[enough], return_index=True)
     return scan.eligible[enough][first]
 

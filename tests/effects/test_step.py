@@ -10,7 +10,7 @@ from independent_arm import DECLARED, TOOL, Run, measured, robot, run, target
 
 import robacc
 from robacc.effects.base import Effect
-from robacc.effects.change_points import mixed_places, places
+from robacc.effects.change_points import FEWEST, mixed_places, places
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import known_effects
 from robacc.effects.step import Step
@@ -19,6 +19,7 @@ from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
+from robacc.tracing.step_scans import usable_places
 from robacc.tracing.trace import Trace, trace
 
 NOISE = 2e-5
@@ -127,6 +128,41 @@ def test_poses_sorted_by_a_joint_have_no_usable_place() -> None:
     q = np.where(np.arange(N) < N // 2, 0.2, 0.8) + 0.05 * np.sin(np.arange(6)[:, None] * np.arange(N))
     apart = dataclasses.replace(data, q=q)
     assert not mixed_places(apart, number)[N // 2 - 1]
+
+
+def test_rows_of_a_visit_are_one_pose_to_the_search() -> None:
+    """Three targets a visit: the nearest row in joint space is of the same visit, and must not be compared."""
+    poses = run(N, seed=8)
+    data = measured(poses, np.zeros((3, N)), NOISE, 8)
+    repeated = dataclasses.replace(data, q=np.repeat(poses.q, 3, axis=1), rows=None, position=np.zeros((3, 3 * N)))
+    single, triple = mixed_places(data, np.arange(N)), mixed_places(repeated, np.repeat(np.arange(N), 3))
+    np.testing.assert_array_equal(triple, single)
+    usable = np.flatnonzero(usable_places(triple))
+    assert usable.min() + 1 >= FEWEST
+    assert N - 1 - usable.max() >= FEWEST
+
+
+def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:
+    places_of_targets = {"N1": TOOL, "N2": TOOL + np.array([0.2, 0.1, 0.0]), "N3": TOOL + np.array([-0.1, 0.2, 0.05])}
+    visits, first = 60, 35
+    poses = run(visits, seed=12)
+    rng = np.random.default_rng(12)
+    position = np.array([target(q, place) for q in poses.q.T for place in places_of_targets.values()]).T
+    visit = np.repeat(np.arange(visits), 3)
+    position += (visit >= first) * np.array([[2e-4], [0.0], [-1e-4]]) + rng.normal(scale=NOISE, size=position.shape)
+    data = Measurements(
+        position=position,
+        q=poses.q[:, visit],
+        target=np.tile(np.array(list(places_of_targets)), visits),
+        visit=visit.astype(str),
+        rows=np.arange(2, 3 * visits + 2),
+        source="poses.csv",
+    )
+    arm = Arm.of(robot(places_of_targets))
+    result = trace(Model(arm, free=build(parse_requests(DECLARED), arm, data)), data, n_folds=4, empirical=False)
+    assert [str(finding.effect) for finding in result.findings] == ["step"]
+    assert result.findings[0].settings["part"] == "base"
+    assert result.findings[0].settings["from_line"] == 3 * first + 2
 
 
 def test_poses_of_another_file_come_after_the_step() -> None:

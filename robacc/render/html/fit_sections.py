@@ -10,6 +10,7 @@ from robacc.render.html.blocks import Block, Cell, Grid, Listing, Number, Report
 from robacc.render.plots.chart import Document
 from robacc.render.plots.stage_errors import STAGE_LABELS, STAGE_MEANINGS
 from robacc.render.plots.units import DEGREE, MICRORADIAN, Unit
+from robacc.render.text.effect_label import effect_label
 from robacc.render.text.numbers import measured, odds, p_value
 from robacc.render.text.units import table_unit
 
@@ -35,7 +36,7 @@ def _findings(document: Document) -> ReportSection:
         return ReportSection("Findings", [Text("None, at a false-alarm rate below 1 % over all candidates.")])
     rows: list[Sequence[Cell]] = [
         [
-            effect_name(finding),
+            _label(finding),
             "–" if finding["largest_at_tool_m"] is None else length(finding["largest_at_tool_m"]),
             p_value(finding["p_value"]),
             f"{finding['stability']['folds']} of {finding['stability']['of']}" if finding["stability"]["of"] else "–",
@@ -61,14 +62,14 @@ def _findings(document: Document) -> ReportSection:
     ]
     if alternatives:
         blocks += [Text("Alternatives that are not distinguishable on these poses:"), Listing(alternatives)]
-    warnings = [f"{effect_name(finding)}: {text}" for finding in findings for text in finding["warnings"]]
+    warnings = [f"{_label(finding)}: {text}" for finding in findings for text in finding["warnings"]]
     if warnings:
         blocks.append(Listing(warnings, "warning"))
     harmonics = [(finding, harmonic) for finding in findings for harmonic in finding["harmonics"]]
     if harmonics:
         harmonic_rows: list[Sequence[Cell]] = [
             [
-                f"{effect_name(finding)}, order {harmonic['order']:g}",
+                f"{_label(finding)}, order {harmonic['order']:g}",
                 *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], MICRORADIAN),
                 *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], DEGREE),
             ]
@@ -77,12 +78,6 @@ def _findings(document: Document) -> ReportSection:
         blocks.append(Text("A harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle."))
         blocks.append(Grid(("harmonic", "amplitude", "standard error", "phase", "standard error"), harmonic_rows))
     return ReportSection("Findings", blocks)
-
-
-def effect_name(finding: Mapping[str, Any]) -> str:
-    """Return ``backlash [j3]``."""
-    joints = ", ".join(finding["joints"])
-    return f"{finding['effect']} [{joints}]" if joints else str(finding["effect"])
 
 
 def _with_error(value: float, error: float | None, unit: Unit) -> tuple[Number, Number]:
@@ -94,8 +89,12 @@ def _with_error(value: float, error: float | None, unit: Unit) -> tuple[Number, 
     return Number(first, value), Number(second, error)
 
 
+def _label(finding: Mapping[str, Any]) -> str:
+    return effect_label(finding["effect"], finding["joints"], finding["settings"])
+
+
 def _alternative(finding: Mapping[str, Any], alternative: Mapping[str, Any]) -> str:
-    names = f"{effect_name(finding)} or {effect_name(alternative)}"
+    names = f"{_label(finding)} or {_label(alternative)}"
     if alternative["similarity"] > _INDISTINGUISHABLE:
         return f"{names}: same predictions"
     if alternative.get("within_uncertainty"):

@@ -11,6 +11,7 @@ from robacc.effects.baseline import Baseline
 from robacc.fitting.parameters import FittedParameter
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.detection import draw_detection
+from robacc.render.text.effect_label import effect_label
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, odds, p_value, three_digits
 from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
@@ -196,8 +197,8 @@ def _order(harmonic: Harmonic) -> str:
 
 
 def _alternative(alternative: Alternative) -> str:
-    joints = f"[{','.join(alternative.joints)}]" if alternative.joints else ""
-    text = f"not distinguishable from {alternative.effect}{joints} on these poses"
+    label = effect_label(alternative.effect, alternative.joints, alternative.settings)
+    text = f"not distinguishable from {label} on these poses"
     if alternative.similarity > _INDISTINGUISHABLE:
         return f"{text}: same predictions"
     if alternative.within_uncertainty:

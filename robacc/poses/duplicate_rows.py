@@ -9,6 +9,11 @@ import numpy as np
 from robacc.errors import Counted
 from robacc.poses.values import Values
 
+_OF_VISIT = frozenset(("pose", "cycle", "visit"))
+"""Columns that number the visits; a measurement is a copy whatever its visit is called."""
+_FEW = 0.1
+"""Largest share of rows that repeat the measurement of another visit for these to be called copies."""
+
 
 def duplicate_row_warnings(values: Values, file: str, counted: Counted) -> list[str]:
     """Return a warning where rows repeat an earlier row in every column in use, which noise hardly ever does."""
@@ -24,14 +29,24 @@ def duplicate_row_warnings(values: Values, file: str, counted: Counted) -> list[
     order = np.argsort(sums, kind="stable")
     equal_sums = np.flatnonzero(sums[order][1:] == sums[order][:-1])
     first, second = order[equal_sums], order[equal_sums + 1]
-    duplicate = (values.numbers[:, first] == values.numbers[:, second]).all(axis=0)
-    for text in values.texts.values():
-        duplicate &= text[first] == text[second]
+    equal = (values.numbers[:, first] == values.numbers[:, second]).all(axis=0)
+    same_visit = np.ones_like(equal)
+    for name, text in values.texts.items():
+        agrees = text[first] == text[second]
+        if name in _OF_VISIT:
+            same_visit &= agrees
+        else:
+            equal &= agrees
+    duplicate = equal & same_visit
+    where = "in every column"
     if not duplicate.any():
-        return []
-    i = int(np.argmax(duplicate))
+        # Rounded values of many visits repeat by chance; a few to the last digit are copies.
+        if not 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
+            return []
+        duplicate, where = equal, "of another visit to the last digit"
+    i = int(min(np.flatnonzero(duplicate), key=lambda pair: values.lines[second[pair]]))
     original, copy = int(values.lines[first[i]]), int(values.lines[second[i]])
     count = int(np.count_nonzero(duplicate))
-    rows = f"{count} row{'s repeat' if count > 1 else ' repeats'} an earlier row in every column"
+    rows = f"{count} row{'s repeat' if count > 1 else ' repeats'} an earlier row {where}"
     example = f"{counted} {copy} repeats {counted} {original}"
     return [f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies"]

@@ -262,3 +262,23 @@ def test_rows_that_repeat_one_another_are_told_of(tmp_path: Path) -> None:
     path.write_text("\n".join([head, *rows, rows[7], rows[3]]))
     (told,) = [text for text in read_poses(path).warnings if "repeat" in text]
     assert told.startswith(f"{path}: 2 rows repeat an earlier row in every column (line 4")
+
+
+def test_a_measurement_copied_to_another_visit_is_told_of(tmp_path: Path) -> None:
+    """Three of sixty rows have the values of another visit; with many, rounding is the reason."""
+    from robacc.poses.csv_file import read_poses
+
+    values = np.random.default_rng(0).normal(size=(60, 6))
+    path = tmp_path / "poses.csv"
+
+    def warnings(copies: int) -> list[str]:
+        copied = values.copy()
+        copied[60 - copies :] = values[:copies]
+        lines = [",".join([f"v{i}", *map(repr, row)]) for i, row in enumerate(copied.tolist())]
+        path.write_text("\n".join(["visit,x,y,z,cmd_x,cmd_y,cmd_z", *lines]))
+        return [text for text in read_poses(path).warnings if "repeat" in text]
+
+    assert warnings(0) == []
+    (text,) = warnings(3)
+    assert text.startswith(f"{path}: 3 rows repeat an earlier row of another visit to the last digit (line 59 repeats")
+    assert warnings(20) == []

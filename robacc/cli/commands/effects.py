@@ -40,7 +40,7 @@ def effects(
     form: PlainFormatOption = PlainFormat.table,
     output: OutputOption = "-",
 ) -> None:
-    """List the effects: equation, unit, usual size, required data and similar effects.
+    """List the effects; with a name, show its equation, unit, usual size, required data and similar effects.
 
     Example: robacc effects backlash --robot robot.yaml
     """

@@ -123,7 +123,7 @@ def _stages(document: Document) -> ReportSection:
                     [name, *(show(metrics[part][f"{key}_{unit}"]) for key in ("rms", "mean_error", "p95", "max"))]
                     for name, metrics in stages
                 ]
-                blocks.append(Grid((f"{part}, {label}", "rms", "mean", "95 %", "largest"), rows))
+                blocks.append(Grid((f"{part}, {label}", "rms", "mean", "95th percentile", "largest"), rows))
     folds = document["n_folds"]
     held_out_note = "validation poses" if document.get("poses_apart") else f"{folds}-fold cross-validation"
     meaning = STAGE_MEANINGS[document["command"]]

@@ -287,6 +287,8 @@ def measured_figure(
     places = decimals(value * factor, lower, upper) if places is None else places
     if lower is None and upper is None:
         return fixed(value * factor, places), "–"
+    if upper is None:
+        return fixed(value * factor, places), f"at least {fixed(lower, places)}"
     return fixed(value * factor, places), f"{fixed(lower, places)} … {fixed(upper, places)}"
 
 

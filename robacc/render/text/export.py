@@ -11,6 +11,8 @@ from robacc.render.text.numbers import three_digits
 from robacc.render.text.units import IN_DEGREES, IN_MM
 
 _WIDTH = 80
+_LEAST = 1e-5
+"""Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
 _LABEL = 19
 """Columns that the labels take."""
 
@@ -35,7 +37,8 @@ def write_export(stream: TextIO, result: Mapping[str, Any]) -> None:
 
 
 def _sizes(errors: Mapping[str, float], unit: str, factor: float, name: str) -> str:
-    rms, largest = (three_digits(errors[f"{key}_{unit}"] * factor) for key in ("rms", "max"))
+    sizes = (errors[f"{key}_{unit}"] * factor for key in ("rms", "max"))
+    rms, largest = (three_digits(size) if size >= _LEAST else f"< {_LEAST:g}" for size in sizes)
     return f"{rms}{name} rms, {largest}{name} largest"
 
 

@@ -57,7 +57,7 @@ def _table(outcomes: Sequence[FileOutcome]) -> list[TextLine]:
         outcome.headline is not None and outcome.headline.orientation_rms is not None for outcome in outcomes
     )
     has_gate = any(outcome.gate is not None for outcome in outcomes)
-    header = ["position error, mm", "poses", "rms", "95 %", "max", *(["rms, °"] if has_orientation else [])]
+    header = ["position error, mm", "poses", "rms", "95th pct.", "max", *(["rms, °"] if has_orientation else [])]
     header += ["grade", "confirmed", *(["gate"] if has_gate else [])]
     lines = columns(header, [_cells(outcome, has_orientation, has_gate) for outcome in outcomes])
     start = max(len(header[0]), *(len(outcome.name) for outcome in outcomes)) + 2
@@ -110,7 +110,7 @@ def _annotated(outcome: FileOutcome) -> Iterator[str]:
     if headline is None:
         yield annotation("error", head, reason(outcome))
         return
-    sizes = zip(("rms", "95 %", "max"), (headline.rms, headline.p95, headline.max), strict=True)
+    sizes = zip(("rms", "95th pct.", "max"), (headline.rms, headline.p95, headline.max), strict=True)
     parts = [f"{headline.n_poses} poses", *(f"{name} {three_digits(size * _IN_MM)} mm" for name, size in sizes)]
     parts.append(f"grade {headline.grade}, {'confirmed' if headline.demonstrated else 'not confirmed'}")
     if outcome.gate is not None:

@@ -63,7 +63,7 @@ def _table(title: str, quantity: str, factor: float, figures: Sequence[tuple[str
         rows.append(
             [name, *(three_digits(value * factor) for value in (metrics.rms, metrics.mean, metrics.p95, metrics.max))]
         )
-    return columns([title, "rms", "mean", "95 %", "max"], rows)
+    return columns([title, "rms", "mean", "95th pct.", "max"], rows)
 
 
 def deflection(choice: DeflectionChoice | None) -> Iterator[str]:

@@ -127,7 +127,7 @@ def _candidates(result: Trace, width: int) -> Iterator[TextLine]:
         listed.add((effect.name, effect.joints))
         rows.append([str(effect), f"{ranked.evidence:.1f}", p_value(ranked.p_value)])
     yield from columns(["best candidates, first step", "evidence", "significance"], rows)
-    yield TextLine("evidence: log Bayes factor against the baseline", "dim")
+    yield TextLine("evidence: log Bayes factor against the baseline; sorted with prior odds", "dim")
     if result.missing:
         why = "; ".join(f"{name} ({why})" for name, why in result.missing.items())
         yield from (TextLine(line.text, "dim") for line in wrapped(f"not tested: {why}", width))

@@ -17,6 +17,7 @@ from robacc.io.open_table import Table, open_table
 from robacc.io.problem_log import ProblemLog
 from robacc.io.table import TableBody
 from robacc.measurements import Measurements
+from robacc.poses.close_poses import with_repetitions
 from robacc.poses.columns import (
     AXES,
     CIRCUMSTANCES,
@@ -110,6 +111,8 @@ def read_poses(
         conventions = angles.run()
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted, conventions)
+        data, repeated = with_repetitions(data) if attained else (data, None)
+        remarks += [repeated] if repeated else []
         doubts = (f"{reader.file}: {text}" for text in (*remarks, *angles.remarks, *data.warnings))
         duplicates = duplicate_row_warnings(values, reader.file, log.counted)
         warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates)

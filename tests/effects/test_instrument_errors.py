@@ -137,6 +137,15 @@ def test_a_base_that_drifts_is_no_drift_of_the_scale() -> None:
     assert effect.name == "frame_drift"
 
 
+@pytest.mark.parametrize("share", [np.exp(-ELAPSED / ELAPSED[8]), np.sin(9.0 * ELAPSED / ELAPSED[-1]) ** 3])
+def test_a_frame_that_wanders_is_no_drift_of_the_scale(share: np.ndarray) -> None:
+    """Shifts that no scale about one point explains: a drift of the scale of degree 5 follows them best of all."""
+    moved = positions() + np.array([[1e-4], [-2e-4], [1.5e-4]]) * share
+    effects = found(measured(POSES, moved, NOISE, 8, timed=True))
+    assert "frame_drift" in {effect.name for effect in effects}
+    assert "instrument_scale" not in {effect.name for effect in effects}
+
+
 def test_a_joint_that_warms_up_is_found_with_its_time_constant() -> None:
     data = measured(POSES, warm(1, 3e-4, 500.0), NOISE, 5, timed=True)
     (effect,) = found(data)

@@ -26,18 +26,25 @@ from robacc.robots.arm import Arm
 
 NAMED = 5.0
 """Log Bayes factor from which a load is named, and within which other links are alternatives (odds of 150 to 1)."""
-_ERRORS = np.array([1.0, 1.5, 2.0, 3.0, 4.0])
+_ERRORS = np.array([1.0, 1.6, 2.5, 4.0])
 """Relative errors of the masses, in units of the stated or default one …"""
 _ERRORS_STD = math.log(2.0)
 """… and standard deviation of their logarithm."""
 _LEAST_ERROR = 0.01
 """Least relative standard deviation of the masses: a first moment is not known better than that."""
-_LOADS = np.geomspace(0.005, 0.5, 21)
+_LOADS = np.geomspace(0.005, 0.5, 15)
 """Loads as shares of the mass that the joints carry."""
-_OFFSET = 0.15
-"""Distance of a load from its link's frame (standard deviation along each axis), as a share of the arm's length."""
-_STEPS = 8
-_CONVERGED = 1e-4
+_OFFSETS = np.array([0.02, 0.06, 0.15])
+"""Distances of a load from its link's frame (standard deviation along each axis), as shares of the arm's length."""
+_LEAST_REACH = 0.1
+"""Least distance (m) that the error of a link's centre of mass is in proportion to."""
+_STEPS = 25
+_LEAST_DAMPING = 1e-9
+_CONVERGED = 1e-3
+_LEAST_START = 0.05
+"""Least compliance to start from, as a share of the largest: with the masses of the prior it may seem negative."""
+_LEAST_CURVATURE = 1.0
+"""Least curvature in a compliance's logarithm: with less, the joint does not give way at all."""
 _INTERVAL = (0.025, 0.5, 0.975)
 
 
@@ -79,11 +86,11 @@ class UndeclaredLoad:
                 f"of about {100 * self.mass_error:.0f} %"
             )
         texts = [
-            f"{'a load on' if place.mass > 0 else 'less mass on'} the link of {place.link}: "
-            f"{_kg(place.mass)} kg (95 %: {_kg(place.low)} to {_kg(place.high)} kg)"
+            f"{_kg(place.mass)} kg {'more' if place.mass > 0 else 'less'} on the link of {place.link} "
+            f"(95 %: {' to '.join(map(_kg, sorted((place.low, place.high), key=abs)))} kg)"
             for place in self.places
         ]
-        return f"the torques of {joints} point to {', or to '.join(texts)}, which the robot file does not state"
+        return f"the torques of {joints} point to {', or '.join(texts)} than the robot file states"
 
 
 def _kg(mass: float) -> str:
@@ -102,13 +109,17 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     log_prior = -0.5 * np.square(np.log(_ERRORS) / _ERRORS_STD)
     log_prior -= math.log(np.sum(np.exp(log_prior)))
     none = _log_evidence(columns, np.zeros((_ERRORS.size, usual.size)), error * _ERRORS[:, None] * usual) + log_prior
+    evidence_of_none = float(np.logaddexp.reduce(none))
+    if not math.isfinite(evidence_of_none):
+        return None
     places = []
     for link, masses in _hypotheses(arm, columns):
         mean, std = _prior(arm, columns, link, masses, error * _ERRORS[:, None] * usual)
-        by_mass = np.logaddexp.reduce(_log_evidence(columns, mean, std).reshape(masses.size, -1) + log_prior, axis=1)
-        places.append(_place(arm.robot.joints[link].name, masses, by_mass - np.logaddexp.reduce(none)))
-    places.sort(key=lambda place: -place.log_bayes_factor)
-    if not places or not math.isfinite(places[0].log_bayes_factor):
+        evidence = _log_evidence(columns, mean, std).reshape(masses.size, -1, _ERRORS.size) + log_prior
+        by_mass = np.logaddexp.reduce(evidence.reshape(masses.size, -1), axis=1) - math.log(_OFFSETS.size)
+        places.append(_place(arm.robot.joints[link].name, masses, by_mass - evidence_of_none))
+    places = sorted((p for p in places if math.isfinite(p.log_bayes_factor)), key=lambda p: -p.log_bayes_factor)
+    if not places:
         return None
     best = places[0].log_bayes_factor
     # Each hypothesis is as likely as the others before the poses are seen.
@@ -120,6 +131,9 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
 def _usual_stds(arm: Arm, columns: WeightColumns) -> Array:
     """Return ``(K,)`` standard deviations of the masses and first moments at a relative error of 1."""
     stds = regressor_stds(arm, 1.0)
+    for body in arm.chain.bodies:
+        least = _LEAST_REACH * body.mass
+        stds |= {f"{axis}{body.owner + 1}": max(stds[f"{axis}{body.owner + 1}"], least) for axis in ("hx", "hy", "hz")}
     return np.array([stds[label] for label in columns.labels])
 
 
@@ -135,21 +149,27 @@ def _hypotheses(arm: Arm, columns: WeightColumns) -> Iterator[tuple[int, Array]]
 
 
 def _prior(arm: Arm, columns: WeightColumns, link: int, masses: Array, stds: Array) -> tuple[Array, Array]:
-    """Return mean and std ``(Q, K)`` of the masses and first moments, for each mass and each of ``stds`` ``(E, K)``."""
-    offset = _OFFSET * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
-    mean = np.zeros((masses.size, len(stds), stds.shape[1]))
+    """Return mean and std ``(Q, K)`` of the masses and first moments.
+
+    Q counts masses, then offsets of the load, then relative errors of the masses, of which ``stds`` ``(E, K)`` are the
+    standard deviations.
+    """
+    offsets = _OFFSETS * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
+    mean = np.zeros((masses.size, offsets.size, len(stds), stds.shape[1]))
     std = np.broadcast_to(stds, mean.shape).copy()
     for k, label in enumerate(columns.labels):
         if label == f"m{link + 1}":
-            mean[:, :, k] = masses[:, None]
+            mean[..., k] = masses[:, None, None]
         elif label[0] == "h" and label[2:] == str(link + 1):
-            std[:, :, k] = np.hypot(std[:, :, k], offset * np.abs(masses[:, None]))
+            std[..., k] = np.hypot(std[..., k], np.abs(np.multiply.outer(masses, offsets))[:, :, None])
     return mean.reshape(-1, stds.shape[1]), std.reshape(-1, stds.shape[1])
 
 
 def _place(link: str, masses: Array, by_mass: Array) -> LoadPlace:
     """Return a hypothesis from the log evidence ``(S,)`` of each mass; the prior of the mass is even in its log."""
     weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
+    if not weights.any():
+        return LoadPlace(link, 0.0, 0.0, 0.0, -math.inf)
     cumulative = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
     low, middle, high = np.exp(np.interp(_INTERVAL, cumulative, np.log(np.abs(masses))))
     sign = float(np.sign(masses[0]))
@@ -162,34 +182,57 @@ def _place(link: str, masses: Array, by_mass: Array) -> LoadPlace:
 def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
     """Return the log marginal likelihood ``(Q,)`` of priors ``(Q, K)`` of the masses and first moments.
 
-    Gauss-Newton steps in the logarithms of the compliances and in the masses find the mode. A prior under which a joint
-    would rise with the weight has none.
+    It is Laplace's: the mode over the logarithms of the compliances and the masses, and the curvature there. Where a
+    joint would rise with the weight, there is none, and the likelihood is zero.
     """
-    count, size = mean.shape
     n = len(columns.joints)
-    gram, rhs = columns.gram, columns.rhs.reshape(n, size + 1)
-    values = np.zeros((count, size))
-    weights = np.concatenate((np.ones((count, 1)), mean), axis=1)
-    of_joints = np.einsum("jakb,qa,qb->qjk", gram.reshape(n, size + 1, n, size + 1), weights, weights)
-    compliance = np.linalg.solve(of_joints, (weights @ rhs.T)[..., None])[..., 0]
-    possible = np.all(compliance > 0, axis=1)
-    compliance = np.where(possible[:, None], compliance, np.abs(compliance) + 1e-12)
+    state = np.concatenate((np.log(_start(columns, mean)), np.zeros_like(mean)), axis=1)
+    squares, gradient, hessian = _objective(columns, mean, std, state)
+    damping = np.full(len(mean), _LEAST_DAMPING)
     for _ in range(_STEPS):
-        slope = _slope(compliance, mean + std * values, std)
-        coefficients = _coefficients(compliance, mean + std * values)
-        gradient = np.einsum("qwi,qw->qi", slope, columns.rhs - coefficients @ gram)
-        gradient[:, n:] -= values
-        hessian = np.swapaxes(slope, 1, 2) @ (gram @ slope)
-        hessian[:, range(n, n + size), range(n, n + size)] += 1.0
-        step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        compliance = compliance * np.exp(np.clip(step[:, :n], -1.0, 1.0))
-        values = values + step[:, n:]
+        damped = hessian + damping[:, None, None] * np.eye(state.shape[1]) * np.einsum("qii->qi", hessian)[:, None]
+        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
+        step[:, :n] = np.clip(step[:, :n], -1.0, 1.0)
+        tried = _objective(columns, mean, std, state + step)
+        better = tried[0] <= squares
+        state = np.where(better[:, None], state + step, state)
+        squares = np.where(better, tried[0], squares)
+        gradient = np.where(better[:, None], tried[1], gradient)
+        hessian = np.where(better[:, None, None], tried[2], hessian)
+        damping = np.maximum(damping * np.where(better, 0.1, 10.0), _LEAST_DAMPING)
         if float(np.max(np.abs(step), initial=0.0)) < _CONVERGED:
             break
-    coefficients = _coefficients(compliance, mean + std * values)
-    squares = columns.cost - 2.0 * coefficients @ columns.rhs + np.einsum("qw,qw->q", coefficients @ gram, coefficients)
-    squares = squares + np.sum(np.square(values), axis=1)
+    possible = np.all(hessian[:, range(n), range(n)] > _LEAST_CURVATURE, axis=1)
     return np.where(possible, -0.5 * squares - 0.5 * np.linalg.slogdet(hessian)[1], -np.inf)
+
+
+def _start(columns: WeightColumns, changes: Array) -> Array:
+    """Return ``(Q, J)`` compliances by least squares at given masses, all of them positive."""
+    n, size = len(columns.joints), len(columns.labels) + 1
+    weights = np.concatenate((np.ones((len(changes), 1)), changes), axis=1)
+    gram = np.einsum("jakb,qa,qb->qjk", columns.gram.reshape(n, size, n, size), weights, weights)
+    rhs = weights @ columns.rhs.reshape(n, size).T
+    compliance = np.linalg.solve(gram, rhs[..., None])[..., 0]
+    return np.asarray(np.maximum(compliance, _LEAST_START * np.abs(compliance).max()))
+
+
+def _objective(columns: WeightColumns, mean: Array, std: Array, state: Array) -> tuple[Array, Array, Array]:
+    """Return squares of residual and prior ``(Q,)``, half their slope downwards and their Gauss-Newton curvature.
+
+    ``state`` ``(Q, J + K)`` holds the logarithms of the compliances, and the masses over ``std`` from ``mean``.
+    """
+    n = len(columns.joints)
+    compliance, values = np.exp(state[:, :n]), state[:, n:]
+    coefficients = _coefficients(compliance, mean + std * values)
+    slope = _slope(compliance, mean + std * values, std)
+    product = coefficients @ columns.gram
+    squares = columns.cost - 2.0 * coefficients @ columns.rhs + np.einsum("qw,qw->q", product, coefficients)
+    gradient = np.einsum("qwi,qw->qi", slope, columns.rhs - product)
+    gradient[:, n:] -= values
+    hessian = np.swapaxes(slope, 1, 2) @ (columns.gram @ slope)
+    masses = range(n, state.shape[1])
+    hessian[:, masses, masses] += 1.0
+    return squares + np.sum(np.square(values), axis=1), gradient, hessian
 
 
 def _coefficients(compliance: Array, changes: Array) -> Array:

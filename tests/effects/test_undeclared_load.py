@@ -92,18 +92,19 @@ def test_a_tool_that_is_not_declared_is_named_with_its_mass() -> None:
     assert load.is_named
     assert [place.link for place in load.places] == ["j6"]
     assert load.places[0].low < 15.0 < load.places[0].high
-    assert load.places[0].mass == pytest.approx(15.0, rel=0.3)
-    assert "point to a load on the link of j6" in load.statement
+    # The poses determine compliance times first moment: the mass is known to a factor of two or three.
+    assert 7.0 < load.places[0].mass < 30.0
+    assert "kg more on the link of j6 (95 %:" in load.statement
 
 
 @pytest.mark.parametrize("error", [None, 0.02], ids=["10 percent", "2 percent"])
 def test_a_load_within_the_errors_of_the_masses_is_named_only_if_these_are_known(error: float | None) -> None:
     arm = Arm.of(dataclasses.replace(robot(), mass_uncertainty=error))
-    load = judged(loaded(80, 1, NOISE, 2, 12.0, np.array([0.05, 0.1, 0.1])), arm)
+    load = judged(loaded(80, 1, NOISE, 2, 20.0, np.array([0.05, 0.1, 0.1])), arm)
     # The link of j3 has 30 kg in the file.
     assert load.is_named == (error is not None)
     assert load.places[0].link == "j3"
-    assert load.places[0].low < 12.0 < load.places[0].high
+    assert load.places[0].low < 20.0 < load.places[0].high
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 40))])

@@ -15,8 +15,8 @@ _ANGLE = {"link_geometry": math.radians(5.0), "joint_offset": math.radians(10.0)
 """rad; corrections of angles that no assembled arm needs."""
 _RATIO = {"gear_ratio": 0.05, "joint_coupling": 0.5}
 """Corrections of ratios: of a gear that is known, and of a coupling that is an interaction."""
-_ORIENTATION = math.radians(10.0)
-"""rad; remaining orientation error."""
+_ORIENTATION = math.radians(3.0)
+"""rad; remaining orientation error that no instrument leaves."""
 _SURE = 3.0
 """Standard errors by which a correction exceeds its limit."""
 _LISTED = 4

@@ -9,7 +9,10 @@ from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, items
 from robacc.robots.library import LibraryArm
 
-_USE = "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool"
+_USE = (
+    "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init NAME "
+    "writes a copy to which you add the tool or several targets"
+)
 
 
 def draw_robots(arms: Sequence[LibraryArm], stream: TextIO) -> None:

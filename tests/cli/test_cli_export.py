@@ -29,7 +29,7 @@ def test_a_calibration_goes_in_and_out(tmp_path: Path) -> None:
         "export", arm, "--format", "ur-calibration", "--template", CONF, "--output", conf, "--document", document
     )
     assert shown.startswith("Export as ur-calibration of ur10e\n")
-    assert "position < 1e-05 mm rms" in shown
+    assert "position < 0.0001 mm rms" in shown
     result = json.loads(document.read_text(encoding="utf-8"))
     assert result["file_sha256"] == hashlib.sha256(conf.read_bytes()).hexdigest()
     assert result["remaining_error"]["position"]["max_m"] < 1e-6

@@ -23,7 +23,7 @@ _STATISTICS = {
     "max": "maximum",
     "max_radius95": "largest 95 % radius",
     "radius95": "95 % radius, Gaussian",
-    "longest_sd": "longest axis, sd",
+    "longest_sd": "principal axis 1, std",
     **{f"mean_{axis}": f"mean {axis}" for axis in "xyz"},
     **{f"sd_{axis}": f"sd {axis}" for axis in "xyz"},
 }
@@ -121,7 +121,7 @@ def _ranking(comparison: ResultComparison) -> Iterator[TextLine]:
         if pair is not None:
             cells = [_difference(pair.difference, ranking.unit), p_value(pair.p_corrected)]
         rows.append((_short(name), _amount(value, ranking.unit), letters, *cells))
-    yield from columns(("", "", "group" if ranking.groups else "", "to the next", "corrected p"), rows)
+    yield from columns(("", "", "group" if ranking.groups else "", "difference to the next", "p, corrected for pairs"), rows)
     yield from (TextLine(f"- {sentence}") for sentence in ranking.sentences())
 
 

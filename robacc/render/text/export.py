@@ -11,7 +11,7 @@ from robacc.render.text.numbers import three_digits
 from robacc.render.text.units import IN_DEGREES, IN_MM
 
 _WIDTH = 80
-_LEAST = 1e-5
+_LEAST = 1e-4
 """Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
 _LABEL = 19
 """Columns that the labels take."""

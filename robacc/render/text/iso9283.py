@@ -104,7 +104,7 @@ def _summary(characteristics: Sequence[Characteristic], confidence: float, width
                     )
                 )
     if rows:
-        yield from columns(("largest", "clause", "", "", f"{100 * confidence:g} % interval", "at"), rows)
+        yield from columns(("largest over poses", "clause", "", "", f"{100 * confidence:g} % interval", "at"), rows)
     missing = [
         (characteristic.symbol, characteristic.position.interval.why or "")
         for characteristic in characteristics

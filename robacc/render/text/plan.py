@@ -171,7 +171,7 @@ def _accuracy(accuracy: ExpectedAccuracy, is_addition: bool, width: int) -> Iter
     for point in accuracy.points:
         marks = [
             "planned" if accuracy.planned is not None and point.n == accuracy.planned.n else "",
-            "first beyond the knee" if _is_first_beyond(accuracy, point.n) else "",
+            "past the knee" if _is_first_beyond(accuracy, point.n) else "",
         ]
         values = (point.rms, point.random_rms, point.worst, point.total)
         cells = ["–" if value is None else three_digits(value * _IN_MM) for value in values]

@@ -121,7 +121,8 @@ def _ranking(comparison: ResultComparison) -> Iterator[TextLine]:
         if pair is not None:
             cells = [_difference(pair.difference, ranking.unit), p_value(pair.p_corrected)]
         rows.append((_short(name), _amount(value, ranking.unit), letters, *cells))
-    yield from columns(("", "", "group" if ranking.groups else "", "difference to the next", "p, corrected for pairs"), rows)
+    header = ("", "", "group" if ranking.groups else "", "difference to the next", "p, corrected for pairs")
+    yield from columns(header, rows)
     yield from (TextLine(f"- {sentence}") for sentence in ranking.sentences())
 
 

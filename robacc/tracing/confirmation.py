@@ -15,8 +15,12 @@ from robacc.tracing.cross_validation import CrossValidation, FoldChoices, cross_
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_first, refit
 
-_LEAST_GAIN = 1.645
-"""Standard errors by which a gain on held-out poses must exceed zero: positive at 95 % confidence."""
+_LEAST_GAIN = 1.0
+"""Standard errors by which a gain on held-out poses must exceed zero. The search and the folds decide about chance; the
+gain guards against effects that are significant and do not predict. Between 1.0 and 1.645 there was no finding in 78
+campaigns without an effect (49 of a physics engine, 29 with errors that break an assumption) and none in 11 with large
+effects. In 8 campaigns with an effect near its detection limit there was one, and it lowered the error of fresh poses
+each time, by 23 to 56 %."""
 
 
 def reproduced(search_result: SearchResult, choices: FoldChoices | None, data: Measurements) -> SearchResult:

@@ -106,7 +106,7 @@ def reported(
         recurs += p_value <= fold_level(0.8) * math.exp(log_prior)
         gain += np.where(fold == number, without**2 - beside**2, 0.0)
     per_pose = gain.reshape(poses, 3).sum(axis=1)
-    return recurs >= 3 and float(per_pose.mean()) > 1.645 * float(per_pose.std(ddof=1)) / math.sqrt(poses)
+    return recurs >= 3 and float(per_pose.mean()) > 1.0 * float(per_pose.std(ddof=1)) / math.sqrt(poses)
 
 
 @pytest.mark.parametrize(("poses", "free", "rank"), [(40, 15, 1), (60, 30, 2)])

@@ -141,7 +141,8 @@ def _baseline_rms(result: Trace) -> float | None:
 def _finding(number: int, finding: Finding, baseline_rms: float | None, width: int) -> Iterator[TextLine]:
     joints = f" on {', '.join(finding.joints)}" if finding.joints else ""
     if part := finding.settings.get("part"):
-        joints = f" of the {part}"
+        name = finding.settings.get("target")
+        joints = f" of the {part}" if name is None else f" of the {part} {name}"
     yield from wrapped(f"{number}) {finding.effect}{joints} {at_tool(finding, baseline_rms)}", width)
     found_in, folds = finding.stability
     stability = f", found in {found_in} of {folds} folds" if folds else ""

@@ -99,8 +99,9 @@ class JointCompliance(Elastic):
             return None
         return (
             f"the weight that {', '.join(self.joints)} gives way to is not that of the robot file: its masses are off, "
-            "or a link carries a load that it does not state; look for a hose, a valve block, or a tool or part that "
-            "is not declared, and add its mass to its link"
+            "a link carries a load that it does not state, or a counterbalance (a spring or cylinder across the joint) "
+            "carries a part; look for a hose, a valve block, or a tool or part that is not declared, and add its mass "
+            "to its link"
         )
 
     def settings(self) -> dict[str, Any]:

@@ -36,6 +36,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
+from robacc.tracing.findings import Finding
 from robacc.tracing.loop import search
 from robacc.tracing.trace import trace
 
@@ -276,6 +277,12 @@ def ideal_size(case: Case) -> tuple[float, float]:
     return share, share * float(np.mean(lengths))
 
 
+def _is_alternative(effect: str, finding: Finding) -> bool:
+    """Return whether a finding names the effect as another cause, among its alternatives or in its statement."""
+    stated = effect.replace("_", " ") in (finding.statement or "")
+    return stated or any(rival.effect == effect for rival in finding.alternatives)
+
+
 def sizes(sets: int, only: str, multiples: list[float]) -> None:
     """Print, at multiples of the ideal size, in how many traces the effect is a finding, an alternative, or neither."""
     for name, case in CASES.items():
@@ -293,7 +300,7 @@ def sizes(sets: int, only: str, multiples: list[float]) -> None:
                 effect = name.split()[0]
                 if any(finding.effect == effect for finding in result.findings):
                     named += 1
-                elif any(rival.effect == effect for finding in result.findings for rival in finding.alternatives):
+                elif any(_is_alternative(effect, finding) for finding in result.findings):
                     alternative += 1
                 else:
                     missed += 1
@@ -301,8 +308,7 @@ def sizes(sets: int, only: str, multiples: list[float]) -> None:
                 others += [
                     f"{finding.effect}[{','.join(finding.joints)}]"
                     for finding in result.findings
-                    if finding.effect not in expected
-                    and not expected & {rival.effect for rival in finding.alternatives}
+                    if finding.effect not in expected and not _is_alternative(effect, finding)
                 ]
             print(
                 f"  {multiple:4.1f} times: {named} named, {alternative} as an alternative, {missed} not; "

@@ -71,7 +71,11 @@ def check_targets(data: Measurements, robot: Robot) -> None:
         raise InputError(_problem(data, "target", message))
     if not robot.targets and len(names) > 1:
         message = f"found several targets ({', '.join(names)}), but the robot has one tool"
-        raise InputError(_problem(data, "target", message))
+        fix = (
+            "fit tool_frame, which finds their places, list them under targets: in the robot file instead of tool, or "
+            "keep the rows of one target"
+        )
+        raise InputError(_problem(data, "target", message, fix))
 
 
 def _joint_axis(name: str, array: NDArray[Any], robot: Robot | None) -> tuple[int, ...]:

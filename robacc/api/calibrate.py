@@ -126,6 +126,7 @@ def calibrate(
     requests = parse_requests(joined(fit))
     if not requests:
         raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
+    inputs.require_targets([request.name for request in requests])
     priors = tolerance_priors(inputs.robot) if prior else {}
     if prior and not priors:
         raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or inputs.robot.name} has none on any joint")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robacc.api.arrays import check_targets
 from robacc.api.inputs import STDIN, PosesSource, StrPath, load_poses, load_robot, path_of, with_fitted_poses
 from robacc.api.model_use import CampaignUse, ModelUse, use_model
 from robacc.api.result import Result
@@ -21,7 +22,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign
 from robacc.modelling.validity import outside_validity
 from robacc.prediction.fit_record import fit_record
-from robacc.robots.description import Robot
+from robacc.robots.description import Frame, Robot
 from robacc.version import __version__
 
 if TYPE_CHECKING:
@@ -43,6 +44,17 @@ class FitInputs:
     files: tuple[InputFile, ...]
     use: ModelUse
     """How the robot's model applies to the poses."""
+    own_targets: bool = True
+    """False if the robot file has no targets and the poses name several: each starts at the tool."""
+
+    def require_targets(self, effects: Sequence[str]) -> None:
+        """Check that the effects fit the places of targets that the robot file does not have.
+
+        Raises:
+            InputError: They do not.
+        """
+        if not self.own_targets and "tool_frame" not in effects:
+            check_targets(self.data, replace(self.robot, targets={}))
 
 
 class FitResult(Result):
@@ -123,22 +135,42 @@ def load_fit_inputs(
     """
     arm, arm_record = load_robot(robot, base_link, tip_link, poses)
 
-    def read(source: PosesSource, kind: str) -> tuple[Measurements, InputFile]:
-        data, record = load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind)
+    def read(source: PosesSource, kind: str, *, any_target: bool = False) -> tuple[Measurements, InputFile]:
+        data, record = load_poses(
+            source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind, any_target=any_target
+        )
         if data.q is None:
             name = path_of(source) or data.source or "the poses"
             raise UsageError(f"{name} has no joint columns q1 … q{len(arm.variables)}, which a fit needs")
         return data, record
 
-    data, record = read(poses, "poses")
+    data, record = read(poses, "poses", any_target=True)
+    file_arm = arm
+    arm, data = _with_measured_targets(arm, data)
+    own_targets = arm is file_arm
     use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
     arm = use.robot or arm
     names = {"poses": _name(poses), "robot": _name(robot), "holdout": _name(holdout)}
     if holdout is None:
-        return FitInputs(arm, data, None, names, (record, arm_record), use)
+        return FitInputs(arm, data, None, names, (record, arm_record), use, own_targets)
     validation, validation_record = read(holdout, "holdout")
     _refuse_shared(data, validation, names["holdout"])
-    return FitInputs(arm, data, validation, names, (record, arm_record, validation_record), use)
+    return FitInputs(arm, data, validation, names, (record, arm_record, validation_record), use, own_targets)
+
+
+def _with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
+    """Return the robot with the targets that the poses name, if it has none and they name several; and the poses.
+
+    Each starts at the tool. The poses carry a warning.
+    """
+    names = [] if robot.targets or data.target is None else list(dict.fromkeys(data.target.tolist()))
+    if len(names) < 2:
+        return robot, data
+    text = (
+        f"targets {', '.join(names)} are not in the robot file: each starts at its tool, and tool_frame fits its place"
+    )
+    warned = replace(data, warnings=(*data.warnings, text))
+    return replace(robot, tool=Frame(), targets=dict.fromkeys(names, robot.tool)), warned
 
 
 def fitted_model(robot: Robot, inputs: FitInputs) -> tuple[Robot, tuple[str, ...]]:

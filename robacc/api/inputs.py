@@ -111,6 +111,7 @@ def load_poses(
     ignore_limits: bool = False,
     kind: str = "poses",
     attained: bool = True,
+    any_target: bool = False,
 ) -> tuple[Measurements, InputFile]:
     """Return poses, checked against ``robot`` if there is one, and their record.
 
@@ -121,6 +122,7 @@ def load_poses(
         ignore_limits: Joints of the file outside their limits are a warning, not an error.
         kind: Kind of the input in the record.
         attained: The poses were measured; planned poses may lack x, y, z.
+        any_target: Several targets are valid although the robot has one tool.
 
     Raises:
         InputError: The file or the arrays are wrong; with every problem.
@@ -130,7 +132,7 @@ def load_poses(
         if ordered and not source.ordered:
             raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
         data = checked_poses(source, robot)
-        if robot is not None:
+        if robot is not None and (robot.targets or not any_target):
             check_targets(data, robot)
         return require_poses(data), record_of(data, kind)
     from robacc.diagnostics.robot_poses import read_robot_poses
@@ -151,7 +153,9 @@ def load_poses(
 
             data = read_poses(path, ordered=ordered)
         else:
-            data = read_robot_poses(path, robot, ordered=ordered, ignore_limits=ignore_limits, attained=attained)
+            data = read_robot_poses(
+                path, robot, ordered=ordered, ignore_limits=ignore_limits, attained=attained, any_target=any_target
+            )
     except InputError:
         from robacc.programs.reading import mistaken_for_poses
 

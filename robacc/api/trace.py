@@ -122,6 +122,7 @@ def trace(
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     arm = Arm.of(inputs.robot)
     baseline = _baseline(declared, arm, inputs.data)
+    inputs.require_targets(baseline.names)
     effects = build(parse_requests(",".join(baseline.names)), arm, inputs.data)
     body = trace_effects(
         Model.of(inputs.robot, effects),

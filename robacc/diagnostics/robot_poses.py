@@ -29,6 +29,7 @@ def read_robot_poses(
     ordered: bool = False,
     ignore_limits: bool = False,
     attained: bool = True,
+    any_target: bool = False,
 ) -> Measurements:
     """Return the validated poses of a CSV file that ``robot`` was commanded to.
 
@@ -38,6 +39,7 @@ def read_robot_poses(
         ordered: As in :func:`robacc.poses.csv_file.read_poses`.
         ignore_limits: As in :func:`robacc.poses.csv_file.read_poses`.
         attained: As in :func:`robacc.poses.csv_file.read_poses`.
+        any_target: As in :func:`robacc.poses.csv_file.read_poses`.
 
     Raises:
         InputError: Everything that is wrong with the file; or the spread of its positions shows another unit than that
@@ -49,6 +51,7 @@ def read_robot_poses(
         joint_types=[joint.type for joint in robot.variables],
         limits=[joint.limits for joint in robot.variables],
         target_names=tuple(robot.targets),
+        any_target=any_target,
         ordered=ordered,
         ignore_limits=ignore_limits,
         attained=attained,

@@ -54,6 +54,7 @@ def read_poses(
     joint_types: Sequence[str] | None = None,
     limits: Limits | None = None,
     target_names: Sequence[str] | None = None,
+    any_target: bool = False,
     ordered: bool = False,
     ignore_limits: bool = False,
     units_check: bool = True,
@@ -73,6 +74,7 @@ def read_poses(
         limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
         target_names: The targets of the robot file, empty for a robot with one tool; None: no robot is known, and any
             name is valid.
+        any_target: Several targets are valid although the robot has one tool, as columns ``x1 … z2`` too.
         ordered: Rows are in the order measured, and the robot moved straight from each visit to the next: direction
             and speed are derived for the joints whose columns are missing. All rows of a visit have its motion. It is 0
             for the first visit, whose approach is unknown, and for a visit that repeats the joints of the one before.
@@ -90,12 +92,13 @@ def read_poses(
     """
     reading = reading_of(path)
     options = table_options(path)
+    any_target = any_target and not target_names
     with open_table(os.fspath(path), options) as table:
         reader = table
         header = reader.header()
         log = reader.log
         if reading.columns is None:
-            reader, header = reshaped(reader, header, target_names or ())
+            reader, header = reshaped(reader, header, None if any_target else target_names or ())
         layout = read_layout(header, log, joint_names, joint_types, attained, reading, commands, branches)
         values, remarks = _read_values(reader, layout)
         _check_target_column(layout, target_names or (), reader, header.line)
@@ -105,7 +108,7 @@ def read_poses(
         rows.check_magnitudes()
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
         wrong_joints = units.run(limits) if units_check else frozenset()
-        rows.run(limits, target_names, wrong_joints)
+        rows.run(limits, None if any_target else target_names, wrong_joints)
         check_visits(values, ordered, log)
         angles = AngleChoice(values, reading, orientation_at, log, header.line, known_orientations)
         conventions = angles.run()

@@ -21,13 +21,13 @@ _MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert",
 _NOMINAL = frozenset({"nominal", "nom", "soll", "sollwert", "commanded", "cmd", "reference", "ref"})
 
 
-def reshaped(table: Table, header: Header, target_names: Sequence[str]) -> tuple[Table, Header]:
+def reshaped(table: Table, header: Header, target_names: Sequence[str] | None) -> tuple[Table, Header]:
     """Return a table with one row a measured target, and its header; the given ones where they have this shape.
 
     Args:
         table: Table whose header was read.
         header: That header.
-        target_names: Targets of the robot file.
+        target_names: Targets of the robot file; None: any label of columns is a target.
     """
     header = _with_joint_names(header)
     new: _AxisRows | _TargetsInRows | None = _AxisRows.of(table, header)
@@ -216,9 +216,9 @@ class _TargetsInRows(_Reshaped):
         self._has_visits = any(name.lower() in ("visit", "arrival") for name in header.names)
 
     @classmethod
-    def of(cls, table: Table, header: Header, target_names: Sequence[str]) -> _TargetsInRows | None:
+    def of(cls, table: Table, header: Header, target_names: Sequence[str] | None) -> _TargetsInRows | None:
         by_label = points_in_rows(header.names)
-        targets = {label: _target_of(label, target_names) for label in by_label}
+        targets = {label: label if target_names is None else _target_of(label, target_names) for label in by_label}
         complete = all(set(AXES) <= columns.keys() for columns in by_label.values())
         units = [{_unit(header, columns[axis]) for columns in by_label.values()} for axis in AXES] if complete else []
         is_matched = None not in targets.values() and len(set(targets.values())) == len(targets)

@@ -196,7 +196,10 @@ class Priors:
             ratios.append(max(sum_of_squares, 1e-18) / self.group_stds[name] ** 2)
             current.append(self.group_stds[name])
         score = 0.5 * (np.array(ratios) - np.array(determined))
-        information = np.array([[0.5 * squared[np.ix_(a, b)].sum() for a in places.values()] for b in places.values()])
+        membership = np.zeros((len(places), prior.size))
+        for row, indices in zip(membership, places.values(), strict=True):
+            row[indices] = 1.0
+        information = 0.5 * membership @ squared @ membership.T
         usual = [self._usual.get(name, 0.0) / std for name, std in zip(places, current, strict=True)]
         information += np.diag(0.5 * PSEUDO_CONSTANTS * BADLY_MADE**2 * np.square(usual) + _LEAST_INFORMATION)
         scoring = np.linalg.solve(information, score)

@@ -37,7 +37,7 @@ COMMANDS = {
     "plot": "Write a chart of a stored result as SVG, PNG or PDF.",
     "show": "Show the chain, joints, limits, reach and masses of a robot file or URDF.",
     "robots": "List the arms that come with the package; every command takes one as --robot NAME.",
-    "effects": "List the effects: equation, unit, usual size, required data and similar effects.",
+    "effects": "List the effects; with a name, show its equation, unit, usual size, required data and similar effects.",
     "init": "Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.",
     "plan": "Plan a measurement: choose the poses worth measuring, order them, and predict the result.",
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.fitting.places import places
@@ -72,11 +73,11 @@ def with_held_out_gain(
     the remaining search, its cross-validation, and the withdrawn findings as text.
     """
     withdrawn: list[str] = []
-    judged = data if holdout is None else holdout
+    place = places(data if holdout is None else holdout)
     while validation is not None and search_result.effects:
         weight = search_result.final.weight if holdout is None else None
         scores = {
-            effect: gain_score(validation.without[effect.key()], validation.after, judged, weight)
+            effect: gain_score(validation.without[effect.key()], validation.after, place, weight)
             for effect in search_result.effects
             if effect.key() in validation.without
         }
@@ -84,7 +85,7 @@ def with_held_out_gain(
         if weakest is not None and scores[weakest] < _LEAST_GAIN:
             effects: tuple[Effect, ...] = tuple(effect for effect in search_result.effects if effect != weakest)
             withdrawn.append(str(weakest))
-        elif gain_score(validation.before, validation.after, judged, weight) < _LEAST_GAIN:
+        elif gain_score(validation.before, validation.after, place, weight) < _LEAST_GAIN:
             effects = ()
             withdrawn.extend(str(effect) for effect in search_result.effects)
         else:
@@ -94,16 +95,17 @@ def with_held_out_gain(
     return search_result, validation, tuple(withdrawn)
 
 
-def gain_score(without: Array, after: Array, data: Measurements, weight: Array | None = None) -> float:
+def gain_score(without: Array, after: Array, place: NDArray[np.int64], weight: Array | None = None) -> float:
     """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
 
-    Places are independent, not rows. ``weight`` ``(M, N)`` are reciprocal standard deviations of the components; where
-    None, positions serial are judged, each as good as the others.
+    Places are independent, not rows; ``place`` ``(N,)`` is the number of each row's. ``weight`` ``(M, N)`` are
+    reciprocal standard deviations of the components; where None, positions serial are judged, each as good as the
+    others.
     """
     if weight is None:
         without, after, weight = without[:3], after[:3], np.ones_like(after[:3])
     gain = np.sum((np.square(without) - np.square(after)) * np.square(weight), axis=0)
-    sums = np.bincount(np.unique(places(data), return_inverse=True)[1], weights=gain)
+    sums = np.bincount(np.unique(place, return_inverse=True)[1], weights=gain)
     if sums.size < 2:
         return 0.0
     error = float(np.std(sums, ddof=1)) / np.sqrt(sums.size)

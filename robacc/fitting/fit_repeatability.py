@@ -94,6 +94,7 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
         visits,
         poses,
         precision,
+        fit.scatter,
     )
 
 

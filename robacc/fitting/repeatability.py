@@ -1,14 +1,18 @@
 """Intrinsic repeatability of the joints, estimated beside the measurement noise by restricted maximum likelihood.
 
 With residuals r = X theta + sum_c B_c a_c + e, a_c ~ N(0, v_c I), e ~ N(0, D) as in :mod:`robacc.fitting.whitening`,
-each variance is improved by the minorise-maximise step
+and P = R^-1 - R^-1 X (X^T R^-1 X)^-1 X^T R^-1, the restricted log-likelihood has the slopes and average information
 
-    v_c <- v_c ( |B_c^T P r|^2 / tr(P B_c B_c^T) )^p,   P = R^-1 - R^-1 X (X^T R^-1 X)^-1 X^T R^-1,
+    g_c = (|B_c^T P r|^2 - tr(P B_c B_c^T)) / 2,   A_cd = (w_c^T P w_d) / 2,   w_c = B_c B_c^T P r
 
-with p = 1 while that raises the restricted likelihood, then with p = 1/2, which never lowers it and never leaves the
-positive numbers (H. Zhou, L. Hu, J. Zhou, K. Lange, "MM algorithms for variance components models", J. Comput. Graph.
-Stat. 28 (2019) 350-361). Independent observations are visits: three targets measured at one arrival share the same
-scatter of each joint.
+by the variances (A. R. Gilmour, R. Thompson, B. R. Cullis, "Average information REML", Biometrics 51 (1995) 1440-1450).
+Newton's step is taken in their logarithms, so that they stay positive. Where it does not raise the likelihood,
+
+    v_c <- v_c ( |B_c^T P r|^2 / tr(P B_c B_c^T) )^(1/2)
+
+does (H. Zhou, L. Hu, J. Zhou, K. Lange, "MM algorithms for variance components models", J. Comput. Graph. Stat. 28
+(2019) 350-361). Independent observations are visits: three targets measured at one arrival share the same scatter of
+each joint.
 """
 
 from __future__ import annotations
@@ -27,8 +31,12 @@ MOST_ROWS = 1200
 _ROUNDS = 80
 _SETTLED = 1e-2
 """Change of the restricted log-likelihood below which the iteration stops."""
-_SURE_POWER = 0.5
-"""Power of the ratio in a step that never lowers the likelihood; a power of one is faster, and mostly raises it."""
+_LARGEST_CHANGE = 3.0
+"""Largest change of a variance's logarithm in one step."""
+_RETURNING = 0.1
+"""Least share of the usual start at which a standard deviation starts if an earlier estimate is known."""
+_DAMPING = 0.25
+"""Share of a slope that is added to its information: it bounds the step of a variance that goes to zero."""
 _LEAST_NOISE = 1e-8
 """Least standard deviation of the noise, m or rad: exact data would leave only rounding errors to estimate from."""
 _LARGEST_INVERSE = 1e12
@@ -74,6 +82,7 @@ def estimate(
     visits: NDArray[np.int64],
     poses: NDArray[np.int64],
     prior_precision: Array | None = None,
+    earlier: Scatter | None = None,
 ) -> Components:
     """Estimate the joints' scatter and the noise beyond the stated measurement uncertainty.
 
@@ -85,17 +94,24 @@ def estimate(
         visits: ``(N,)`` number of the visit of each row.
         poses: ``(N,)`` number of the commanded pose of each row.
         prior_precision: ``(K,)`` of coefficients with a prior; zero for none.
+        earlier: Earlier estimate, from which the iteration starts.
     """
     data = _Data(residual, design, joint_columns, known_var, visits, poses)
     repeated = np.unique(poses).size < np.unique(visits).size
     prior = np.zeros(design.shape[1]) if prior_precision is None else prior_precision
     zero = Scatter(np.zeros(joint_columns.shape[1]), np.zeros(joint_columns.shape[1]))
     start = _start(data)
-    noise, _, null_likelihood = _ascend(data, prior, zero, start, repeated=False)
+    noise, _, null_likelihood = _ascend(data, prior, zero, start)
     size = np.sqrt(np.mean(np.sum(np.square(joint_columns[:3]), axis=0), axis=1))
     initial_std = np.where(size > 0, noise[0] / np.maximum(size, 1e-12) / 2.0, 0.0)
     initial = Scatter(initial_std, initial_std if repeated else np.zeros_like(initial_std))
-    noise, scatter, likelihood = _ascend(data, prior, initial, noise, repeated=repeated)
+    if earlier is not None:
+        # A variance that starts at zero would stay there.
+        initial = Scatter(
+            np.maximum(earlier.visit_std, _RETURNING * initial.visit_std),
+            np.maximum(earlier.pose_std, _RETURNING * initial.pose_std) if repeated else initial.pose_std,
+        )
+    noise, scatter, likelihood = _ascend(data, prior, initial, noise)
     scatter = _without_negligible(scatter, size)
     return Components(scatter, noise, 2.0 * (likelihood - null_likelihood), _standard_errors(data, scatter, noise))
 
@@ -113,26 +129,61 @@ def _weight(data: _Data, noise: tuple[float, float]) -> Array:
 
 
 def _ascend(
-    data: _Data, prior: Array, scatter: Scatter, noise: tuple[float, float], *, repeated: bool
+    data: _Data, prior: Array, scatter: Scatter, noise: tuple[float, float]
 ) -> tuple[tuple[float, float], Scatter, float]:
-    """Improve all variances until the restricted likelihood converges."""
-    step = _Step.of(data, prior, whitening(_weight(data, noise), data.columns, scatter, data.visits, data.poses))
-    power = 1.0
+    """Improve all variances that are not zero until the restricted likelihood converges."""
+    stds = np.concatenate((scatter.visit_std, scatter.pose_std, noise))
+    step = _step_at(data, prior, stds)
     for _ in range(_ROUNDS):
-        ratio = step.ratio(data.visits) ** power
-        pose_ratio = step.ratio(data.poses) ** power if repeated else np.ones_like(ratio)
-        next_noise = step.noise(noise, power)
-        next_scatter = Scatter(scatter.visit_std * np.sqrt(ratio), scatter.pose_std * np.sqrt(pose_ratio))
-        white = whitening(_weight(data, next_noise), data.columns, next_scatter, data.visits, data.poses)
-        moved = _Step.of(data, prior, white)
-        if moved.likelihood < step.likelihood and power > _SURE_POWER:
-            power = _SURE_POWER  # the step of the square root never lowers the likelihood
-            continue
+        free = np.flatnonzero(stds)
+        slopes = step.slopes(free)
+        moved_stds = stds.copy()
+        moved_stds[free] *= np.exp(0.5 * slopes.newton(np.square(stds[free])))
+        moved = _step_at(data, prior, moved_stds)
+        if not moved.likelihood > step.likelihood:
+            moved_stds[free] = stds[free] * slopes.ratio**0.25
+            moved = _step_at(data, prior, moved_stds)
         gain = moved.likelihood - step.likelihood
-        noise, scatter, step = next_noise, next_scatter, moved
+        stds, step = moved_stds, moved
         if gain < _SETTLED:
             break
-    return noise, scatter, step.likelihood
+    joints = scatter.visit_std.size
+    return (float(stds[-2]), float(stds[-1])), Scatter(stds[:joints], stds[joints : 2 * joints]), step.likelihood
+
+
+def _step_at(data: _Data, prior: Array, stds: Array) -> _Step:
+    """Return the linear solve at standard deviations of visits, poses and noise ``(2 J + 2,)``."""
+    joints = data.columns.shape[1]
+    weight = _weight(data, (stds[-2], stds[-1]))
+    scatter = Scatter(stds[:joints], stds[joints : 2 * joints])
+    return _Step.of(data, prior, whitening(weight, data.columns, scatter, data.visits, data.poses))
+
+
+@dataclass(frozen=True, slots=True)
+class _RestrictedSlopes:
+    """Slopes and average information of the restricted log-likelihood by F variances."""
+
+    numerator: Array
+    """``(F,)`` |B^T P r|^2"""
+    trace: Array
+    """``(F,)`` tr(P B B^T)"""
+    information: Array
+    """``(F, F)``"""
+
+    @property
+    def ratio(self) -> Array:
+        """``(F,)`` numerator over trace; zero where both vanish."""
+        good = self.trace > 1e-12 * np.maximum(self.numerator, 1e-300)
+        return np.where(good, self.numerator / np.where(good, self.trace, 1.0), 0.0)
+
+    def newton(self, variances: Array) -> Array:
+        """Return ``(F,)`` Newton's step in the logarithms of the variances."""
+        slope = 0.5 * (self.numerator - self.trace) * variances
+        information = self.information * variances[:, None] * variances
+        information[np.diag_indices_from(information)] += _DAMPING * np.abs(slope)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+        solution = np.linalg.lstsq(information * scale[:, None] * scale, slope * scale, rcond=1e-12)[0]
+        return np.clip(solution * scale, -_LARGEST_CHANGE, _LARGEST_CHANGE)
 
 
 @dataclass(frozen=True)
@@ -171,37 +222,44 @@ class _Step:
         cost = float(np.sum(np.square(remainder))) + float(prior @ np.square(theta))
         return _Step(data, white, score, solved, covariance, by_visit, -0.5 * (white.log_determinant + logdet + cost))
 
-    def ratio(self, groups: NDArray[np.int64]) -> Array:
-        """Return ``(J,)`` |B^T P r|^2 over tr(P B B^T) of each joint; the rows of a group share its scatter."""
-        number = np.unique(groups, return_inverse=True)[1]
-        columns = self.data.columns
-        count = int(number.max(initial=-1)) + 1
-        joints = columns.shape[1]
-        numerator, trace = np.zeros(joints), np.zeros(joints)
-        order = np.argsort(number, kind="stable")
-        first = np.searchsorted(number[order], np.arange(count))
-        for j in range(joints):
-            column = columns[:, j]
-            shared = np.add.reduceat(np.sum(column * self.score, axis=0)[order], first)
-            numerator[j] = float(shared @ shared)
-            model = np.einsum("mn,mkn->kn", column, self.solved)[:, order]
-            model = np.add.reduceat(model, first, axis=1)
-            trace[j] = self._trace(j, order, first) - float(np.sum((self.covariance @ model) * model))
-        good = trace > 1e-12 * np.maximum(np.abs(numerator), 1e-300)
-        return np.where(good, numerator / np.where(good, trace, 1.0), 0.0)
+    def slopes(self, variances: NDArray[np.int64]) -> _RestrictedSlopes:
+        """Return the slopes by the given variances of visits, poses and noise (numbers below 2 J + 2)."""
+        components, joints, n = self.data.columns.shape
+        numerator, trace, moved = (
+            np.zeros(variances.size),
+            np.zeros(variances.size),
+            np.zeros((variances.size, components, n)),
+        )
+        groupings = [_RowGroups.of(self.data.visits), _RowGroups.of(self.data.poses)]
+        diagonal = self._noise_diagonal if (variances >= 2 * joints).any() else np.zeros_like(self.score)
+        for i, number in enumerate(variances.tolist()):
+            if number < 2 * joints:
+                grouping, column = groupings[number // joints], self.data.columns[:, number % joints]
+                shared = grouping.sums(np.sum(column * self.score, axis=0))
+                numerator[i] = float(shared @ shared)
+                trace[i] = self._trace(number % joints, grouping)
+                moved[i] = column * shared[grouping.number]
+            else:
+                part = slice(0, 3) if number == 2 * joints else slice(3, 6)
+                numerator[i] = float(np.sum(np.square(self.score[part])))
+                trace[i] = float(np.sum(diagonal[part]))
+                moved[i, part] = self.score[part]
+        used = np.tensordot(moved, self.solved, axes=([1, 2], [0, 2]))
+        white = self.white.apply_inplace(moved).reshape(variances.size, -1)
+        return _RestrictedSlopes(numerator, trace, 0.5 * (white @ white.T - used @ self.covariance @ used.T))
 
-    def _trace(self, joint: int, order: NDArray[np.int64], first: NDArray[np.int64]) -> float:
-        """Return tr(R^-1 B B^T) of a joint; ``order`` sorts the rows by group, and ``first`` is where each begins.
+    def _trace(self, joint: int, grouping: _RowGroups) -> float:
+        """Return tr(P B B^T) of a joint whose scatter the rows of a group share.
 
         A group is a union of visits within a pose.
         """
+        model = grouping.sums(np.einsum("mn,mkn->kn", self.data.columns[:, joint], self.solved))
         column = self.by_visit[joint]
-        total = float(np.sum(np.square(column)))
+        total = float(np.sum(np.square(column))) - float(np.sum((self.covariance @ model) * model))
         if self.white.pose_errors is None:
             return total
-        products = np.einsum("mjn,mn->nj", self.white.pose_errors.columns, column)[order]
-        sums = np.add.reduceat(products, first, axis=0)
-        return total - float(np.einsum("gi,gij,gj->", sums, self._inner[order[first]], sums))
+        sums = grouping.sums(np.einsum("mjn,mn->jn", self.white.pose_errors.columns, column))
+        return total - float(np.einsum("ig,gij,jg->", sums, self._inner[grouping.order[grouping.first]], sums))
 
     @cached_property
     def _inner(self) -> Array:
@@ -222,21 +280,36 @@ class _Step:
         shared *= self.white.weight
         return np.asarray(result - np.einsum("imn,nij,jmn->mn", shared, self._inner, shared))
 
-    def noise(self, noise: tuple[float, float], power: float) -> tuple[float, float]:
-        """Return the improved noise beyond the stated measurement uncertainty."""
-        result = []
-        trace = self._inverse_diagonal()
-        used = np.stack([np.einsum("kn,kn->n", rows, self.covariance @ rows) for rows in self.solved])
-        for part, size in ((slice(0, 3), noise[0]), (slice(3, 6), noise[1])):
-            if size == 0.0 or self.score[part].size == 0:
-                result.append(size)
-                continue
-            denominator = float(np.sum(trace[part] - used[part]))
-            numerator = float(np.sum(np.square(self.score[part])))
-            result.append(
-                size * float((numerator / denominator) ** (0.5 * power)) if numerator > 0 and denominator > 0 else 1e-9
-            )
-        return result[0], result[1]
+    @property
+    def _noise_diagonal(self) -> Array:
+        """``(M, N)`` the diagonal of P."""
+        used = [np.einsum("kn,kn->n", rows, self.covariance @ rows) for rows in self.solved]
+        return np.asarray(self._inverse_diagonal() - np.stack(used))
+
+
+@dataclass(frozen=True, slots=True)
+class _RowGroups:
+    """Rows in groups."""
+
+    number: NDArray[np.int64]
+    """``(N,)`` group of each row."""
+    order: NDArray[np.int64]
+    """``(N,)`` rows sorted by group."""
+    first: NDArray[np.int64]
+    """``(G,)`` place in :attr:`order` where each group begins."""
+
+    @classmethod
+    def of(cls, groups: NDArray[np.int64]) -> _RowGroups:
+        """Number the groups without gaps."""
+        number = np.unique(groups, return_inverse=True)[1]
+        order = np.argsort(number, kind="stable")
+        return cls(number, order, np.searchsorted(number[order], np.arange(int(number.max(initial=-1)) + 1)))
+
+    def sums(self, values: Array) -> Array:
+        """Return ``(..., G)`` sums over the rows of each group of ``(..., N)``."""
+        if self.first.size == self.number.size:
+            return values[..., self.order]
+        return np.add.reduceat(values[..., self.order], self.first, axis=-1)
 
 
 def _inverse(matrix: Array) -> Array:

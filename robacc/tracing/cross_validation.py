@@ -254,7 +254,10 @@ def _matching_effects(
     by_finding = [[effect for _, effect in chosen if finding.is_same_finding(effect)] for finding in findings]
     if all(by_finding):
         return by_finding
-    others = [{(other.effect, other.joints) for other in rivals(selection, choice)[1]} for choice, _ in chosen]
+    lacking = {(f.name, f.joints) for f, matches in zip(findings, by_finding, strict=True) if not matches}
+    others = [
+        {(other.effect, other.joints) for other in rivals(selection, choice, among=lacking)[1]} for choice, _ in chosen
+    ]
     return [
         matches or [effect for (_, effect), names in zip(chosen, others, strict=True) if (f.name, f.joints) in names]
         for f, matches in zip(findings, by_finding, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,18 +67,24 @@ Lag = Callable[[Ranked, Ranked], FittedRival | None]
 
 
 def rivals(
-    selection: Selection, finding: Chosen, refitted: Lag | None = None
+    selection: Selection,
+    finding: Chosen,
+    refitted: Lag | None = None,
+    among: Collection[tuple[str, tuple[str, ...]]] | None = None,
 ) -> tuple[Ranked, tuple[Alternative, ...]]:
     """Return a finding's score and its rivals near in evidence, nearest first: at most one for each effect and joint.
 
     Rivals are scored at the fit that contains the finding at full size. The linearisation ignores the curvature of a
     rival, so an equal of a large finding seems to fall behind. ``refitted`` is asked about those. A rival competes as
-    the finding does: in the form of largest evidence near the best of those that a search tries first.
+    the finding does: in the form of largest evidence near the best of those that a search tries first. With ``among``,
+    only rivals of these effects and joints are judged.
     """
     ranked, ranking = selection.contest(finding)
     alternatives: list[Alternative] = []
     n_fitted = 0
     for place, first_form in enumerate(_best_forms(ranking, finding)):
+        if among is not None and (first_form.candidate.effect.name, first_form.candidate.effect.joints) not in among:
+            continue
         behind = ranked.total - first_form.total > RIVAL
         if len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):
             continue

@@ -74,11 +74,12 @@ def test_steps_of_restricted_likelihood_equal_those_of_dense_matrices(visit_std:
     design = np.moveaxis(sample.design, 1, 0).reshape(COEFFICIENTS, -1).T
     projected = inverse - inverse @ design @ np.linalg.solve(design.T @ inverse @ design, design.T @ inverse)
     score = projected @ sample.residual.ravel()
-    for groups in (sample.visits, sample.poses):
-        shared = [sample.shared(groups, joint) for joint in range(JOINTS)]
-        expected = [score @ part @ score / np.trace(projected @ part) for part in shared]
-        np.testing.assert_allclose(step.ratio(groups), expected, rtol=1e-10)
-    expected_noise = NOISE * np.sqrt(score @ score / np.trace(projected))
-    assert step.noise((NOISE, 0.0), 1.0)[0] == pytest.approx(expected_noise, rel=1e-12)
+    parts = [sample.shared(groups, joint) for groups in (sample.visits, sample.poses) for joint in range(JOINTS)]
+    parts.append(np.eye(score.size))
+    slopes = step.slopes(np.arange(len(parts)))
+    np.testing.assert_allclose(slopes.numerator, [score @ part @ score for part in parts], rtol=1e-10)
+    np.testing.assert_allclose(slopes.trace, [np.trace(projected @ part) for part in parts], rtol=1e-9)
+    moved = np.array([part @ score for part in parts])
+    np.testing.assert_allclose(slopes.information, 0.5 * moved @ projected @ moved.T, rtol=1e-9)
     restricted = np.linalg.slogdet(sample.dense)[1] + np.linalg.slogdet(design.T @ inverse @ design)[1]
     assert step.likelihood == pytest.approx(-0.5 * (restricted + sample.residual.ravel() @ score), rel=1e-10)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, MOST_ROWS, Components, estimate
+from robacc.fitting.restricted_likelihood import MixedModel
 from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
 
@@ -86,16 +87,16 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
         return None
     components = fit.residual.shape[0]
     _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)
-    return estimate(
-        fit.residual[:, rows],
-        jacobian[:components],
-        joint_columns(fit.model, part)[:components],
-        known_variance(part, components),
-        visits,
-        poses,
-        precision,
-        fit.scatter,
+    model = MixedModel(
+        residual=fit.residual[:, rows],
+        design=jacobian[:components],
+        prior_precision=precision,
+        columns=joint_columns(fit.model, part)[:components],
+        known_var=known_variance(part, components),
+        visits=visits,
+        poses=poses,
     )
+    return estimate(model, fit.scatter)
 
 
 def significant_components(fit: Fit, data: Measurements) -> Components | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robacc.fitting.repeatability import _Data, _Step
+from robacc.fitting.restricted_likelihood import MixedModel, RestrictedLikelihood
 from robacc.fitting.whitening import Scatter, Whitening, whitening
 
 POSES, CYCLES, TARGETS = 5, 4, 3
@@ -66,20 +66,28 @@ def test_rows_that_are_ignored_do_not_change_those_that_stay() -> None:
 
 
 @pytest.mark.parametrize(("visit_std", "pose_std"), [(0.5, 0.8), (0.0, 0.8), (0.5, 0.0)])
-def test_steps_of_restricted_likelihood_equal_those_of_dense_matrices(visit_std: float, pose_std: float) -> None:
+def test_restricted_likelihood_and_its_slopes_equal_those_of_dense_matrices(visit_std: float, pose_std: float) -> None:
     sample = Sample(visit_std, pose_std)
-    data = _Data(sample.residual, sample.design, sample.columns, np.zeros((COMPONENTS, N)), sample.visits, sample.poses)
-    step = _Step.of(data, np.zeros(COEFFICIENTS), sample.whitening())
+    model = MixedModel(
+        sample.residual,
+        sample.design,
+        np.zeros(COEFFICIENTS),
+        sample.columns,
+        np.zeros((COMPONENTS, N)),
+        sample.visits,
+        sample.poses,
+    )
+    likelihood = RestrictedLikelihood.of(model, sample.whitening())
     inverse = np.linalg.inv(sample.dense)
     design = np.moveaxis(sample.design, 1, 0).reshape(COEFFICIENTS, -1).T
     projected = inverse - inverse @ design @ np.linalg.solve(design.T @ inverse @ design, design.T @ inverse)
     score = projected @ sample.residual.ravel()
     parts = [sample.shared(groups, joint) for groups in (sample.visits, sample.poses) for joint in range(JOINTS)]
     parts.append(np.eye(score.size))
-    slopes = step.slopes(np.arange(len(parts)))
+    slopes = likelihood.slopes(np.arange(len(parts)))
     np.testing.assert_allclose(slopes.numerator, [score @ part @ score for part in parts], rtol=1e-10)
     np.testing.assert_allclose(slopes.trace, [np.trace(projected @ part) for part in parts], rtol=1e-9)
     moved = np.array([part @ score for part in parts])
     np.testing.assert_allclose(slopes.information, 0.5 * moved @ projected @ moved.T, rtol=1e-9)
     restricted = np.linalg.slogdet(sample.dense)[1] + np.linalg.slogdet(design.T @ inverse @ design)[1]
-    assert step.likelihood == pytest.approx(-0.5 * (restricted + sample.residual.ravel() @ score), rel=1e-10)
+    assert likelihood.log_likelihood == pytest.approx(-0.5 * (restricted + sample.residual.ravel() @ score), rel=1e-10)

@@ -23,7 +23,8 @@ from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.parallel import fork_map
-from robacc.tracing.loop import SearchResult, choose
+from robacc.tracing.choosing import choose
+from robacc.tracing.loop import SearchResult
 from robacc.tracing.ranking import Chosen
 from robacc.tracing.refitting import SEARCH, frames_first, refit
 from robacc.tracing.rivals import rivals

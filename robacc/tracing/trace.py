@@ -136,11 +136,7 @@ def trace(
     if search_result.effects != confirmed.effects:
         choices = None if validation is None else validation.choices
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
-    converged = dataclasses.replace(
-        Options(), scatter=search_result.options.scatter, misfit=search_result.options.misfit
-    )
-    declared, form = choose_form(search_result.declared, search_result.declared.model, data, converged)
-    final, form = _polished(search_result, data, converged) if search_result.effects else (declared, form)
+    declared, final, form = _final_fits(search_result, data)
     noise = lack_of_fit(final, data)
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
@@ -184,21 +180,10 @@ def trace(
         next_poses=_advice(search_result, findings, data, noise.noise.position, seed),
         warnings=(
             *mistakes,
-            *suspected_mistakes(final),
-            *convergence_warning(final),
-            *mass_warning(final),
-            *data.warnings,
-            *data.contradicted_ids(),
-            *places_warning(data),
+            *_warnings_of_fits(declared, final, noise, data),
             *([no_held_out_warning(data)] if validation is None else []),
             *withdrawn_warning(withdrawn),
-            *outliers_warning(final, data),
             *([] if rounding is None else [rounding.warning]),
-            *read_back_warning(final, data),
-            *frames_warning(declared, data),
-            *sigma_warning(noise),
-            *weak_parameters_warning(final),
-            *condition_warning(declared),
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,
@@ -231,16 +216,40 @@ def _search_label(count: int, n_findings: int) -> str:
     return f"searching, round {count}{findings}"
 
 
-def _polished(search_result: SearchResult, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice | None]:
-    """Return the final fit at full convergence, with elastic effects in the form that the data support.
+def _final_fits(search_result: SearchResult, data: Measurements) -> tuple[Fit, Fit, DeflectionChoice | None]:
+    """Return fits of the declared effects and of all effects at full convergence.
 
-    A fit with shrunk blocks is returned unchanged.
+    Elastic effects are in the form that the data support; the choice is returned too. A fit with shrunk blocks is not
+    repeated.
     """
+    scatter, misfit = search_result.options.scatter, search_result.options.misfit
+    converged = dataclasses.replace(Options(), scatter=scatter, misfit=misfit)
+    declared, form = choose_form(search_result.declared, search_result.declared.model, data, converged)
+    if not search_result.effects:
+        return declared, declared, form
     if search_result.final.group_stds:
-        return search_result.final, None
+        return declared, search_result.final, None
     model = search_result.declared.model.with_free(*frames_first(search_result.effects))
-    fit = refit(search_result.final, model.free, data, options)
-    return choose_form(fit, model, data, options)
+    final, form = choose_form(refit(search_result.final, model.free, data, converged), model, data, converged)
+    return declared, final, form
+
+
+def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measurements) -> tuple[str, ...]:
+    """Return what a reader of the two fits must know of them and of their data."""
+    return (
+        *suspected_mistakes(final),
+        *convergence_warning(final),
+        *mass_warning(final),
+        *data.warnings,
+        *data.contradicted_ids(),
+        *places_warning(data),
+        *outliers_warning(final, data),
+        *read_back_warning(final, data),
+        *frames_warning(declared, data),
+        *sigma_warning(noise),
+        *weak_parameters_warning(final),
+        *condition_warning(declared),
+    )
 
 
 def _advice(

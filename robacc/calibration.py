@@ -19,6 +19,7 @@ from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import Request, build
 from robacc.errors import InputError
 from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.deflection_model import DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
@@ -144,6 +145,8 @@ def calibrate(
             options, (unshrunk, deflection) = scattered_options, weighted
         else:
             unshrunk = with_scatter_covariance(unshrunk, components, data)
+    correlated = correlated_errors(unshrunk, data)
+    unshrunk = with_correlated_errors(unshrunk, correlated)
     plan = dataclasses.replace(plan, options=options)
     final_fit, shrunk = _shrunk(plan, unshrunk, data, options)
     repeatability = None if components is None else repeatability_of(final_fit, components, data)
@@ -181,6 +184,7 @@ def calibrate(
             *_warnings(final_fit, data, comparison.after, noise),
             *_request_warnings(requests, final_fit, comparison.nominal, comparison.after),
             *([] if is_scatter else [NO_SCATTER]),
+            *([] if correlated is None else [correlated.warning]),
         ),
         residuals=comparison.residuals,
         holdout=comparison.holdout,

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.errors import Counted
+from robacc.geometry import Array
+from robacc.poses.columns import AXES, QUATERNION, ROTATION_VECTOR, RPY
 from robacc.poses.values import Values
 
 _OF_VISIT = frozenset(("pose", "cycle", "visit"))
@@ -15,22 +18,27 @@ _FEW = 0.1
 """Largest share of rows that repeat the measurement of another visit for these to be called copies."""
 
 
+_MEASURED = (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY)
+_COARSE = 1e-5
+"""m; positions rounded to this repeat by chance, since arms repeat within it."""
+_CELL = 5e-6
+"""m; size of the cells in which positions that nearly agree are counted."""
+_NEAR_PER_EQUAL = 25.0
+"""Pairs of a cell that differ, for each that is equal, from which equal ones are chance: five times fewer than noise
+gives, at a resolution of 1 um."""
+
+
 def duplicate_row_warnings(values: Values, file: str, counted: Counted) -> list[str]:
-    """Return a warning where rows repeat an earlier row in every column in use, which noise hardly ever does."""
+    """Return a warning where rows repeat an earlier row, or its measured values alone, which noise hardly ever does."""
     if values.lines.size < 2:
         return []
-    # Equal rows have equal sums, term by term; only rows with equal sums are compared in full.
-    sums = np.zeros(values.lines.size)
-    for number, row in enumerate(values.numbers, 2):
-        sums += math.sqrt(number) * row
-    ordered = np.sort(sums)
-    if not np.any(ordered[1:] == ordered[:-1]):
+    measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
+    same_measured = _equal_pairs(measured if len(measured) else values.numbers)
+    if not same_measured[0].size:
         return []
-    order = np.argsort(sums, kind="stable")
-    equal_sums = np.flatnonzero(sums[order][1:] == sums[order][:-1])
-    first, second = order[equal_sums], order[equal_sums + 1]
-    equal = (values.numbers[:, first] == values.numbers[:, second]).all(axis=0)
-    same_visit = np.ones_like(equal)
+    first, second = _equal_pairs(values.numbers)
+    equal = np.ones(first.size, dtype=bool)
+    same_visit = equal.copy()
     for name, text in values.texts.items():
         agrees = text[first] == text[second]
         if name in _OF_VISIT:
@@ -38,15 +46,54 @@ def duplicate_row_warnings(values: Values, file: str, counted: Counted) -> list[
         else:
             equal &= agrees
     duplicate = equal & same_visit
-    where = "in every column"
-    if not duplicate.any():
-        # Rounded values of many visits repeat by chance; a few to the last digit are copies.
-        if not 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
-            return []
-        duplicate, where = equal, "of another visit to the last digit"
-    i = int(min(np.flatnonzero(duplicate), key=lambda pair: values.lines[second[pair]]))
-    original, copy = int(values.lines[first[i]]), int(values.lines[second[i]])
-    count = int(np.count_nonzero(duplicate))
-    rows = f"{count} row{'s repeat' if count > 1 else ' repeats'} an earlier row {where}"
-    example = f"{counted} {copy} repeats {counted} {original}"
+    if duplicate.any():
+        return _warning(values, (first[duplicate], second[duplicate]), "an earlier row in every column", file, counted)
+    # Rounded values of many visits repeat by chance; a few to the last digit are copies.
+    if 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
+        where = "an earlier row of another visit to the last digit"
+        return _warning(values, (first[equal], second[equal]), where, file, counted)
+    if "x" in values.row_index and _are_copies(measured[:3], same_measured[0].size):
+        return _warning(values, same_measured, "the measured values of an earlier row to the last digit", file, counted)
+    return []
+
+
+def _equal_pairs(numbers: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of pairs of rows with equal columns of ``numbers`` ``(C, N)``, the earlier row first."""
+    # Equal rows have equal sums, term by term; only rows with equal sums are compared in full.
+    sums = np.zeros(numbers.shape[1])
+    for number, row in enumerate(numbers, 2):
+        sums += math.sqrt(number) * row
+    ordered = np.sort(sums)
+    if not np.any(ordered[1:] == ordered[:-1]):
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    order = np.argsort(sums, kind="stable")
+    equal_sums = np.flatnonzero(sums[order][1:] == sums[order][:-1])
+    first, second = order[equal_sums], order[equal_sums + 1]
+    equal = (numbers[:, first] == numbers[:, second]).all(axis=0)
+    return first[equal], second[equal]
+
+
+def _are_copies(position: Array, equal: int) -> bool:
+    """Return whether ``equal`` pairs of equal positions ``(3, N)`` are too many for chance.
+
+    By chance, many more pairs differ in the last digits than agree in all of them.
+    """
+    steps = position / _COARSE
+    if np.count_nonzero(np.abs(steps - np.round(steps)) > 1e-4) < 0.5 * position.size:
+        return False
+    distinct = np.unique(position, axis=1)
+    cells = np.unique(np.floor(distinct / _CELL), axis=1, return_counts=True)[1]
+    near = float(np.sum(cells * (cells - 1)) / 2)
+    return near < _NEAR_PER_EQUAL * equal
+
+
+def _warning(
+    values: Values, pairs: tuple[NDArray[np.int64], NDArray[np.int64]], where: str, file: str, counted: Counted
+) -> list[str]:
+    """Return the warning of the pairs of rows, with that whose copy comes first as the example."""
+    first, second = pairs
+    i = int(np.argmin(values.lines[second]))
+    count = first.size
+    rows = f"{count} row{'s repeat' if count > 1 else ' repeats'} {where}"
+    example = f"{counted} {int(values.lines[second[i]])} repeats {counted} {int(values.lines[first[i]])}"
     return [f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies"]

@@ -15,6 +15,7 @@ from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
@@ -138,7 +139,8 @@ def trace(
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     declared, final, form = _final_fits(search_result, data)
     noise = lack_of_fit(final, data)
-    with_masses = with_mass_uncertainty(final, data)
+    correlated = correlated_errors(final, data)
+    with_masses = with_mass_uncertainty(with_correlated_errors(final, correlated), data)
     coefficients = parameters(with_masses)
     findings = tuple(
         describe_finding(search_result, effect, final, coefficients, validation, data)
@@ -184,6 +186,7 @@ def trace(
             *([no_held_out_warning(data)] if validation is None else []),
             *withdrawn_warning(withdrawn),
             *([] if rounding is None else [rounding.warning]),
+            *([] if correlated is None else [correlated.warning]),
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,

@@ -265,15 +265,15 @@ def test_rows_that_repeat_one_another_are_told_of(tmp_path: Path) -> None:
 
 
 def test_a_measurement_copied_to_another_visit_is_told_of(tmp_path: Path) -> None:
-    """Three of sixty rows have the values of another visit; with many, rounding is the reason."""
+    """Three of sixty rows have the values of another visit; of rounded values many repeat by chance."""
     from robacc.poses.csv_file import read_poses
 
     values = np.random.default_rng(0).normal(size=(60, 6))
     path = tmp_path / "poses.csv"
 
-    def warnings(copies: int) -> list[str]:
-        copied = values.copy()
-        copied[60 - copies :] = values[:copies]
+    def warnings(copies: int, digits: int = 17) -> list[str]:
+        copied = np.round(values, digits)
+        copied[60 - copies :] = copied[:copies]
         lines = [",".join([f"v{i}", *map(repr, row)]) for i, row in enumerate(copied.tolist())]
         path.write_text("\n".join(["visit,x,y,z,cmd_x,cmd_y,cmd_z", *lines]))
         return [text for text in read_poses(path).warnings if "repeat" in text]
@@ -281,4 +281,28 @@ def test_a_measurement_copied_to_another_visit_is_told_of(tmp_path: Path) -> Non
     assert warnings(0) == []
     (text,) = warnings(3)
     assert text.startswith(f"{path}: 3 rows repeat an earlier row of another visit to the last digit (line 59 repeats")
-    assert warnings(20) == []
+    assert warnings(20, digits=4) == []
+
+
+def test_measured_values_copied_with_new_times_are_told_of(tmp_path: Path) -> None:
+    """Every row twice, with another time; visits of one pose that agree to 1 um now and then are no copies."""
+    from robacc.poses.csv_file import read_poses
+
+    rng = np.random.default_rng(0)
+    path = tmp_path / "poses.csv"
+
+    def warnings(position: np.ndarray) -> list[str]:
+        lines = [f"{30 * i}," + ",".join(map(repr, row)) for i, row in enumerate(position.tolist())]
+        path.write_text("\n".join(["time_s,x,y,z,cmd_x,cmd_y,cmd_z", *lines]))
+        return [text for text in read_poses(path).warnings if "repeat" in text]
+
+    commanded = rng.normal(size=(40, 3))
+    once = np.hstack([np.round(commanded + rng.normal(0, 1e-5, commanded.shape), 6), commanded])
+    assert warnings(once) == []
+    (text,) = warnings(np.repeat(once, 2, axis=0))
+    assert text.startswith(f"{path}: 40 rows repeat the measured values of an earlier row to the last digit (line 3 ")
+    often = np.repeat(commanded, 30, axis=0)
+    noisy = np.hstack([np.round(often + rng.normal(0, 4e-6, often.shape), 6), often])
+    assert np.unique(noisy[:, :3], axis=0).shape[0] < 1200
+    assert warnings(noisy) == []
+    assert warnings(np.hstack([np.round(often, 4), often])) == []

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.places import places
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, MOST_ROWS, Components, estimate
 from robacc.fitting.restricted_likelihood import MixedModel
 from robacc.fitting.visits import visit_numbers
@@ -41,7 +42,8 @@ class Repeatability:
     source: Literal["repeated visits", "several targets", "residual"]
     """Source that separates it from the noise; with ``residual``, an effect outside the catalogue looks the same."""
     pose_position: float
-    """Root mean square of the error that all visits of a pose share and no effect explains, m."""
+    """Root mean square of the error that all visits of a commanded pose, or of poses that lie close together, share and
+    no effect explains, m."""
 
 
 def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Repeatability:
@@ -82,7 +84,7 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
         columns, precision = columns[precision == 0.0], precision[precision == 0.0]
     rows = _thinned(data, np.flatnonzero(fit.inliers))
     part = data.subset(rows)
-    visits, poses = visit_numbers(part), part.groups()
+    visits, poses = visit_numbers(part), places(part)
     if part.q is None or np.unique(visits).size < _FEWEST:
         return None
     components = fit.residual.shape[0]

@@ -22,6 +22,7 @@ from robacc.fitting.fit_repeatability import known_variance
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.places import places
 from robacc.fitting.repeatability import Components
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
@@ -90,7 +91,7 @@ def _gram_and_meat(
     meat = np.einsum("mkn,mn,mln->kl", design, noise_var, design, optimize=True)
     shared = np.einsum("mkn,mjn->kjn", design, joints, optimize=True)
     scatter = components.scatter
-    for numbers, stds in ((visit_numbers(part), scatter.visit_std), (part.groups(), scatter.pose_std)):
+    for numbers, stds in ((visit_numbers(part), scatter.visit_std), (places(part), scatter.pose_std)):
         order = np.argsort(numbers, kind="stable")
         first = np.flatnonzero(np.diff(numbers[order], prepend=-1))
         sums = np.add.reduceat(shared[:, :, order], first, axis=2) * stds[:, None]

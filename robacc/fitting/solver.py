@@ -8,6 +8,7 @@ number of poses beyond the data and what is predicted for them.
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from robacc.fitting.gauss_newton import minimise
 from robacc.fitting.identifiability import Identifiability, identify
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.outlier_pattern import outlier_pattern
+from robacc.fitting.places import places
 from robacc.fitting.shrinkage import Priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.weak_parameters import WEAK, badly_made, constant_kinds, std_at_nominal
@@ -98,8 +100,13 @@ class _Solver:
         weight = self.weight if inliers is None else self.weight * inliers
         if self.columns is None or self.options.scatter is None:
             return Whitening(weight)
-        visits, poses = visit_numbers(self.data), self.data.groups()
-        return whitening(weight, self.columns, self.options.scatter, visits, poses)
+        return whitening(weight, self.columns, self.options.scatter, visit_numbers(self.data), self._sharing)
+
+    @cached_property
+    def _sharing(self) -> NDArray[np.int64]:
+        """Return the number of each row's place if rows of a place share errors, else that of its commanded pose."""
+        shared = self.options.scatter is not None and self.options.scatter.pose_std.any()
+        return places(self.data) if shared else self.data.groups()
 
     def _identify(self) -> Identifiability:
         """Find the identifiable coefficients; coefficients with a group prior always are.

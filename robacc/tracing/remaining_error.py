@@ -64,8 +64,8 @@ def _scatter_hints(repeatability: Repeatability | None, rounding: Rounding | Non
         )
     if repeatability.pose_position > max(repeatability.position, _SMALL_POSE_ERROR):
         yield (
-            f"all visits of a pose share an error of {1e3 * repeatability.pose_position:.3g} mm rms that no candidate "
-            "explains"
+            "visits of a pose, or of poses close together, share an error of "
+            f"{1e3 * repeatability.pose_position:.3g} mm rms that no candidate explains"
         )
 
 

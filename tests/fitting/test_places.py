@@ -6,10 +6,17 @@ import dataclasses
 
 import numpy as np
 import pytest
+from arms import arm
 
+from robacc.effects.request import build, parse_requests
 from robacc.fitting.cross_validation import folds
+from robacc.fitting.fit_repeatability import settle_scatter
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.places import places, places_warning
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+from robacc.robots.arm import Arm
 
 
 def poses(q: np.ndarray) -> Measurements:
@@ -75,3 +82,30 @@ def test_a_pose_column_joins_what_lies_close() -> None:
     q = np.repeat(random_poses(20), 2, axis=1)
     data = dataclasses.replace(poses(q), pose=np.repeat(np.arange(20).astype(str), 2))
     assert len(set(places(data))) == 20
+
+
+def test_errors_that_poses_of_a_place_share_widen_the_intervals() -> None:
+    """16 groups of six poses, joints wrong by 50 urad in each: joint zeros are right within their standard errors."""
+    robot, rng = arm("puma560").robot, np.random.default_rng(4)
+    model_arm = Arm.of(robot)
+    scores: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(12):
+        q = np.repeat(rng.uniform(-1.5, 1.5, (6, 16)), 6, axis=1) + rng.normal(scale=0.02, size=(6, 96))
+        arrived = q + np.repeat(rng.normal(scale=5e-5, size=(6, 16)), 6, axis=1)
+        exact = predict(robot, poses(arrived)).translation
+        data = dataclasses.replace(poses(q), position=exact + rng.normal(scale=1e-5, size=exact.shape))
+        model = Model.of(robot, build(parse_requests("base_frame,tool_frame,joint_offset"), model_arm, data))
+        plain = fit(model, data)
+
+        def refit(options: Options, model: Model = model, data: Measurements = data) -> Fit:
+            return fit(model, data, options)
+
+        options, components = settle_scatter(plain, data, Options(), refit)
+        assert components is not None
+        assert components.scatter.pose_std.any()
+        for shared, answer in ((False, plain), (True, refit(options))):
+            zeros = [i for i in answer.identifiability.columns if answer.names[i].startswith("joint_offset")]
+            scores[shared].extend(answer.theta[zeros] / np.sqrt(np.diag(answer.covariance)[zeros]))
+    # Of 48 scores, the root mean square of standard Gaussians lies between 0.8 and 1.2 with 95 % probability.
+    assert np.sqrt(np.mean(np.square(scores[False]))) > 2.0
+    assert 0.7 < np.sqrt(np.mean(np.square(scores[True]))) < 1.4

@@ -185,8 +185,10 @@ class _Series:
         """Return the restricted log-likelihood at the best c, and that c."""
         gram: Array = np.sum([part[1] for part in parts], axis=0)
         matrix = gram[:-1, :-1] + np.diag(self.precision)
-        scale = 1.0 / np.sqrt(np.diag(self.kinds[0].gram)[:-1] + self.precision + np.finfo(float).tiny)
+        diagonal = sum((np.diag(kind.gram)[:-1] for kind in self.kinds), self.precision)
+        scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
         scaled, rhs = matrix * scale[:, None] * scale, gram[:-1, -1] * scale
+        scaled += np.diag(diagonal == 0.0)  # of a column that the thinned rows do not show
         square = float(gram[-1, -1] - rhs @ solved(scaled, rhs))
         dof = sum(kind.values for kind in self.kinds) - int(np.count_nonzero(self.precision == 0.0))
         c = max(square / dof, np.finfo(float).tiny)

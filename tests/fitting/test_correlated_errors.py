@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from arms import arm
+from scipy.spatial.transform import Rotation
 
 from robacc.api.calibrate import calibrate
 from robacc.api.trace import trace
@@ -111,8 +112,27 @@ def test_intervals_hold_the_truth_where_errors_wander_and_where_not() -> None:
     assert sum(chance) <= 2
 
 
-def test_visits_share_the_wander_and_orientation_has_its_own() -> None:
-    """Three rows of a visit have one time; exact orientations with their own noise do not wander."""
+def test_position_wanders_beside_orientations_that_do_not() -> None:
+    """Orientations add to what is known of the joints: standard errors widen, less than with positions alone."""
+    rng = np.random.default_rng(7)
+    data = measured(rng, 3.0)
+    rotation = predict(arm("puma560").robot, data).rotation
+    noise = Rotation.from_rotvec(2e-5 * rng.standard_normal((data.n, 3))).as_matrix()
+    data = dataclasses.replace(data, rotation=np.einsum("nij,jkn->ikn", noise, rotation))
+    result = fitted(data)
+    errors = correlated_errors(result, data)
+    assert errors is not None
+    assert 0.7 < errors.share < 0.97
+    columns = result.identifiability.columns
+    wider = np.sqrt(np.diag(with_correlated_errors(result, errors).covariance) / np.diag(result.covariance))[columns]
+    assert wider.min() >= 1.0
+    assert wider.max() > 1.5
+    white = measured(np.random.default_rng(8), 0.0)
+    white = dataclasses.replace(white, rotation=np.einsum("nij,jkn->ikn", noise, rotation))
+    assert correlated_errors(fitted(white), white) is None
+
+
+def test_rows_of_a_visit_share_the_wander() -> None:
     rng = np.random.default_rng(3)
     data = measured(rng, 3.0)
     rows = np.repeat(np.arange(data.n), 3)

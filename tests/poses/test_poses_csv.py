@@ -162,8 +162,8 @@ def test_real_poses() -> None:
     with REAL.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert data.n == len(rows)
-    # Its joints are as read, and 293 of its poses were visited twice. Two rows have the measured pose of the row before,
-    # to nine digits, with the elbow on the other side.
+    # Its joints are as read, and 293 of its poses were visited twice. Two rows have the measured pose of the row
+    # before, to nine digits, with the elbow on the other side.
     repeated, copied = data.warnings
     assert "1495 rows are taken for 1202 commanded poses and their repetitions" in repeated
     assert "2 rows repeat the measured values of an earlier row to the last digit (line 534 repeats line 533)" in copied

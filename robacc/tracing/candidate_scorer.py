@@ -24,6 +24,7 @@ from robacc.tracing.step_scans import (
     StepScan,
     credible_interval,
     first_places,
+    near_places,
     places_of,
     scan_for,
 )
@@ -35,11 +36,15 @@ IMPOSSIBLE = 1e9
 """Log prior odds against a candidate whose coefficients cannot be."""
 _JUDGED = 12
 """Best candidates whose coefficients are judged."""
+_ORDERS_TRIED = 17
+"""Orders tried within a span."""
 _CACHED = 24
 """Conditioned systems in the cache: more than the findings that are tested between two steps."""
 
 Expand = Callable[[Candidate], Array]
 FamilyOfSteps = Callable[[StepScan, NDArray[np.int64]], StepFamily]
+FormFamily = tuple[Batch, Family]
+"""Forms of an effect, and the family of their columns."""
 
 
 @dataclass
@@ -82,6 +87,10 @@ class CandidateScorer:
     _high_orders: SearchedForms | None = None
     _sights: SearchedForms | None = None
     _block_families: list[Family] = field(default_factory=list)
+    _refined_forms: dict[tuple[object, ...], Sequence[FormFamily]] = field(default_factory=dict)
+    _forms_beside: dict[tuple[object, ...], Sequence[FormFamily]] = field(default_factory=dict)
+    _near_steps: dict[tuple[object, ...], tuple[StepScan, StepFamily] | None] = field(default_factory=dict)
+    _near_orders: dict[tuple[str, float, float], tuple[Array, Family]] = field(default_factory=dict)
     _ranges: dict[str, float] = field(default_factory=dict)
     _covered: dict[tuple[tuple[object, ...], tuple[object, ...]], bool] = field(default_factory=dict)
     _covered_keys: dict[tuple[object, ...], frozenset[tuple[object, ...]]] = field(default_factory=dict)
@@ -192,8 +201,8 @@ class CandidateScorer:
         """Return what is a candidate only beside one of the findings ``present``, best first."""
         keys = {finding.candidate.effect.search_key() for finding in present}
         ranked: list[Ranked] = []
-        for batch in (batch for finding in present for batch in self.beside(finding.candidate.effect)):
-            scores = self.family_of(batch).judge(conditioned)
+        for batch, family in (pair for finding in present for pair in self._families_beside(finding.candidate.effect)):
+            scores = family.judge(conditioned)
             ranked.extend(
                 Ranked(candidate, scores, i)
                 for i, candidate in enumerate(batch.candidates)
@@ -280,9 +289,45 @@ class CandidateScorer:
         family = scan.family(self.system, self.poses, scan.places)
         return SearchedForm(family, lambda i: scan.candidate(scan.places[i]))
 
-    def family_of(self, batch: Batch) -> Family:
-        """Return a batch of effects that are not shrunk as a family."""
-        return Family(self.system, self.joint_columns[:, batch.number], batch.basis, False)
+    def forms_of(self, effect: Effect) -> Sequence[FormFamily]:
+        """Return the forms in which a search refines an effect."""
+        key = effect.key()
+        if key not in self._refined_forms:
+            self._refined_forms[key] = self._families_of(self.refinements(effect))
+        return self._refined_forms[key]
+
+    def _families_beside(self, effect: Effect) -> Sequence[FormFamily]:
+        """Return what is a candidate only beside an effect."""
+        key = effect.key()
+        if key not in self._forms_beside:
+            self._forms_beside[key] = self._families_of(self.beside(effect))
+        return self._forms_beside[key]
+
+    def _families_of(self, forms: Sequence[Batch]) -> Sequence[FormFamily]:
+        """Return batches of effects that are not shrunk, each with its family."""
+        return [
+            (batch, Family(self.system, self.joint_columns[:, batch.number], batch.basis, False)) for batch in forms
+        ]
+
+    def steps_near(self, effect: Effect) -> tuple[StepScan, StepFamily] | None:
+        """Return the steps of the same form at the places near that of ``effect``; None if none is searched."""
+        key = effect.key()
+        if key not in self._near_steps:
+            scan = scan_for(self.step_scans, effect)
+            near = None
+            if scan is not None and self.family_of_steps is not None:
+                places = near_places(scan, self.poses, scan.place_index(effect))
+                near = (scan, self.family_of_steps(scan, places)) if places.size else None
+            self._near_steps[key] = near
+        return self._near_steps[key]
+
+    def orders_near(self, grid: OrderGrid, order: float, span: float) -> tuple[Array, Family]:
+        """Return orders of a joint within ``span`` of ``order``, and their family."""
+        key = grid.joint, order, span
+        if key not in self._near_orders:
+            orders = order + np.linspace(-span, span, _ORDERS_TRIED)
+            self._near_orders[key] = orders, self.spectrum(grid, orders)
+        return self._near_orders[key]
 
     def spectrum(self, grid: OrderGrid, orders: Array) -> Family:
         """Return cosine and sine of evenly spaced orders, each computed from the order before."""

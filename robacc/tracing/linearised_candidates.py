@@ -86,6 +86,10 @@ class LinearisedCandidates:
     """Reason why an effect is no candidate, by effect."""
     only: tuple[str, ...] | None
     """Names of the effects that are candidates; None for all."""
+    _refined_forms: dict[tuple[object, ...], list[Candidate]] = dataclasses.field(default_factory=dict)
+    """Forms of the effects that any selection has refined, by their keys."""
+    _forms_beside: dict[tuple[object, ...], list[Candidate]] = dataclasses.field(default_factory=dict)
+    """Candidates beside the effects that any selection has found, by their keys."""
 
     @cached_property
     def blocks(self) -> list[Candidate]:
@@ -176,16 +180,22 @@ class LinearisedCandidates:
 
     def _refinements(self, effect: Effect, at: NDArray[np.int64]) -> list[Batch]:
         """Return the forms in which a search refines an effect, on the poses ``at``."""
-        return self._batches_of(effect.refinements(self.model.arm, self.data), at)
+        key = effect.key()
+        if key not in self._refined_forms:
+            self._refined_forms[key] = self._candidates_of(effect.refinements(self.model.arm, self.data))
+        return batches(self.model.arm, self._refined_forms[key], at)
 
     def _beside(self, effect: Effect, at: NDArray[np.int64]) -> list[Batch]:
         """Return what is a candidate only beside an effect, on the poses ``at``."""
-        classes = [cls for name, cls in REGISTRY.items() if self.only is None or name in self.only]
-        return self._batches_of([form for cls in classes for form in cls.beside(effect, self.model.arm, self.data)], at)
+        key = effect.key()
+        if key not in self._forms_beside:
+            classes = [cls for name, cls in REGISTRY.items() if self.only is None or name in self.only]
+            forms = [form for cls in classes for form in cls.beside(effect, self.model.arm, self.data)]
+            self._forms_beside[key] = self._candidates_of(forms)
+        return batches(self.model.arm, self._forms_beside[key], at)
 
-    def _batches_of(self, effects: Iterable[Effect], at: NDArray[np.int64]) -> list[Batch]:
-        arm = self.model.arm
-        return batches(arm, [Candidate(form, form.terms(arm, self.data), _beside(form)) for form in effects], at)
+    def _candidates_of(self, effects: Iterable[Effect]) -> list[Candidate]:
+        return [Candidate(form, form.terms(self.model.arm, self.data), _beside(form)) for form in effects]
 
     def _columns_of(self, terms: Sequence[Term]) -> Array:
         """Return columns of terms that act on joint variables or on the base's x, y, z."""

@@ -16,7 +16,6 @@ from robacc.tracing.candidates import Candidate
 from robacc.tracing.conditioned_columns import Conditioned
 from robacc.tracing.place_scans import is_placed, place_scan_for
 from robacc.tracing.ranking import Chosen
-from robacc.tracing.step_scans import near_places, scan_for
 
 _CLEARLY = 1.0
 """Evidence by which a form of one more setting must be better to take a finding's place."""
@@ -24,8 +23,6 @@ _EQUAL = 1e-6
 """Difference of evidence that rounding makes."""
 _ROUNDS = 4
 """Largest number of times that a form is refined around the best."""
-_ORDERS_TRIED = 17
-"""Orders tried within a span."""
 
 
 def refined(scorer: CandidateScorer, conditioned: Conditioned, finding: Chosen) -> Candidate:
@@ -47,20 +44,18 @@ def _best_order(scorer: CandidateScorer, conditioned: Conditioned, candidate: Ca
     if grid is None:
         return candidate
     for span in (ORDER_STEP, ORDER_STEP / 8):
-        orders = order + np.linspace(-span, span, _ORDERS_TRIED)
-        order = float(orders[scorer.spectrum(grid, orders).best(conditioned)[0]])
+        orders, family = scorer.orders_near(grid, order, span)
+        order = float(orders[family.best(conditioned)[0]])
     return dataclasses.replace(candidate, effect=of_order(grid.joint, round(order, 4)), terms=())
 
 
 def _best_step(scorer: CandidateScorer, conditioned: Conditioned, effect: Effect) -> Candidate | None:
     """Return the step of the same form near ``effect`` with the largest evidence; None if none is searched."""
-    scan = scan_for(scorer.step_scans, effect)
-    if scan is None or scorer.family_of_steps is None:
+    near = scorer.steps_near(effect)
+    if near is None:
         return None
-    places = near_places(scan, scorer.poses, scan.place_index(effect))
-    if places.size == 0:
-        return None
-    return scan.candidate(int(places[scorer.family_of_steps(scan, places).best(conditioned)[0]]))
+    scan, steps = near
+    return scan.candidate(int(steps.places[steps.best(conditioned)[0]]))
 
 
 def _best_place(scorer: CandidateScorer, conditioned: Conditioned, effect: Effect) -> Candidate | None:
@@ -80,8 +75,8 @@ def _best_form(scorer: CandidateScorer, conditioned: Conditioned, finding: Chose
     largest = scorer.score(finding, conditioned).evidence
     for _ in range(_ROUNDS):
         around = best
-        for batch in scorer.refinements(around.effect):
-            evidence = scorer.family_of(batch).judge(conditioned).evidence
+        for batch, family in scorer.forms_of(around.effect):
+            evidence = family.judge(conditioned).evidence
             is_refined = around.key in {candidate.key for candidate in batch.candidates}
             i = int(np.argmax(evidence))
             if evidence[i] > largest + (_EQUAL if is_refined else _CLEARLY):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import copy
 import hashlib
 import itertools
 import json
@@ -73,6 +74,16 @@ def test_every_number_shown_is_the_jsons(command: str) -> None:
         exponent = int(digits.partition("e")[2] or 0)
         step = 10.0 ** (exponent - decimals)
         assert any(abs(float(digits) - value * scale) <= 0.51 * step for scale in scales), cell.text
+
+
+def test_a_trace_shows_statements_of_findings_and_the_undeclared_load() -> None:
+    document = copy.deepcopy(results.document("trace"))
+    finding = document["findings"][0]
+    finding["statement"] = "from line 74 on the target sits 0.21 mm elsewhere"
+    document["undeclared_load"] = {"statement": "the torques of j2 point to 12 kg more on the link of j3"}
+    text = parsed(render([document], ["trace"])).text
+    assert "from line 74 on the target sits 0.21 mm elsewhere" in text
+    assert "Undeclared load: the torques of j2 point to 12 kg more on the link of j3." in text
 
 
 def test_the_first_screen_of_a_trace_has_the_summary() -> None:

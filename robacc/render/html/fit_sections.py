@@ -57,6 +57,10 @@ def _findings(document: Document) -> ReportSection:
     # A result may name an effect of another package, which is not loaded here.
     meanings = [f"{name}: {REGISTRY[name].about.summary}" for name in names if name in REGISTRY]
     blocks: list[Block] = [Grid(header, rows), *([Listing(meanings)] if meanings else [])]
+    # Documents of earlier versions have neither statements nor an undeclared load.
+    statements = [f"{_label(finding)}: {finding['statement']}" for finding in findings if finding.get("statement")]
+    if statements:
+        blocks.append(Listing(statements))
     alternatives = [
         _alternative(finding, alternative) for finding in findings for alternative in finding["alternatives"]
     ]
@@ -77,6 +81,9 @@ def _findings(document: Document) -> ReportSection:
         ]
         blocks.append(Text("A harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle."))
         blocks.append(Grid(("harmonic", "amplitude", "standard error", "phase", "standard error"), harmonic_rows))
+    load = document.get("undeclared_load")
+    if load is not None:
+        blocks.append(Text(f"Undeclared load: {load['statement']}."))
     return ReportSection("Findings", blocks)
 
 

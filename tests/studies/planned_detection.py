@@ -49,6 +49,8 @@ def values(limit: dict[str, Any], size: float, rng: np.random.Generator) -> dict
         prefixes = [f"{joint}.{tilt}_" for joint in joints for tilt in settings.get("tilts", [])]
         prefixes = prefixes or [f"{joint}." for joint in joints]
         names = [f"{p}{wave}{order:g}" for p in prefixes for order in settings["orders"] for wave in ("cos", "sin")]
+    if settings.get("common"):
+        names = ["common"]
     names = names or list(joints) or [limit["effect"]]
     direction = rng.normal(size=len(names))
     direction /= np.linalg.norm(direction)

@@ -214,8 +214,20 @@ def _judged(work: _Work, number: int) -> _Fold:
     complete = _completed(search_result, effects, train)
     after = held_out(complete, test)
     reduced = ReducedFits(complete, train, test, fold_options(complete))
-    lacking = tuple(reduced.residuals(matches) if matches else after for matches in by_finding)
+    lacking = tuple(
+        reduced.residuals(matches, _stood_for(search_result.effects, by_finding, i)) if matches else after
+        for i, matches in enumerate(by_finding)
+    )
     return _Fold(before, after, lacking, frozenset(effects))
+
+
+def _stood_for(findings: Sequence[Effect], by_finding: Sequence[Sequence[Effect]], absent: int) -> list[Effect]:
+    """Return the other findings for which a fold has nothing but effects that match the finding ``absent``."""
+    return [
+        finding
+        for i, (finding, matches) in enumerate(zip(findings, by_finding, strict=True))
+        if i != absent and matches and set(matches) <= set(by_finding[absent])
+    ]
 
 
 def _declared_alone(search_result: SearchResult, train: Measurements, test: Measurements) -> Array:

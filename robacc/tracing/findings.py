@@ -28,15 +28,13 @@ from robacc.tracing.harmonics import (
 )
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.ranking import Chosen
-from robacc.tracing.rivals import Alternative, lag_refitted, rivals
+from robacc.tracing.rivals import MOST_TO_REFIT, Alternative, lag_refitted, rivals
 from robacc.tracing.selection import SelectionStep
 
 _FEW_POSES = 8
 """Rows below which a finding gets a warning, if they carry more than half of its contribution."""
 _FEW_SHARE = 0.1
 """The same limit as a share of all rows, for small sets."""
-_MOST_TO_REFIT = 200
-"""Coefficients beyond which rivals are not fitted in a finding's place."""
 _LEAST_STABILITY = 0.6
 """Share of the folds below which a finding gets a warning."""
 
@@ -95,7 +93,7 @@ def describe_finding(
         (c for c in search_result.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None
     )
     if choice is not None:
-        refitted = lag_refitted(search_result, choice, effect, data) if final.theta.size <= _MOST_TO_REFIT else None
+        refitted = lag_refitted(search_result, choice, effect, data) if final.theta.size <= MOST_TO_REFIT else None
         ranked, alternatives = rivals(search_result.selection, choice, refitted)
         p_value, evidence = ranked.p_value, ranked.evidence
     else:

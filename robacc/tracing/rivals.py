@@ -21,6 +21,8 @@ from robacc.tracing.selection import Selection
 
 RIVAL = 5.0
 """Evidence (log Bayes factor) within which a rival is named as an alternative (odds of 150 to 1)."""
+MOST_TO_REFIT = 200
+"""Coefficients beyond which rivals are not fitted in a finding's place."""
 _LEAST_SIMILARITY = 0.5
 """Similarity below which a rival explains another part of the residual."""
 _LIKE = 0.8

@@ -40,6 +40,7 @@ from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.confirmation import reproduced, with_held_out_gain, withdrawn_warning
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
 from robacc.tracing.detection import DetectionLimit, detection_limits
+from robacc.tracing.equal_votes import with_equal_votes
 from robacc.tracing.findings import Finding, describe_finding
 from robacc.tracing.loop import SearchResult, search
 from robacc.tracing.refitting import SEARCH, frames_first, refit
@@ -204,6 +205,7 @@ def _confirmed(
 ) -> tuple[SearchResult, CrossValidation | None]:
     """Return the search with the findings that recur in the folds, and its held-out residuals."""
     choices = fold_choices(first_search, data, n_folds, seed, empirical, progress) if holdout is None else None
+    choices = None if choices is None else with_equal_votes(choices, first_search, data)
     search_result = reproduced(first_search, choices, data)
     is_whole = search_result.effects == first_search.effects and bool(first_search.effects)
     validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, is_whole=is_whole)

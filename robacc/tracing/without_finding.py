@@ -46,8 +46,10 @@ class ReducedFits:
     def _at_test(self) -> BoundModel:
         return self._complete.model.bind(self._test, self._complete.validity)
 
-    def residuals(self, absent: Sequence[Effect]) -> Array | None:
+    def residuals(self, absent: Sequence[Effect], instead: Sequence[Effect] = ()) -> Array | None:
         """Return residuals of ``test`` with the effects ``absent`` removed and the rest fitted again to ``train``.
+
+        Effects ``instead`` come in their place: other findings that the absent ones stood for as well.
 
         A step to first order is enough where the model is nearly linear; otherwise the model is fitted. Return None for
         a frame, without which the model cannot be compared, and if the remaining compliances have no equilibrium.
@@ -58,9 +60,9 @@ class ReducedFits:
         numbers = {i for i, effect in enumerate(with_deflection(free, "equilibrium")) if effect in absent}
         theta = self._complete.without(numbers)
         try:
-            if self._is_linear(theta):
+            if not instead and self._is_linear(theta):
                 return residuals(self._test, self._at_test.poses(theta))
-            remaining = [effect for i, effect in enumerate(free) if i not in numbers]
+            remaining = [*(effect for i, effect in enumerate(free) if i not in numbers), *instead]
             return held_out(refit(self._complete, remaining, self._train, self._options), self._test)
         except (EquilibriumError, InputError):
             return None

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from robacc.render.text.effect_label import effect_label
 from robacc.render.text.numbers import decimals, exponent_of_thousand, fixed, measured, odds, p_value, three_digits
 
 
@@ -89,3 +90,11 @@ def test_odds_are_those_of_the_alternative() -> None:
         "20 to 1",
         "1 to 1.01e+304",
     ]
+
+
+def test_the_label_of_an_effect_tells_its_forms_apart() -> None:
+    assert effect_label("joint_compliance", ["j2"], {}) == "joint_compliance[j2]"
+    assert effect_label("joint_compliance", ["j2"], {"masses": "uncertain"}) == (
+        "joint_compliance[j2] with uncertain masses"
+    )
+    assert effect_label("step", [], {"part": "base"}) == "step[base]"

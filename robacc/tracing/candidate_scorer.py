@@ -54,6 +54,8 @@ class CandidateScorer:
     system: Columns
     base: tuple[int, ...]
     """Columns of the declared effects."""
+    base_precision: Array
+    """Prior precision of their coefficients, whitened; zero for none."""
     pool: Sequence[Candidate]
     places: Sequence[NDArray[np.int64]]
     """Columns in the system, for each candidate of the pool."""
@@ -138,7 +140,7 @@ class CandidateScorer:
             if chosen:
                 result = self.condition(chosen[:-1]).extended(chosen[-1].columns, chosen[-1].precision)
             else:
-                result = Conditioned.on(self.system, self.base, np.zeros(len(self.base)))
+                result = Conditioned.on(self.system, self.base, self.base_precision)
         # The one used longest ago is forgotten first.
         self._conditioned[key] = result
         if len(self._conditioned) > _CACHED:

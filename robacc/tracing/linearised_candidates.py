@@ -65,6 +65,8 @@ class LinearisedCandidates:
     """``(n,)`` their row numbers in the complete data."""
     base: Array
     """``(M, p, n)`` whitened columns of the declared effects' coefficients."""
+    base_precision: Array
+    """``(p,)`` prior precision of those coefficients, whitened; zero for none."""
     pool_columns: Array
     """``(M, P, n)`` whitened columns of the pool's terms, each once."""
     pool: tuple[Candidate, ...]
@@ -79,7 +81,8 @@ class LinearisedCandidates:
     place_scans: tuple[PlaceScan, ...]
     """Forms of effects of the line of sight, each with the places where the instrument may stand."""
     residual: Array
-    """``(M, n)`` whitened residual, with the contribution of earlier findings put back."""
+    """``(M, n)`` whitened residual, with the contributions of earlier findings and of coefficients with a prior put
+    back."""
     inliers: NDArray[np.bool_]
     """``(n,)`` inlier mask of the fit."""
     missing: dict[str, str]
@@ -127,6 +130,7 @@ class LinearisedCandidates:
         scorer = CandidateScorer(
             system,
             tuple(range(count)),
+            self.base_precision,
             self.pool,
             [place + count for place in self.places],
             order_grids(arm, data, self.only),
@@ -227,6 +231,8 @@ def linearise(
     """Return columns of the declared effects and of all candidates, at a fit that may contain findings besides.
 
     The contribution of the findings is put back into the residual, to first order, so that they are candidates again.
+    Weakly identifiable coefficients keep the prior of the fit: without it, some directions of theirs with hardly any
+    effect on the poses would reproduce a finding by coefficients that no arm has.
     """
     model = fit.model
     arm = model.arm
@@ -251,8 +257,13 @@ def linearise(
     first_step = count + len(joints) + len(unique)
     columns = np.moveaxis(whitening.apply(np.moveaxis(observed[:, :first_step], 1, 0)), 0, 1)
     n_declared = sum(len(effect.terms(arm, data)) for effect in declared)
-    whitened = whitening.apply(residual) + np.einsum("mpn,p->mn", columns[:, n_declared:count], fit.theta[n_declared:])
     identified = fit.identifiability.columns
+    in_base = identified < n_declared
+    precision = np.zeros(count)
+    precision[identified] = fit.precision
+    put_back = np.arange(count) >= n_declared
+    put_back |= precision > 0.0
+    whitened = whitening.apply(residual) + np.einsum("mpn,p->mn", columns[:, :count][:, put_back], fit.theta[put_back])
     number = {key: i for i, key in enumerate(unique)}
     places = tuple(
         np.array([number[candidate.effect.term_key(term)] for term in candidate.terms]) for candidate in pool
@@ -261,7 +272,8 @@ def linearise(
         model=model,
         data=data,
         rows=rows,
-        base=columns[:, identified[identified < n_declared]],
+        base=columns[:, identified[in_base]],
+        base_precision=fit.precision[in_base],
         pool_columns=columns[:, count + len(joints) :],
         pool=tuple(pool),
         places=places,

@@ -1,7 +1,8 @@
 """Scatter of the joints that remains where findings of a search are withdrawn.
 
 A finding may have explained scatter by chance. Without it, the scatter is estimated anew, and the findings that remain
-are tested again beside it.
+are tested again beside it. Where no finding remains and the scatter is contradicted
+(:mod:`robacc.fitting.scatter_check`), the baseline is fitted without it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from robacc.fitting.fit_repeatability import settle_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS
+from robacc.fitting.scatter_check import contradicts_scatter
 from robacc.measurements import Measurements
 from robacc.tracing.linearised_candidates import linearise
 from robacc.tracing.loop import SearchResult
@@ -40,6 +42,12 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
         return after
     declared = refitted(after.declared, options)
     effects = after.effects
+    if not effects:
+        plain = dataclasses.replace(after.options, scatter=None, misfit=None)
+        unweighted = refitted(after.declared, plain)
+        if contradicts_scatter(unweighted, declared, components, data):
+            # What remains is an error that no candidate explains, not scatter: weights by it would only hide it.
+            return _without_scatter(after, unweighted, plain, data)
     final = refitted(after.final, options) if effects else declared
     model_effects, rows = declared.model.free, np.ones(data.n, dtype=bool)
     candidates = linearise(final, data, (*model_effects, *frames_of(effects)))
@@ -63,3 +71,18 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
     free = (*model_effects, *(e for e in kept if e.is_frame), *(e for e in kept if not e.is_frame))
     lacking = refit(final, free, data, options) if kept else declared
     return with_remaining_scatter(result, dataclasses.replace(result, effects=kept, final=lacking), data)
+
+
+def _without_scatter(after: SearchResult, declared: Fit, options: Options, data: Measurements) -> SearchResult:
+    """Return a search without findings whose baseline ``declared`` is fitted with equal weights."""
+    candidates = linearise(declared, data, declared.model.free)
+    return dataclasses.replace(
+        after,
+        declared=declared,
+        final=declared,
+        candidates=candidates,
+        final_candidates=candidates,
+        selection=candidates.selection(np.ones(data.n, dtype=bool)),
+        options=options,
+        components=None,
+    )

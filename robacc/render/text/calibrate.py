@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TextIO
 
 from robacc.calibration import Calibration
+from robacc.fitting.identifiability import Dropped
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.measurements import Measurements
 from robacc.render.text.console import width_of, write_lines
+from robacc.render.text.grouped_names import grouped, mass_coefficients, without_mass_coefficients
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, p_value, three_digits
 from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
@@ -16,6 +18,7 @@ from robacc.render.text.units import IN_MM, table_unit
 
 _MAX_COEFFICIENTS = 60
 _MAX_NAMES = 6
+_MAX_DROPPED = 3
 
 
 def draw_calibration(
@@ -30,7 +33,7 @@ def _parts(
 ) -> Iterator[TextLine]:
     count = result.identifiability.columns.size
     yield heading(f"Calibration from {data.n} measured poses: {count} coefficients fitted")
-    yield TextLine(f"{poses}, commanded by {robot}")
+    yield TextLine(f"{poses} against the model {robot}")
     yield from wrapped(f"requested: {fitted.replace(',', ', ')}", width)
     yield from wrapped(f"fitted: {', '.join(str(effect) for effect in result.effects)}", width)
     yield BLANK
@@ -45,14 +48,14 @@ def _parts(
     yield from gain_line(result.gain)
     yield BLANK
     yield heading("Coefficients")
-    yield from _coefficients(result)
+    yield from _coefficients(result, width)
     yield BLANK
     yield heading("Quality of the fit")
     yield from items(_quality(result, data), width)
 
 
-def _coefficients(result: Calibration) -> list[TextLine]:
-    estimated = [parameter for parameter in result.parameters if parameter.std is not None]
+def _coefficients(result: Calibration, width: int) -> list[TextLine]:
+    estimated, masses = without_mass_coefficients(p for p in result.parameters if p.std is not None)
     rows = []
     for parameter in estimated[:_MAX_COEFFICIENTS]:
         factor, unit = table_unit(parameter.unit)
@@ -60,6 +63,8 @@ def _coefficients(result: Calibration) -> list[TextLine]:
     lines = columns(["name", "value", "standard error", "unit"], rows)
     if len(estimated) > _MAX_COEFFICIENTS:
         lines.append(TextLine(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
+    for effect, count in masses.items():
+        lines.extend(wrapped(mass_coefficients(effect, count), width))
     return lines
 
 
@@ -81,14 +86,28 @@ def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     if result.shrunk:
         yield "standard errors come from the poses alone, without the prior; `shrink=False` fits without it"
     yield from deflection(result.deflection)
-    for dropped in result.identifiability.dropped:
-        yield f"not identifiable: {dropped.why}"
+    yield from _not_identifiable(result.identifiability.dropped)
     for pair in result.correlations[:8]:
         yield f"correlation {pair.value:+.3f} between {pair.first} and {pair.second}"
     if len(result.correlations) > 8:
         yield f"and {len(result.correlations) - 8} more pairs with a correlation above 0.9"
     for i, share in result.leverage[:5]:
         yield f"{data.place(i)} determines {100 * share:.0f} % of its own prediction (leverage)"
+
+
+def _not_identifiable(dropped: Sequence[Dropped]) -> Iterator[str]:
+    """Return what the poses do not determine: a few coefficients each with its reason, many by reason."""
+    if len(dropped) <= _MAX_DROPPED:
+        yield from (f"not identifiable: {each.why}" for each in dropped)
+        return
+    without_effect = [each.name for each in dropped if not each.partners]
+    if without_effect:
+        yield f"not identifiable: without effect on these poses: {grouped(without_effect)}"
+    if confounded := [each.name for each in dropped if each.partners]:
+        yield (
+            f"not identifiable: not distinguishable from fitted coefficients on these poses: {grouped(confounded)} "
+            "(the JSON result names the partners of each)"
+        )
 
 
 def _shrinkage(kind: ShrunkKind) -> str:

@@ -68,7 +68,7 @@ def opening(result: EstimateResult, poses: str, robot: str | None) -> Iterator[T
     plural = "s" * (result.n_poses != 1)
     yield heading(f"Error of {result.n_poses} measured pose{plural}")
     source = "standard input" if poses == "-" else poses
-    yield TextLine(f"{source}, commanded by {robot if result.commanded == 'robot' else 'its cmd_ columns'}")
+    yield TextLine(f"{source} against {f'the model {robot}' if result.commanded == 'robot' else 'its cmd_ columns'}")
     yield TextLine(_registration(result))
 
 

@@ -78,7 +78,7 @@ def _counted(result: Iso9283Result) -> str:
 def _commanded(result: Iso9283Result, robot: str | None) -> str:
     if result.commanded is None:
         return "no commanded poses"
-    return f"commanded by {robot if result.commanded == 'robot' else 'cmd_ columns'}"
+    return f"commanded poses from {f'the model {robot}' if result.commanded == 'robot' else 'cmd_ columns'}"
 
 
 def _summary(characteristics: Sequence[Characteristic], confidence: float, width: int) -> Iterator[TextLine]:

@@ -31,7 +31,7 @@ def many_lines(
     """Return the report's lines."""
     alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
     yield heading(f"Pose errors in {len(outcomes)} files, {alignment}")
-    yield TextLine(f"commanded by {'their cmd_ columns' if robot is None else robot}")
+    yield TextLine(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}")
     yield BLANK
     yield from _table(outcomes)
     if notes := [*_unmet_criteria(outcomes), *_failures(outcomes)]:

@@ -12,6 +12,7 @@ from robacc.fitting.parameters import FittedParameter
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.detection import draw_detection
 from robacc.render.text.effect_label import effect_label
+from robacc.render.text.grouped_names import mass_coefficients, without_mass_coefficients
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, odds, p_value, three_digits
 from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
@@ -43,7 +44,7 @@ def draw_trace(result: Trace, poses: str, robot: str, baseline: Baseline, stream
 def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int) -> Iterator[TextLine]:
     rows = result.final.residual.shape[1]
     yield heading(f"Trace of {rows} measured poses: {_VERDICTS[result.verdict]}")
-    yield TextLine(f"{poses}, commanded by {robot}")
+    yield TextLine(f"{poses} against the model {robot}")
     for text in declared_effects(baseline):
         yield from wrapped(text, width)
     yield BLANK
@@ -160,9 +161,11 @@ def _finding(number: int, finding: Finding, baseline_rms: float | None, width: i
         unlisted = f", and {n_unlisted} weaker harmonics" if n_unlisted else ""
         details.append("harmonics, order per turn (amplitude): " + ", ".join(map(_order, listed)) + unlisted)
     else:
-        details.extend(_parameter(parameter) for parameter in finding.parameters[:_MAX_PARAMETERS])
-        if len(finding.parameters) > _MAX_PARAMETERS:
-            details.append(f"and {len(finding.parameters) - _MAX_PARAMETERS} more coefficients")
+        parameters, masses = without_mass_coefficients(finding.parameters)
+        details.extend(_parameter(parameter) for parameter in parameters[:_MAX_PARAMETERS])
+        if len(parameters) > _MAX_PARAMETERS:
+            details.append(f"and {len(parameters) - _MAX_PARAMETERS} more coefficients")
+        details.extend(mass_coefficients(effect, count) for effect, count in masses.items())
     details.extend(_alternative(alternative) for alternative in finding.alternatives)
     details.extend(finding.warnings)
     yield from items(details, width)

@@ -15,6 +15,7 @@ from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.conditioned_columns import Conditioned, Family
 from robacc.tracing.evidence import judge
+from robacc.tracing.form_families import BatchFamily, FormFamilies
 from robacc.tracing.place_scans import PlaceScan
 from robacc.tracing.pool_batches import PoolBatch, pool_batches
 from robacc.tracing.ranking import Chosen, Ranked, sorted_by_odds
@@ -24,7 +25,6 @@ from robacc.tracing.step_scans import (
     StepScan,
     credible_interval,
     first_places,
-    near_places,
     places_of,
     scan_for,
 )
@@ -36,15 +36,10 @@ IMPOSSIBLE = 1e9
 """Log prior odds against a candidate whose coefficients cannot be."""
 _JUDGED = 12
 """Best candidates whose coefficients are judged."""
-_ORDERS_TRIED = 17
-"""Orders tried within a span."""
 _CACHED = 24
 """Conditioned systems in the cache: more than the findings that are tested between two steps."""
 
 Expand = Callable[[Candidate], Array]
-FamilyOfSteps = Callable[[StepScan, NDArray[np.int64]], StepFamily]
-FormFamily = tuple[Batch, Family]
-"""Forms of an effect, and the family of their columns."""
 
 
 @dataclass
@@ -62,8 +57,8 @@ class CandidateScorer:
     order_grids: Sequence[OrderGrid]
     high_grids: Sequence[OrderGrid]
     """Orders above those that compete with every candidate."""
-    joint_columns: Array
-    """``(M, J, N)`` whitened columns of each joint's variable."""
+    families: FormFamilies
+    """Families of forms on these poses."""
     expand: Expand
     """Function that returns the whitened ``(M, Q, N)`` columns of a candidate outside the system."""
     rows: NDArray[np.int64]
@@ -71,14 +66,8 @@ class CandidateScorer:
     step_scans: Sequence[StepScan] = ()
     poses: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     """Numbers of the poses of the linearisation that the candidates are scored on."""
-    family_of_steps: FamilyOfSteps | None = None
-    """Function that returns the family of a scan's steps at several places."""
     place_scans: Sequence[PlaceScan] = ()
     """Forms of effects of the line of sight, scored only if no other candidate is significant."""
-    refinements: Callable[[Effect], Sequence[Batch]] = lambda effect: ()
-    """Function that returns the forms in which a search refines an effect."""
-    beside: Callable[[Effect], Sequence[Batch]] = lambda effect: ()
-    """Function that returns what is a candidate only beside an effect."""
     blocks: Sequence[Batch] = ()
     """Rich blocks, scored only at the caller's request."""
     _batches: list[PoolBatch] = field(default_factory=list)
@@ -88,11 +77,7 @@ class CandidateScorer:
     _searched: SearchedForms = field(default_factory=lambda: SearchedForms(()))
     _high_orders: SearchedForms | None = None
     _sights: SearchedForms | None = None
-    _block_families: list[Family] = field(default_factory=list)
-    _refined_forms: dict[tuple[object, ...], Sequence[FormFamily]] = field(default_factory=dict)
-    _forms_beside: dict[tuple[object, ...], Sequence[FormFamily]] = field(default_factory=dict)
-    _near_steps: dict[tuple[object, ...], tuple[StepScan, StepFamily] | None] = field(default_factory=dict)
-    _near_orders: dict[tuple[str, float, float], tuple[Array, Family]] = field(default_factory=dict)
+    _block_families: list[BatchFamily] = field(default_factory=list)
     _ranges: dict[str, float] = field(default_factory=dict)
     _covered: dict[tuple[tuple[object, ...], tuple[object, ...]], bool] = field(default_factory=dict)
     _covered_keys: dict[tuple[object, ...], frozenset[tuple[object, ...]]] = field(default_factory=dict)
@@ -107,8 +92,8 @@ class CandidateScorer:
         self._spectra = [form.family for form in orders]
         for scan in self.step_scans:
             places = first_places(scan, self.poses)
-            if self.family_of_steps is not None and places.size:
-                self._steps.append((scan, self.family_of_steps(scan, places)))
+            if places.size:
+                self._steps.append((scan, self.families.steps(scan, places)))
         self._searched = SearchedForms([*orders, *(_steps_of(scan, family) for scan, family in self._steps)])
 
     def columns(self, candidate: Candidate) -> NDArray[np.int64]:
@@ -203,7 +188,7 @@ class CandidateScorer:
         """Return what is a candidate only beside one of the findings ``present``, best first."""
         keys = {finding.candidate.effect.search_key() for finding in present}
         ranked: list[Ranked] = []
-        for batch, family in (pair for finding in present for pair in self._families_beside(finding.candidate.effect)):
+        for batch, family in (pair for finding in present for pair in self.families.beside(finding.candidate.effect)):
             scores = family.judge(conditioned)
             ranked.extend(
                 Ranked(candidate, scores, i)
@@ -218,7 +203,7 @@ class CandidateScorer:
         for grid in (*self.order_grids, *self.high_grids):
             if grid.joint == joint:
                 orders.append(grid.orders)
-                evidence.append(self.spectrum(grid, grid.orders).judge(conditioned).evidence)
+                evidence.append(self.families.orders(grid, grid.orders).judge(conditioned).evidence)
         return (np.concatenate(orders), np.concatenate(evidence)) if orders else (np.zeros(0), np.zeros(0))
 
     def covers(self, present: Candidate, other: Candidate) -> bool:
@@ -236,11 +221,9 @@ class CandidateScorer:
 
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
         if len(self._block_families) != len(self.blocks):
-            self._block_families = [
-                Family(self.system, self.joint_columns[:, batch.number], batch.basis, True) for batch in self.blocks
-            ]
+            self._block_families = self.families.of(self.blocks, shrunk=True)
         ranked: list[Ranked] = []
-        for batch, family in zip(self.blocks, self._block_families, strict=True):
+        for batch, family in self._block_families:
             scores = family.judge(conditioned)
             ranked.extend(Ranked(candidate, scores, i) for i, candidate in enumerate(batch.candidates))
         return ranked
@@ -266,12 +249,12 @@ class CandidateScorer:
     def step_interval(self, conditioned: Conditioned, effect: Effect) -> tuple[float, float] | None:
         """Return the first and last place of a step that the poses support at 95 %; None if none is searched."""
         scan = scan_for(self.step_scans, effect)
-        if scan is None or self.family_of_steps is None:
+        if scan is None:
             return None
         places = places_of(scan, self.poses)
         if places.size == 0:
             return None
-        low, high = credible_interval(self.family_of_steps(scan, places).judge(conditioned).evidence)
+        low, high = credible_interval(self.families.steps(scan, places).judge(conditioned).evidence)
         return float(scan.places[places[low]]), float(scan.places[places[high]])
 
     def steps_in_the_middle(self) -> list[Candidate]:
@@ -284,61 +267,12 @@ class CandidateScorer:
         def candidate(i: int) -> Candidate:
             return Candidate(of_order(grid.joint, float(grid.orders[i])), (), grid.log_prior)
 
-        return SearchedForm(self.spectrum(grid, grid.orders), candidate)
+        return SearchedForm(self.families.orders(grid, grid.orders), candidate)
 
     def _places_of(self, scan: PlaceScan) -> SearchedForm:
         """Return the places of an effect of the line of sight."""
         family = scan.family(self.system, self.poses, scan.places)
         return SearchedForm(family, lambda i: scan.candidate(scan.places[i]))
-
-    def forms_of(self, effect: Effect) -> Sequence[FormFamily]:
-        """Return the forms in which a search refines an effect."""
-        key = effect.key()
-        if key not in self._refined_forms:
-            self._refined_forms[key] = self._families_of(self.refinements(effect))
-        return self._refined_forms[key]
-
-    def _families_beside(self, effect: Effect) -> Sequence[FormFamily]:
-        """Return what is a candidate only beside an effect."""
-        key = effect.key()
-        if key not in self._forms_beside:
-            self._forms_beside[key] = self._families_of(self.beside(effect))
-        return self._forms_beside[key]
-
-    def _families_of(self, forms: Sequence[Batch]) -> Sequence[FormFamily]:
-        """Return batches of effects that are not shrunk, each with its family."""
-        return [
-            (batch, Family(self.system, self.joint_columns[:, batch.number], batch.basis, False)) for batch in forms
-        ]
-
-    def steps_near(self, effect: Effect) -> tuple[StepScan, StepFamily] | None:
-        """Return the steps of the same form at the places near that of ``effect``; None if none is searched."""
-        key = effect.key()
-        if key not in self._near_steps:
-            scan = scan_for(self.step_scans, effect)
-            near = None
-            if scan is not None and self.family_of_steps is not None:
-                places = near_places(scan, self.poses, scan.place_index(effect))
-                near = (scan, self.family_of_steps(scan, places)) if places.size else None
-            self._near_steps[key] = near
-        return self._near_steps[key]
-
-    def orders_near(self, grid: OrderGrid, order: float, span: float) -> tuple[Array, Family]:
-        """Return orders of a joint within ``span`` of ``order``, and their family."""
-        key = grid.joint, order, span
-        if key not in self._near_orders:
-            orders = order + np.linspace(-span, span, _ORDERS_TRIED)
-            self._near_orders[key] = orders, self.spectrum(grid, orders)
-        return self._near_orders[key]
-
-    def spectrum(self, grid: OrderGrid, orders: Array) -> Family:
-        """Return cosine and sine of evenly spaced orders, each computed from the order before."""
-        waves = np.empty((orders.size, grid.angle.size), dtype=np.complex128)
-        waves[0] = np.exp(1j * orders[0] * grid.angle)
-        waves[1:] = np.exp(1j * (orders[1] - orders[0]) * grid.angle) if orders.size > 1 else 1.0
-        np.cumprod(waves, axis=0, out=waves)
-        basis = np.stack((waves.real, waves.imag), axis=1)
-        return Family(self.system, self.joint_columns[:, grid.number], basis, False)
 
 
 def _steps_of(scan: StepScan, steps: StepFamily) -> SearchedForm:

@@ -38,9 +38,10 @@ from robacc.tracing.candidates import (
     order_grids,
     profiles,
 )
+from robacc.tracing.form_families import FormFamilies
 from robacc.tracing.place_scans import PlaceScan, is_placed, place_scan_for, place_scans
 from robacc.tracing.selection import Selection
-from robacc.tracing.step_scans import Adjoints, StepFamily, StepScan, scan_for, scan_of, usable_places
+from robacc.tracing.step_scans import StepScan, scan_for, scan_of, usable_places
 from robacc.tracing.whitened_columns import Columns
 
 SELECTION_POSES = 800
@@ -114,11 +115,15 @@ class LinearisedCandidates:
         data = self.data.subset(at)
         arm = self.model.arm
 
-        thinned_whitening = self.whitening.subset(at)
-        adjoints = Adjoints(thinned_whitening)
-
-        def family_of_steps(scan: StepScan, at_places: NDArray[np.int64]) -> StepFamily:
-            return StepFamily(system, scan, at_places, at, adjoints)
+        families = FormFamilies(
+            system,
+            self.joint_columns[:, :, at],
+            at,
+            self.whitening.subset(at),
+            self.step_scans,
+            lambda effect: self._refinements(effect, at),
+            lambda effect: self._beside(effect, at),
+        )
 
         def expand(candidate: Candidate) -> Array:
             scan = scan_for(self.step_scans, candidate.effect) if is_step(candidate.effect) else None
@@ -135,15 +140,12 @@ class LinearisedCandidates:
             [place + count for place in self.places],
             order_grids(arm, data, self.only),
             order_grids(arm, data, self.only, high=True),
-            self.joint_columns[:, :, at],
+            families,
             expand,
             self.rows[at],
             self.step_scans,
             at,
-            family_of_steps,
             self.place_scans,
-            lambda effect: self._refinements(effect, at),
-            lambda effect: self._beside(effect, at),
         )
         choice = Selection(scorer)
         for effect in start:

@@ -44,14 +44,14 @@ def _best_order(scorer: CandidateScorer, conditioned: Conditioned, candidate: Ca
     if grid is None:
         return candidate
     for span in (ORDER_STEP, ORDER_STEP / 8):
-        orders, family = scorer.orders_near(grid, order, span)
+        orders, family = scorer.families.orders_near(grid, order, span)
         order = float(orders[family.best(conditioned)[0]])
     return dataclasses.replace(candidate, effect=of_order(grid.joint, round(order, 4)), terms=())
 
 
 def _best_step(scorer: CandidateScorer, conditioned: Conditioned, effect: Effect) -> Candidate | None:
     """Return the step of the same form near ``effect`` with the largest evidence; None if none is searched."""
-    near = scorer.steps_near(effect)
+    near = scorer.families.steps_near(effect)
     if near is None:
         return None
     scan, steps = near
@@ -75,7 +75,7 @@ def _best_form(scorer: CandidateScorer, conditioned: Conditioned, finding: Chose
     largest = scorer.score(finding, conditioned).evidence
     for _ in range(_ROUNDS):
         around = best
-        for batch, family in scorer.forms_of(around.effect):
+        for batch, family in scorer.families.refined(around.effect):
             evidence = family.judge(conditioned).evidence
             is_refined = around.key in {candidate.key for candidate in batch.candidates}
             i = int(np.argmax(evidence))

@@ -45,6 +45,7 @@ from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal
 from robacc.fitting.warnings import (
     condition_warning,
     convergence_warning,
+    few_places_warning,
     frames_warning,
     no_held_out_warning,
     outliers_warning,
@@ -181,6 +182,7 @@ def calibrate(
         warnings=(
             *mistakes,
             *places_warning(data),
+            *few_places_warning(final_fit, data),
             *_warnings(final_fit, data, comparison.after, noise),
             *_request_warnings(requests, final_fit, comparison.nominal, comparison.after),
             *([] if is_scatter else [NO_SCATTER]),

@@ -27,6 +27,7 @@ from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
     convergence_warning,
+    few_places_warning,
     frames_warning,
     no_held_out_warning,
     outliers_warning,
@@ -248,6 +249,7 @@ def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measure
         *data.warnings,
         *data.contradicted_ids(),
         *places_warning(data),
+        *few_places_warning(final, data),
         *outliers_warning(final, data),
         *read_back_warning(final, data),
         *frames_warning(declared, data),

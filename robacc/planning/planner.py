@@ -46,6 +46,7 @@ from robacc.planning.linear_model import (
 )
 from robacc.planning.power_design import PowerProblem, choose_for_power, expected_power, power_problem, random_power
 from robacc.planning.route import Route, route_by_payload
+from robacc.planning.too_few import too_few_warning
 from robacc.prediction.model_fit import model_fit
 from robacc.robots.description import Robot
 
@@ -285,7 +286,14 @@ class _Planner:
             sufficiency=sufficiency_of(expectation, plan.chosen, self._n_known, settings.target, self.already is None)
             if self._n_known
             else None,
+            warnings=self._warnings(plan, rows.shape[0], planned),
         )
+
+    def _warnings(self, plan: CampaignPlan, components: int, planned: PlannedCoefficients) -> tuple[str, ...]:
+        """Return the plan's warnings, and that it is too small for its fit; acceptance fits nothing of the arm."""
+        if self.settings.purpose == "acceptance":
+            return plan.warnings
+        return *plan.warnings, *too_few_warning(plan.chosen.size, self._n_known, components, planned.columns.size)
 
     def _worth(
         self, expectation: Expectation, problem: DesignProblem, chosen: NDArray[np.int64], planned: PlannedCoefficients

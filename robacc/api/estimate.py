@@ -18,6 +18,7 @@ from robacc.api.inputs import (
     load_optional_robot,
     load_poses,
 )
+from robacc.api.measured_targets import with_measured_targets
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, effect_names, fields_of, options_of
 from robacc.measurements import Measurements
@@ -122,11 +123,15 @@ def estimate(
     check_range("seed", seed, 0)
     check_choice("frame", frame, ("tool", "base", None))
     arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
-    data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
+    aligned = effect_names(align)
+    # Only a fit of the tool finds the place of a target that the robot file lacks.
+    any_target = arm is not None and "tool_frame" in aligned
+    data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits, any_target=any_target)
+    if arm is not None and any_target:
+        arm, data = with_measured_targets(arm, data)
     use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
     arm = use.robot
     grades, scale_record = load_grade_scale(scale)
-    aligned = effect_names(align)
     body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)
     if warnings := fitted_pose_warnings(arm, (record,)):
         notes = (*body.notes, "the robot file was fitted to these same poses")

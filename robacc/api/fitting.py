@@ -13,6 +13,7 @@ import numpy as np
 
 from robacc.api.arrays import check_targets
 from robacc.api.inputs import STDIN, PosesSource, StrPath, load_poses, load_robot, path_of, with_fitted_poses
+from robacc.api.measured_targets import with_measured_targets
 from robacc.api.model_use import CampaignUse, ModelUse, use_model
 from robacc.api.result import Result
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
@@ -22,7 +23,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign
 from robacc.modelling.validity import outside_validity
 from robacc.prediction.fit_record import fit_record
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Robot
 from robacc.version import __version__
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def load_fit_inputs(
 
     data, record = read(poses, "poses", any_target=True)
     file_arm = arm
-    arm, data = _with_measured_targets(arm, data)
+    arm, data = with_measured_targets(arm, data)
     own_targets = arm is file_arm
     use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
     arm = use.robot or arm
@@ -156,21 +157,6 @@ def load_fit_inputs(
     validation, validation_record = read(holdout, "holdout")
     _refuse_shared(data, validation, names["holdout"])
     return FitInputs(arm, data, validation, names, (record, arm_record, validation_record), use, own_targets)
-
-
-def _with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
-    """Return the robot with the targets that the poses name, if it has none and they name several; and the poses.
-
-    Each starts at the tool. The poses carry a warning.
-    """
-    names = [] if robot.targets or data.target is None else list(dict.fromkeys(data.target.tolist()))
-    if len(names) < 2:
-        return robot, data
-    text = (
-        f"targets {', '.join(names)} are not in the robot file: each starts at its tool, and tool_frame fits its place"
-    )
-    warned = replace(data, warnings=(*data.warnings, text))
-    return replace(robot, tool=Frame(), targets=dict.fromkeys(names, robot.tool)), warned
 
 
 def fitted_model(robot: Robot, inputs: FitInputs) -> tuple[Robot, tuple[str, ...]]:

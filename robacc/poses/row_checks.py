@@ -178,7 +178,7 @@ class RowChecks:
             names_text = listing([clip(name) for name in names])
             message = f"found several targets ({names_text}), but the robot has one tool and no targets"
             fix = (
-                "list each target under targets: in the robot file instead of tool (a trace, or a calibration with "
-                "tool_frame, writes such a file), or keep the rows of one target"
+                "fit tool_frame, which finds their places (`align` of estimate, `fit` of calibrate; a trace does), "
+                "list each target under targets: in the robot file instead of tool, or keep the rows of one target"
             )
             self.log.add(message, int(self.values.lines[np.argmax(target == names[1])]), "target", fix)

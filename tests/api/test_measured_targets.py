@@ -68,6 +68,15 @@ def test_without_a_fit_of_the_tool_the_places_are_unknown(table: list[list[str]]
         robacc.trace(path, robot=robot(), declared="base_frame", folds=2)
     with pytest.raises(InputError, match="found several targets"):
         robacc.estimate(path, robot=robot())
+    with pytest.raises(InputError, match="found several targets"):
+        robacc.estimate(path, robot=robot(), align="base_frame")
+
+
+def test_an_estimate_that_fits_the_tool_finds_the_places(table: list[list[str]], tmp_path: Path) -> None:
+    result = robacc.estimate(in_rows(table, tmp_path / "poses.csv"), robot=robot(), align=FRAMES)
+    # The arm has no error but the noise: sqrt(3) times 20 um, less what 15 fitted coefficients of 360 take up.
+    assert result.position.rms == pytest.approx(np.sqrt(3.0) * NOISE, rel=0.1)
+    assert any("are not in the robot file: each starts at its tool" in text for text in result.warnings)
 
 
 def test_one_name_is_the_tool(table: list[list[str]], tmp_path: Path) -> None:

@@ -217,9 +217,9 @@ def test_unknown_targets(read: Reader) -> None:
     assert read(one_row(), target_names=("smr1",)).n == 1
     # A robot with one tool: which of several targets it describes, nobody says.
     assert problem_texts(read, text + "0,1,2,3,smr1\n", target_names=()) == [
-        "3, target: found several targets ('smr1', 'smr3x'), but the robot has one tool and no targets; list "
-        "each target under targets: in the robot file instead of tool (a trace, or a calibration with tool_frame, "
-        "writes such a file), or keep the rows of one target"
+        "3, target: found several targets ('smr1', 'smr3x'), but the robot has one tool and no targets; fit "
+        "tool_frame, which finds their places (`align` of estimate, `fit` of calibrate; a trace does), list "
+        "each target under targets: in the robot file instead of tool, or keep the rows of one target"
     ]
     assert read(text.replace("smr3x", "smr1"), target_names=()).n == 2
     assert problem_texts(read, one_row(), target_names=("smr1", "smr3")) == [

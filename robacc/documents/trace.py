@@ -124,6 +124,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "largest_at_tool_m": finding.largest_at_tool,
         "held_out_before_m": finding.held_out_before,
         "held_out_after_m": finding.held_out_after,
+        "held_out_before_rad": finding.held_out_turn[0],
+        "held_out_after_rad": finding.held_out_turn[1],
         "stability": {"folds": finding.stability[0], "of": finding.stability[1]},
         "parameters": parameters_document(finding.parameters),
         "harmonics": [

@@ -63,11 +63,9 @@ def find_columns(
     """
     used = {column.index for column in known.values()}
     result = ForeignColumns(dict(known))
-    candidates = [
-        candidate
-        for candidate in _candidates(header, names, log)
-        if candidate.index not in used and candidate.key not in known
-    ]
+    candidates = [candidate for candidate in _candidates(header, names, log) if candidate.index not in used]
+    candidates = _with_quaternion(candidates, known, log, header.line)
+    candidates = [candidate for candidate in candidates if candidate.key not in known]
     chosen = _without_conflicts(_renumbered(candidates), log, header.line)
     units = _PreambleUnits.of(header)
     nameless: list[Column] = []
@@ -138,6 +136,33 @@ def _named_joint(heading: Heading, names: Names) -> str | None:
             if not others & {"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"}:
                 return f"q{i + 1}"
     return None
+
+
+def _with_quaternion(
+    candidates: Sequence[_Candidate], known: Mapping[str, Column], log: ProblemLog, line: int | None
+) -> list[_Candidate]:
+    """Return the candidates with Q0 … Q3 beside joints of other names as a quaternion, whose scalar part is Q0.
+
+    Of Q1 … Q4 the first or the last may be the scalar part: a question.
+    """
+    numbered = {item.heading.text: item for item in candidates if re.fullmatch(r"q \d", item.heading.text)}
+    others = [item for item in candidates if item.heading.text not in numbered]
+    numbers = sorted(int(text[-1]) for text in numbered)
+    has_joints = any(re.fullmatch(r"q\d+", key) for key in (*(item.key for item in others), *known))
+    if not has_joints or numbers not in ([0, 1, 2, 3], [1, 2, 3, 4]) or {"qw", "qx"} & {item.key for item in others}:
+        return list(candidates)
+    if numbers[0] == 0:
+        return others + [
+            replace(numbered[f"q {number}"], key=key, meaning=replace(numbered[f"q {number}"].meaning, key=key))
+            for number, key in enumerate(("qw", "qx", "qy", "qz"))
+        ]
+    names = ", ".join(numbered[f"q {number}"].heading.name for number in numbers)
+    fix = (
+        "name them qw, qx, qy, qz or qx, qy, qz, qw in a column map, which robacc init writes and `columns` takes; "
+        "leave them empty there if they are no orientation"
+    )
+    log.add("these may be a quaternion with its scalar part first or last", line, names, fix)
+    return others
 
 
 def _renumbered(candidates: Sequence[_Candidate]) -> list[_Candidate]:

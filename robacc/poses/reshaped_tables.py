@@ -1,4 +1,4 @@
-"""Tables with another shape than one row a measured target: one row for each axis, or several targets in each row."""
+"""Tables of another shape: one row for each axis, several targets in each row, or a pose as a matrix's entries."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from robacc.io.problem_log import ProblemLog, clip
 from robacc.io.table import Header, TableBody
 from robacc.poses.columns import AXES
 from robacc.poses.headings import axis_and_label, heading_of, is_point_name
+from robacc.poses.matrix_columns import MatrixTable
 
 _AXIS_NAMES = frozenset({"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente"})
 _MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "act", "meas", "result"})
@@ -30,6 +31,8 @@ def reshaped(table: Table, header: Header, target_names: Sequence[str] | None) -
         target_names: Targets of the robot file; None: any label of columns is a target.
     """
     header = _with_joint_names(header)
+    if matrices := MatrixTable.of(table, header):
+        table, header = matrices, matrices.header()
     new: _AxisRows | _TargetsInRows | None = _AxisRows.of(table, header)
     if new is None:
         new = _TargetsInRows.of(table, header, target_names)

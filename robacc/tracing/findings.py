@@ -74,6 +74,8 @@ class Finding:
     """What the finding means and what to do; None if its coefficients say it."""
     change: tuple[float, float, float] | None = None
     """Place of a step (s or line), and the first and last place of its 95 % interval."""
+    held_out_turn: tuple[float | None, float | None] = (None, None)
+    """Held-out orientation rms without it and with it, rad; None where orientation is not measured, or as above."""
 
 
 def describe_finding(
@@ -99,11 +101,12 @@ def describe_finding(
     else:
         p_value, evidence, alternatives = _score_when_added(search_result.steps, effect)
     before = after = None
+    turn_before = turn_after = None
     if validation is not None:
         rows = final.inliers if validation.folds else slice(None)
         without = validation.without.get(effect.key())
-        before = None if without is None else pose_metrics(without[:, rows]).position.rms
-        after = pose_metrics(validation.after[:, rows]).position.rms
+        before, turn_before = (None, None) if without is None else _rms(without[:, rows])
+        after, turn_after = _rms(validation.after[:, rows])
     number = with_deflection(final.model.free, "equilibrium").index(effect)
     fitted = final.model.free[number]
     columns = [i for i, owner in enumerate(final.owners) if owner == number]
@@ -141,7 +144,14 @@ def describe_finding(
         if harmonics
         else fitted.statement(final.model.arm, values, between),
         change,
+        (turn_before, turn_after),
     )
+
+
+def _rms(residual: Array) -> tuple[float, float | None]:
+    """Return the rms of position, m, and of orientation, rad; None where it is not measured."""
+    metrics = pose_metrics(residual)
+    return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
 
 
 def _score_when_added(steps: Sequence[SelectionStep], effect: Effect) -> tuple[float, float, tuple[Alternative, ...]]:

@@ -446,3 +446,17 @@ def test_what_the_other_findings_leave_no_need_of_is_not_reported() -> None:
     kept = reproduced(dataclasses.replace(loop, effects=both, final=final), choices, data)
     assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
     assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[0]))]
+
+
+@pytest.mark.slow
+def test_a_finding_states_the_held_out_orientation_where_it_is_measured() -> None:
+    wave = {"effect": "transmission_error", "joints": ["j1"], "values": {"j1.cos1": 2e-3}}
+    data = measured("scara", wave, n=40, orientation=True, noise_orientation=1e-4)
+    found = traced(arm("scara").robot, data, "base_frame")
+    finding = next(finding for finding in found.findings if finding.joints == ("j1",))
+    before, after = finding.held_out_turn
+    assert before is not None
+    assert after is not None
+    # The error of the joint turns the tool by up to 2 mrad; without it, noise remains.
+    assert before > 5e-4
+    assert after < 0.5 * before

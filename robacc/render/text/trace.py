@@ -151,10 +151,12 @@ def _finding(number: int, finding: Finding, baseline_rms: float | None, width: i
     details += [] if finding.statement is None else [finding.statement]
     details.append(f"{p_value(finding.p_value)}{stability}")
     if finding.held_out_before is not None and finding.held_out_after is not None:
-        details.append(
-            f"held-out poses: {three_digits(finding.held_out_before * IN_MM)} mm rms without it, "
-            f"{three_digits(finding.held_out_after * IN_MM)} mm rms with it"
-        )
+        before, after = (three_digits(size * IN_MM) for size in (finding.held_out_before, finding.held_out_after))
+        text = f"held-out poses: {before} mm rms without it, {after} mm rms with it"
+        if None not in finding.held_out_turn:
+            turns = (three_digits((turn or 0.0) * IN_DEGREES) for turn in finding.held_out_turn)
+            text += "; orientation {}° and {}°".format(*turns)
+        details.append(text)
     if finding.harmonics:
         listed = finding.harmonics[:_MAX_HARMONICS]
         n_unlisted = len(finding.harmonics) - len(listed)

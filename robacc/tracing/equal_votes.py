@@ -19,7 +19,10 @@ from robacc.tracing.rivals import MOST_TO_REFIT, lag_refitted, rivals
 
 
 def with_equal_votes(choices: FoldChoices, search_result: SearchResult, data: Measurements) -> FoldChoices:
-    """Return the choices in which findings that fewer than half of the folds chose have the votes of their equals."""
+    """Return the choices in which findings that fewer than half of the folds chose have the votes of their equals.
+
+    An equal of a name of its own that half of the folds agree on gives no vote: it comes in the finding's place.
+    """
     by_finding = [dict(choice) for choice in choices.effects_by_finding]
     for finding, effect in _findings(search_result):
         strangers = [
@@ -30,6 +33,7 @@ def with_equal_votes(choices: FoldChoices, search_result: SearchResult, data: Me
         if 2 * count >= choices.folds or 2 * (count + sum(map(bool, strangers))) < choices.folds:
             continue
         equals = _equals(search_result, finding, effect, data, {(e.name, e.joints) for fold in strangers for e in fold})
+        equals = [equal for equal in equals if not _comes_instead(equal, choices, search_result)]
         for votes, others in zip(by_finding, strangers, strict=True):
             if instead := tuple(e for e in others if any(_is_like(e, equal, search_result) for equal in equals)):
                 votes[effect.key()] = instead
@@ -62,6 +66,13 @@ def _equals(
     refitted = lag_refitted(search_result, finding, effect, data) if is_small else None
     alternatives = rivals(search_result.selection, finding, refitted, among)[1]
     return [rival_effect(other.effect, other.joints, other.settings) for other in alternatives]
+
+
+def _comes_instead(equal: Effect, choices: FoldChoices, search_result: SearchResult) -> bool:
+    """Return whether half of the folds have an alternative that is no form of a finding."""
+    if any(finding.is_same_finding(equal) for finding in search_result.effects):
+        return False
+    return 2 * sum(any(map(equal.is_same_finding, effects)) for effects in choices.all_effects) >= choices.folds
 
 
 def _is_like(effect: Effect, equal: Effect, search_result: SearchResult) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from independent_arm import DECLARED, measured, robot, run, target, torques
 
 from robacc.effects.base import Effect
+from robacc.effects.counterbalance import Counterbalance
 from robacc.effects.gear_ratio import GearRatio
 from robacc.effects.joint_compliance import JointCompliance
 from robacc.effects.request import build, parse_requests
@@ -68,6 +69,15 @@ def test_a_fold_with_another_effect_does_not_vote_for_a_finding() -> None:
     other = GearRatio(("j5",))
     split = choices_of((SPRING, wave), (SPRING, wave), (SPRING, other), (SPRING, other), (SPRING,))
     assert with_equal_votes(split, result, data).count(wave) == 2
+
+
+def test_an_alternative_that_half_of_the_folds_have_comes_in_the_findings_place() -> None:
+    result, data, wave = searched()
+    spring_across = Counterbalance(("j2",), 70.0, 0.7)
+    three = choices_of((SPRING, wave), (SPRING, wave), *[(SPRING, spring_across)] * 3)
+    assert with_equal_votes(three, result, data).count(wave) == 2
+    two = choices_of((SPRING, wave), (SPRING,), (SPRING,), *[(SPRING, spring_across)] * 2)
+    assert with_equal_votes(two, result, data).count(wave) == 3
 
 
 def test_without_a_finding_an_effect_that_stood_for_two_leaves_the_other() -> None:

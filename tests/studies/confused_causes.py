@@ -7,7 +7,7 @@ the noise, and has the level of one candidate among 80 in a trace. `robacc trace
 geometry declared and columns for every circumstance. An answer is
 
 right      a finding has the effect and its joint
-alternative  a finding of another name has them among its alternatives
+alternative  a finding of another name has them among its alternatives, or the effect in its statement
 missed     no finding at all
 wrong      neither; `explained` says whether the verdict is that
 
@@ -29,13 +29,33 @@ from typing import Any
 import numpy as np
 import tool
 from corrected_arms import circumstances, write_csv
-from real_arm import EFFECTS, KINDS, TEMPLATES, Pose, RealArm, Truth, measured, random_arm, random_truth, write_robot
+from real_arm import (
+    EFFECTS,
+    KINDS,
+    TEMPLATES,
+    Pose,
+    RealArm,
+    Truth,
+    drawn,
+    measured,
+    random_arm,
+    random_truth,
+    torques,
+    write_robot,
+)
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
 LEVEL = 0.002 / 80
-TERMS = {"transmission_error": 4, "axis_wobble": 8, "frame_drift": 3, "step": 3, "joint_correction": 2}
+EXTRA = ("counterbalance", "compliance_variation", "joint_warmup", "step_joint", "step_target", "tracker_error")
+"""Effects that this module adds to those of `real_arm.py`."""
+TERMS = {
+    "transmission_error": 4, "axis_wobble": 8, "frame_drift": 3, "step": 3, "joint_correction": 2, "counterbalance": 2,
+    "compliance_variation": 2, "step_target": 3,
+}  # fmt: skip
 """Coefficients of an effect in the ideal test, where they are more than one."""
+BESIDE = {"counterbalance": "joint_compliance", "compliance_variation": "joint_compliance"}
+"""Effect that the arm has besides on the same joint: nobody balances a joint that does not give way."""
 LEAST_NEW = 0.02
 """Share of the effect's displacement that geometry must leave, or another arm is drawn: little of a gear's error of
 an outer joint differs from errors of geometry."""
@@ -51,7 +71,7 @@ class ConfusionStudy:
         self.noise = float(rng.choice([2e-5, 5e-5]))
         for _ in range(50):
             self.arm: RealArm = random_arm(template, form, rng)
-            truth = random_truth(self.arm, [self.kind], rng)
+            truth = drawn_truth(self.arm, self.kind, rng)
             self.q = rng.uniform(*self.arm.limits.T, (poses, len(self.arm.joints)))
             self.pose: Pose = circumstances(self.q, rng, ordered=False)
             share, length = self._visible(truth)
@@ -66,9 +86,9 @@ class ConfusionStudy:
 
     def _visible(self, truth: Truth) -> tuple[float, float]:
         """Return the share of the effect's displacement that frames and geometry cannot stand for, and its length."""
-        without = dataclasses.replace(truth, effects={})
-        start = measured(self.arm, without, self.q, self.pose)[0].ravel()
-        moved = measured(self.arm, truth, self.q, self.pose)[0].ravel() - start
+        without = dataclasses.replace(truth, effects={k: v for k, v in truth.effects.items() if k != self.kind})
+        start = self._measured(without).ravel()
+        moved = self._measured(truth).ravel() - start
         columns = []
         for name, size in (("base", 6), ("tool", 3), ("rows", truth.rows.size)):
             if name == "rows" and self.kind == "instrument_scale":
@@ -77,15 +97,46 @@ class ConfusionStudy:
                 value = getattr(without, name).copy()
                 value.ravel()[i] += 1e-6
                 other = dataclasses.replace(without, **{name: value})
-                columns.append((measured(self.arm, other, self.q, self.pose)[0].ravel() - start) / 1e-6)
+                columns.append((self._measured(other).ravel() - start) / 1e-6)
+        if self.kind in BESIDE:
+            loaded = {BESIDE[self.kind]: {**truth.effects[BESIDE[self.kind]]}}
+            softer = scaled(dataclasses.replace(without, effects=loaded), BESIDE[self.kind], 1.01)
+            columns.append(100.0 * (self._measured(softer).ravel() - start))
         u, s, _ = np.linalg.svd(np.array(columns).T, full_matrices=False)
-        basis = u[:, s > 1e-8 * s[0]]
+        basis = u[:, s > 1e-9 * s[0]]
         left = moved - basis @ (basis.T @ moved)
         return float(np.linalg.norm(left) / np.linalg.norm(moved)), float(np.linalg.norm(left))
 
+    def _measured(self, truth: Truth) -> np.ndarray:
+        """Return the measured positions (N, 3) without noise."""
+        effect: Mapping[str, Any] | None = truth.effects.get(self.kind)
+        if self.kind not in EXTRA or effect is None:
+            return measured(self.arm, truth, self.q, self.pose)[0]
+        plain = dataclasses.replace(truth, effects={k: v for k, v in truth.effects.items() if k != self.kind})
+        if self.kind == "tracker_error":
+            place = measured(self.arm, plain, self.q, self.pose)[0]
+            beam = place - effect["station"]
+            return place + effect["size"] * beam / np.linalg.norm(beam, axis=1)[:, None]
+        after = self.pose.time >= np.median(self.pose.time)
+        if self.kind == "step_target":
+            place, turned = measured(self.arm, plain, self.q, self.pose)
+            return place + after[:, None] * (turned @ effect["size"])
+        q, j = self.q.copy(), int(effect["joint"])
+        angle = q[:, j] - effect.get("phase", 0.0)
+        if self.kind == "counterbalance":
+            change = np.sin(angle) * (1.0 - 0.75 / np.sqrt(1.0 + 0.7 * np.cos(angle)))
+        elif self.kind == "compliance_variation":
+            change = torques(self.arm, self.q)[:, j] * np.cos(2.0 * angle)
+        elif self.kind == "joint_warmup":
+            change = 1.0 - np.exp(-self.pose.time / (0.2 * np.ptp(self.pose.time)))
+        else:
+            change = after.astype(float)
+        q[:, j] += effect["size"] * change
+        return measured(self.arm, plain, q, self.pose)[0]
+
     def columns(self) -> dict[str, np.ndarray]:
         """Return the columns of the measured poses."""
-        place = measured(self.arm, self.truth, self.q, self.pose)[0]
+        place = self._measured(self.truth)
         place = place + self.noise * self.rng.standard_normal(place.shape)
         columns = {f"q{i + 1}": row for i, row in enumerate(self.q.T)} | dict(zip("xyz", place.T, strict=True))
         columns |= {f"speed_q{i + 1}": row for i, row in enumerate(self.pose.speed.T)}
@@ -100,10 +151,29 @@ class ConfusionStudy:
         return None if place is None else self.arm.names[int(place)]  # type: ignore[call-overload]
 
 
+def drawn_truth(arm: RealArm, kind: str, rng: np.random.Generator) -> Truth:
+    """Draw a real arm with one effect, and what it needs besides."""
+    if kind not in EXTRA:
+        return random_truth(arm, [kind], rng)
+    truth = random_truth(arm, [BESIDE[kind]] if kind in BESIDE else [], rng)
+    effect: dict[str, object] = {"size": 1e-4}
+    if kind == "step_target":
+        effect["size"] = 1e-4 * rng.standard_normal(3)
+    elif kind == "tracker_error":
+        effect["station"] = np.append(rng.uniform(2.5, 4.0) * np.array([1.0, rng.uniform(-1, 1)]), rng.uniform(0, 1.5))
+    else:
+        beside = truth.effects[BESIDE[kind]] if kind in BESIDE else drawn("backlash", arm, rng)
+        effect |= {"joint": beside["joint"], "phase": float(rng.uniform(-math.pi, math.pi))}
+        if kind == "compliance_variation":
+            effect["size"] = 0.1 * float(beside["size"])  # type: ignore[arg-type]
+    return dataclasses.replace(truth, effects={**truth.effects, kind: effect})
+
+
 def scaled(truth: Truth, kind: str, factor: float) -> Truth:
     """Return the truth with the effect's size times ``factor``."""
     effect: Mapping[str, Any] = truth.effects[kind]
-    return dataclasses.replace(truth, effects={kind: {**effect, "size": np.asarray(effect["size"]) * factor}})
+    changed = {**effect, "size": np.asarray(effect["size"]) * factor}
+    return dataclasses.replace(truth, effects={**truth.effects, kind: changed})
 
 
 def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
@@ -128,11 +198,18 @@ def judged(kind: str, joint: str | None, result: Mapping[str, Any]) -> dict[str,
     """Return the answer, the names, and the verdict of a trace."""
 
     def is_true(named: Mapping[str, Any]) -> bool:
-        return bool(named["effect"] == kind and (joint is None or joint in named["joints"]))
+        effect = named["effect"]
+        if effect == "step" and kind != "step":
+            effect += "_" + named["settings"].get("part", "joint" if named["joints"] else "base")
+        return bool(effect == kind and (joint is None or joint in named["joints"]))
 
-    findings = result["findings"]
+    findings = [f for f in result["findings"] if f["effect"] != BESIDE.get(kind) or "masses" in f["settings"]]
     right = any(map(is_true, findings))
-    alternative = any(is_true(other) for finding in findings for other in finding["alternatives"])
+    alternative = any(
+        is_true(other) or kind.replace("_", " ") in (finding["statement"] or "")
+        for finding in findings
+        for other in finding["alternatives"] or [finding]
+    )
     answer = ANSWERS[0 if right else 1 if alternative else 3 if findings else 2]
     names = [f"{f['effect']}[{','.join(f['joints'])}]" for f in findings if not is_true(f)]
     explained = result["verdict"] == "explained"
@@ -176,7 +253,7 @@ def main() -> int:
     all_names = [
         f"{kind}-{TEMPLATES[(s + k) % len(TEMPLATES)]}-{KINDS[(s + k) // 2 % len(KINDS)]}-s{s}"
         for s in seeds
-        for k, kind in enumerate(EFFECTS)
+        for k, kind in enumerate((*EFFECTS, *EXTRA))
     ]
     names = tool.chosen(all_names, options)
     if options.list:

@@ -192,6 +192,17 @@ def _weights(arm: RealArm, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
     return _forces(arm, _frames(arm, still, q, _Motion.none(q)), None)
 
 
+def torques(arm: RealArm, q: np.ndarray) -> np.ndarray:
+    """Torques (N, J) of the links' weight about the joints at the commanded poses."""
+    still = Truth(np.zeros(6), np.zeros(3), np.zeros((len(arm.joints), 6)))
+    return _forces(arm, _frames(arm, still, q, _Motion.none(q)), None)[0]
+
+
+def drawn(kind: str, arm: RealArm, rng: np.random.Generator) -> dict[str, object]:
+    """Draw the joint and the size of an effect."""
+    return _DRAWN[kind](arm, rng)
+
+
 def _loaded(arm: RealArm, rng: np.random.Generator) -> dict[str, object]:
     """A turning joint that carries weight: one of the two whose torque varies most; `peak` is its largest torque."""
     torque = _weights(arm, rng)[0]

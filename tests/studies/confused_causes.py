@@ -49,8 +49,10 @@ from scipy.stats import chi2, ncx2
 LEVEL = 0.002 / 80
 EXTRA = ("counterbalance", "compliance_variation", "joint_warmup", "step_joint", "step_target", "tracker_error")
 """Effects that this module adds to those of `real_arm.py`."""
+NO_CAUSE = "joint_correction"
+"""An empirical correction: a trace calls such a profile a wave, or a correction."""
 TERMS = {
-    "transmission_error": 4, "axis_wobble": 8, "frame_drift": 3, "step": 3, "joint_correction": 2, "counterbalance": 2,
+    "transmission_error": 4, "axis_wobble": 8, "frame_drift": 3, "step": 3, "counterbalance": 2,
     "compliance_variation": 2, "step_target": 3,
 }  # fmt: skip
 """Coefficients of an effect in the ideal test, where they are more than one."""
@@ -254,6 +256,7 @@ def main() -> int:
         f"{kind}-{TEMPLATES[(s + k) % len(TEMPLATES)]}-{KINDS[(s + k) // 2 % len(KINDS)]}-s{s}"
         for s in seeds
         for k, kind in enumerate((*EFFECTS, *EXTRA))
+        if kind != NO_CAUSE
     ]
     names = tool.chosen(all_names, options)
     if options.list:

@@ -25,7 +25,7 @@ from robacc.tracing.selection import FALSE_ALARM, Selection, fold_level
 _EVEN_CHANCE = 0.5
 _JOINT_FACTOR = 1.12
 """Factor on the noncentrality, because the search, half of the folds and the held-out gain must agree. In simulated
-linear models (one to four directions, 40 to 200 poses; 350 campaigns of each factor) they do so in 56 % of the campaigns
+linear models (one to four directions, 40 to 200 poses; 1,050 campaigns each) they do so in 56 % of the campaigns
 at the limit; with 1.06 in 51 %, with 1.0 in 48 %. Limits are 3 % on the large side."""
 _LARGEST = 300.0
 """Largest limit, in multiples of the usual size; an effect that needs more has no detection limit."""

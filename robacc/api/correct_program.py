@@ -57,7 +57,7 @@ class CorrectedProgram:
             for target in self.program.targets
         ):
             lines.append(
-                "Cartesian targets whose configuration is not given, or not read as a whole: the joints nearest to the "
+                "Cartesian targets whose configuration is not given, or not read completely: the joints nearest to the "
                 "last joint target before them are taken, or a solution within the limits where there is none"
             )
         return tuple(lines)

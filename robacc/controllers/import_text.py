@@ -46,7 +46,7 @@ def _parse_json(text: str, file: str) -> Robot:
     except ValueError as error:
         raise InputError(Problem(str(error), file)) from None
     if not isinstance(document, dict) or document.get("schema") != KINEMATICS_SCHEMA:
-        raise InputError(Problem(f"is no kinematics file of robacc ({KINEMATICS_SCHEMA})", file))
+        raise InputError(Problem(f"is not a kinematics file of robacc ({KINEMATICS_SCHEMA})", file))
     try:
         joints = []
         for entry in document["joints"]:
@@ -79,4 +79,4 @@ def _frame(value: Any) -> Frame:
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no finite number")
+    raise ValueError(f"{text} is not a finite number")

@@ -90,7 +90,9 @@ def _unsolved(
             reason = f"the correction would take {' and '.join(stopped)} beyond the joint limit"
             result[int(i)] = Refusal(Cause.limit, reason)
         elif setting.follows_order and solution.settled[i]:
-            reason = "a joint moves less than its play since the target before, so its direction of approach is open"
+            reason = (
+                "a joint moves less than its play since the previous target, so its direction of approach is unknown"
+            )
             result[int(i)] = Refusal(Cause.approach, reason)
         else:
             position, angle = _amounts(solution.error[:, [i]])

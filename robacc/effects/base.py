@@ -76,8 +76,6 @@ class Effect(abc.ABC):
     """True if joints give way about their axes to the arm's own weight."""
     is_nonnegative: ClassVar[bool] = False
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
-    implausible_is_impossible: ClassVar[bool] = False
-    """True if implausible coefficients rule the effect out; otherwise it only competes with a handicap."""
     extrapolates: ClassVar[str | None] = None
     """Physical reason why the effect goes on beyond its validity range; None if it stops there."""
     is_bounded: ClassVar[bool] = False
@@ -99,6 +97,11 @@ class Effect(abc.ABC):
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Return the reason if the effect cannot be fitted to this robot and these data, in one line; else None."""
         return None
+
+    @property
+    def rejects_implausible(self) -> bool:
+        """Return whether implausible coefficients rule this form out; otherwise it only competes with a handicap."""
+        return False
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if fitted coefficients are beyond what the effect can be, in one sentence; else None.

@@ -69,7 +69,7 @@ class InstrumentScale(Effect):
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 
     @property
-    def implausible_is_impossible(self) -> bool:  # type: ignore[override]
+    def rejects_implausible(self) -> bool:
         """Return whether the scale drifts: shifts of its own let it follow any drift of the frame."""
         return self.drift > 0
 
@@ -126,7 +126,7 @@ class InstrumentScale(Effect):
             return super().implausible(terms, values)
         if math.hypot(*centre) > FARTHEST:
             distance = f"{math.hypot(*centre):.2g} m away"
-            return f"{self.name}: its centre {distance} is implausible: an instrument stands nearer"
+            return f"{self.name}: its centre is {distance}, which is implausible: an instrument stands nearer"
         if self._share_about_no_point(by_name, centre) > _ABOUT_NO_POINT:
             return f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
         return super().implausible(terms, values)
@@ -164,7 +164,7 @@ class InstrumentScale(Effect):
         curve = scale @ np.linspace(-1, 1, 101)[None] ** powers[:, None]
         place = ", ".join(f"{coordinate:.2g}" for coordinate in centre)
         return (
-            f"the instrument's scale ranges over {1e6 * float(np.ptp(curve)):.2g} ppm during the poses, about the "
+            f"the instrument's scale changes by {1e6 * float(np.ptp(curve)):.2g} ppm during the measurement, about the "
             f"point {place} m: log temperature and pressure of the air, and measure a fixed target between the poses"
         )
 

@@ -41,10 +41,11 @@ class JointCompliance(Elastic):
         equation="theta_j + c_j tau_j, tau_j the torque of gravity about the axis at the deflected pose; "
         f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint); masses unknown: the same times kg or kg m",
-        usual_size="1e-7 to 1e-5 rad/(N m), large arms the stiffer",
+        usual_size="1e-7 to 1e-5 rad/(N m), stiffer on large arms",
         usual_range=(1e-07, 1e-05),
         needs="mass and com of the links; without them the torque's base regressors are fitted",
-        confused_with="transmission_error of order 1 on joints of horizontal axis, base_compliance, payload_compliance",
+        confused_with="transmission_error of order 1 on joints with a horizontal axis, base_compliance, "
+        "payload_compliance",
         source="Khalil and Dombre 2002, ch. 8 and 9.5; Klimchik et al. 2014",
         example="{effect: joint_compliance, joints: [j2, j3], values: {j2: 2e-6, j3: 5e-6}}",
     )
@@ -98,10 +99,10 @@ class JointCompliance(Elastic):
         if self.masses != "uncertain":
             return None
         return (
-            f"the weight that {', '.join(self.joints)} gives way to is not that of the robot file: its masses are off, "
-            "a link carries a load that it does not state, or a counterbalance (a spring or cylinder across the joint) "
-            "carries a part; look for a hose, a valve block, or a tool or part that is not declared, and add its mass "
-            "to its link"
+            f"the torque that deflects {', '.join(self.joints)} is not that of the masses in the robot file: these "
+            "masses are wrong, a link carries a load that the file does not state, or a counterbalance (a spring or "
+            "cylinder across the joint) carries a part of the weight; look for a hose, a valve block, or an undeclared "
+            "tool or part, and add its mass to its link"
         )
 
     def settings(self) -> dict[str, Any]:

@@ -181,7 +181,7 @@ class JointCorrection(Effect):
         if not isinstance(drivers, list) or len(drivers) not in (1, 2):
             raise ValueError(f"{cls.name}: drivers must be a list of one or two names, found {drivers!r}")
         if not isinstance(ranges, list) or len(ranges) != len(drivers) or not all(map(_is_range, ranges)):
-            raise ValueError(f"{cls.name}: range must be a list of [low, high], one a driver, found {ranges!r}")
+            raise ValueError(f"{cls.name}: range must be a list of [low, high], one for each driver, found {ranges!r}")
         low, high = (tuple(float(pair[i]) for pair in ranges) for i in range(2))
         if not isinstance(degree, int) or isinstance(degree, bool) or not 1 <= degree <= 40:
             raise ValueError(f"{cls.name}: degree must be 1 to 40, found {degree!r}")

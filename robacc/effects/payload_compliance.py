@@ -136,7 +136,9 @@ class PayloadCompliance(Elastic):
         if largest == 0.0:
             return None
         shares = ", ".join(f"{group} {size / largest:.2f}" for group, size in sizes.items())
-        return f"{', '.join(self.joints)} give way to loads of unknown mass; over the largest they are: {shares}"
+        return (
+            f"{', '.join(self.joints)} deflect under loads of unknown mass; relative to the largest, they are: {shares}"
+        )
 
     def settings(self) -> dict[str, Any]:
         """Return the form, an uncertain centre of mass, and the names of unknown loads."""

@@ -31,7 +31,6 @@ class ReadBack(Effect):
     is_of_measurement = True
     is_nonnegative = True
     implausible_factor = 1.5
-    implausible_is_impossible = True
     extrapolates = "the difference is that of each pose"
     missing_reasons = ("no read_q columns that differ from the commanded joints",)
     about = About(
@@ -53,6 +52,11 @@ class ReadBack(Effect):
         if data.read_back is None or data.q is None or np.array_equal(data.read_back, data.q):
             return cls.missing_reasons[0]
         return None
+
+    @property
+    def rejects_implausible(self) -> bool:
+        """True: a share far above 1 is not that of an arm that stood between its command and the joints read back."""
+        return True
 
     @property
     def of_campaign(self) -> bool:

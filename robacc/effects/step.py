@@ -216,22 +216,22 @@ class Step(Effect):
         place = between[0] if between else self._place()
         start = f"from {place} on" + ("" if between is None or between[1] == between[2] else _interval(between))
         if self.part == "base":
-            check = "check the mounting of the base and the instrument's tripod, and measure from there again"
-            return f"{start} the base stands {size} elsewhere: {check}"
+            check = "check the mounting of the base and the instrument's tripod, and measure these poses again"
+            return f"{start}, the base is displaced by {size}: {check}"
         if self.part == "target":
             which = "target" if self.target is None else f"target {self.target}"
-            check = "check its seat, and measure the poses before it again"
-            return f"{start} the {which} sits {size} elsewhere: {check}"
+            check = "check its seat, and measure the earlier poses again"
+            return f"{start}, the {which} is displaced by {size}: {check}"
         if self.part == "payload":
             check = "write payload_kg for each row (a part, another tool, a hose), and trace again"
-            return f"{start} the arm carries another load, to which {', '.join(self.joints)} give way: {check}"
+            return f"{start}, the arm carries another load, which deflects {', '.join(self.joints)}: {check}"
         check = "look for a collision, a lost encoder count or a new mastering; master the joint and measure again"
         jumps = ", ".join(
             f"{joint} jumps by {1e3 * values.get(f'{self.name}.{joint}', 0.0):.3g} "
             f"{'mrad' if arm.is_revolute(joint) else 'mm'}"
             for joint in self.joints
         )
-        return f"{start} the zero of {jumps}: {check}"
+        return f"{start}, the zero of {jumps}: {check}"
 
     def _place(self) -> str:
         return f"line {self.from_line}" if self.from_time is None else f"{self.from_time:.6g} s"

@@ -83,8 +83,9 @@ class TargetDecentre(LineOfSight):
         off = 1e3 * float(np.sqrt(np.sum(np.square(sizes))))
         place = ", ".join(f"{value:.2g}" for value in self.place)
         return (
-            f"the reflector's centre is {off:.2g} mm off its sphere's centre, seen from an instrument near {place} m: "
-            "turn it in its nest and watch the reading; replace it or measure with the same side to the instrument"
+            f"the reflector's optical centre is {off:.2g} mm from the centre of its sphere, for an instrument near "
+            f"{place} m: turn it in its nest and watch the reading; replace it, or keep the same side "
+            "towards the instrument"
         )
 
     def settings(self) -> dict[str, Any]:

@@ -104,7 +104,7 @@ class TrackerError(LineOfSight):
         place = ", ".join(f"{value:.2g}" for value in self.place)
         amount = f"{1e3 * size:.2g} mm" if self.kind == "range" else f"{1e3 * size:.2g} mrad"
         return (
-            f"the instrument near {place} m has an error of its {self.kind} reading of {amount}: run its compensation "
+            f"the instrument near {place} m has an error of {amount} in its {self.kind} reading: run its compensation "
             "routine and a two-face check, and measure again"
         )
 

@@ -46,7 +46,7 @@ class OutlierPattern:
         """Return the pattern as a sentence."""
         return (
             f"{self.inside} of {self.outliers} outliers have {self.quantity} {self.side} {self.limit:.4g} {self.unit}, "
-            f"as {100 * self.share:.0f} % of all rows have: they share a cause and are no accidents"
+            f"as {100 * self.share:.0f} % of all rows have: they have a common cause and are not accidents"
         )
 
 

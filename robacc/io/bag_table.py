@@ -161,10 +161,12 @@ def _use_rest(path: str, stands: NDArray[np.int64], options: BagOptions) -> bool
     moving = int(np.sum(stands < 0))
     if options.at is None and moving:
         message = f"the robot moved during {moving} of {stands.size} measured poses, where a delay makes large errors"
-        fix = "give `bag` with at=rest for one pose a stand, the mean of its samples, or at=any for every sample"
+        fix = "give `bag` with at=rest for one pose at each stop, the mean of its samples, or at=any for every sample"
         raise InputError(Problem(message, path, fix=fix))
     if options.at == "rest" and moving == stands.size:
-        raise InputError(Problem("the robot never stood during a measured pose", path, fix="`bag`: at=any uses all"))
+        raise InputError(
+            Problem("the robot never stood still during a measured pose", path, fix="`bag`: at=any uses all")
+        )
     return options.at == "rest"
 
 

@@ -205,12 +205,16 @@ def _as_arrow(frame: Any, name: str) -> Any:
     try:
         import pyarrow
     except ImportError as error:
-        raise InputError(Problem("is no table whose columns can be read", name, fix="convert it to pandas")) from error
+        raise InputError(
+            Problem("is not a table whose columns can be read", name, fix="convert it to pandas")
+        ) from error
     return pyarrow.table(frame)
 
 
 def _column(values: Any, key: str, name: str) -> NDArray[Any]:
     column = values.to_numpy() if hasattr(values, "to_numpy") else np.asarray(values)
     if column.ndim != 1:
-        raise InputError(Problem(f"expected one value a row, found an array of shape {column.shape}", name, column=key))
+        raise InputError(
+            Problem(f"expected one value per row, found an array of shape {column.shape}", name, column=key)
+        )
     return np.asarray(column)

@@ -71,7 +71,7 @@ def read_bytes(name: str, limit: int) -> bytes:
             with path.open("rb") as stream:
                 data = stream.read(limit + 1)
     except FileNotFoundError:
-        raise InputError(Problem("there is no such file", name)) from None
+        raise InputError(Problem("the file does not exist", name)) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(Problem(f"cannot be read: {_reason(error)}", name)) from None
     if len(data) > limit:

@@ -84,7 +84,7 @@ def open_table(path: str, options: TableOptions | None = None) -> Iterator[Table
     try:
         stream = open(path, "rb")  # noqa: SIM115 (closed below; only the failure to open is an error of the input)
     except FileNotFoundError:
-        raise InputError(Problem("there is no such file", path)) from None
+        raise InputError(Problem("the file does not exist", path)) from None
     except OSError as error:
         raise InputError(Problem(f"cannot be read: {str(error.strerror).lower()}", path)) from error
     with stream:

@@ -128,7 +128,7 @@ class TableReader:
                 self._units = self._cell_units()
                 return Header(self._names, number, cell_units=self._units)
         raise InputError(
-            Problem("the file is empty", self.file, fix="expected a header row of column names and one row a pose")
+            Problem("the file is empty", self.file, fix="expected a header row of column names and one row per pose")
         )
 
     def _foreign_header(self, first: Block, dialect: TableDialect) -> Header:

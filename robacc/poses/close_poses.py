@@ -36,7 +36,7 @@ def with_repetitions(data: Measurements) -> tuple[Measurements, str | None]:
     names, number = np.unique(place, return_inverse=True)
     ids = np.array([f"P{k + 1}" for k in range(names.size)])[number]
     remark = (
-        f"{data.n} rows are taken for {names.size} commanded poses and their repetitions, because joints differ "
+        f"{data.n} rows are read as {names.size} commanded poses and their repetitions, because joints differ "
         f"by less than {1e3 * _NEAR:g} mrad (mm); a pose column states repetitions"
     )
     return dataclasses.replace(data, pose=ids), remark

@@ -157,7 +157,7 @@ def _targets_as_poses(values: Values, target_names: Sequence[str]) -> tuple[Valu
         return values, []
     texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
     return dataclasses.replace(values, texts=texts), [
-        f"{column.name} taken for the names of the poses, since each row has another"
+        f"{column.name} is used as the names of the poses, because it differs in every row"
     ]
 
 

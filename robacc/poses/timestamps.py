@@ -90,7 +90,7 @@ def _parsed(column: NDArray[np.str_], lines: NDArray[np.int64], name: str, log: 
     day_first = _day_first(column)
     if day_first is None:
         line = int(lines[0])
-        log.add(f"found {clip(str(column[0]))}, in which day and month may be either way round", line, name,
+        log.add(f"found {clip(str(column[0]))}, in which either number may be the day", line, name,
                 "write dates as 2026-11-22, or leave the column out with `columns`")  # fmt: skip
         return Times(np.full(column.size, np.nan), "")
     values = np.full(column.size, np.nan)

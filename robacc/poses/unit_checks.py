@@ -78,7 +78,7 @@ class UnitChecks:
         columns = [layout.columns[key] for key in layout.unit_of_position]
         typical = float(np.median(sigma)) * columns[0].divisor
         self.log.add(
-            f"these columns state no unit, and {typical:.3g} {columns[0].unit} is no usual measuring uncertainty",
+            f"these columns state no unit, and {typical:.3g} {columns[0].unit} is not a usual measuring uncertainty",
             self.line,
             compact([column.name for column in columns]),
             "give their unit with `units`, for example um, or write it into the names, as in Ux (um)",

@@ -178,10 +178,10 @@ def _verdict(parameters: ChiSquare | None, noise: ChiSquare | None, scale: Scale
     else:
         sentences.append(
             "the measured errors have the predicted size but not the predicted pattern: some parameters have larger "
-            "errors, or there are other causes than these parameters"
+            "errors, or there are causes other than these parameters"
         )
     if noise is not None and noise.p_value < SIGNIFICANT:
         noise_ratio = math.sqrt(noise.ratio)
-        cause = ": other effects than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
+        cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
         sentences.append(f"the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}")
     return "; ".join(sentences)

@@ -17,7 +17,7 @@ from robacc.errors import InputError, Problem, RobaccError
 from robacc.geometry import Array
 from robacc.robots.description import Robot
 
-_FIX = "`write_model` of a trace or a calibration writes it; do not change it, or remove the whole part"
+_FIX = "`write_model` of a trace or a calibration writes it; do not change it, or remove this part completely"
 _DIGITS = 12
 
 

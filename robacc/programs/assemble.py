@@ -58,7 +58,7 @@ class Draft:
         start = numbers[0].start
         line = self.source.line(start)
         if any(not abs(number.value) < _LARGEST for number in numbers):
-            self.note(start, numbers[-1].end, "a number of this target stands for no value")
+            self.note(start, numbers[-1].end, "a number of this target is a placeholder")
             return None
         kind: TargetKind = "joint" if convention is Convention.joints else "cartesian"
         name = self.source.name(name) or f"line {line}"

@@ -39,7 +39,7 @@ def parse_fanuc(source: ProgramSource) -> Program:
     text = source.text
     sections = {match[1]: match for match in _SECTION.finditer(text)}
     if "PROG" not in sections:
-        raise source.error("has no /PROG, so it is no TP program as ASCII", fix=_FIX)
+        raise source.error("has no /PROG, so it is not a TP program in ASCII", fix=_FIX)
     if "END" not in sections:
         raise source.error("is truncated: it has no /END", len(text), _FIX)
     draft = Draft(source, Dialect.fanuc)
@@ -49,7 +49,7 @@ def parse_fanuc(source: ProgramSource) -> Program:
     position = first
     for match in _POSITION.finditer(text, first, end):
         if text[position : match.start()].strip():
-            draft.note(position, match.start(), "is no position that robacc knows")
+            draft.note(position, match.start(), "is not a position that robacc knows")
         position = match.end()
         index = _add_position(draft, match)
         if index is not None:
@@ -58,7 +58,7 @@ def parse_fanuc(source: ProgramSource) -> Program:
         opened = text.find("{", position, end)
         if opened >= 0 and text.find("}", opened, end) < 0:
             raise source.error("is truncated: this position has no }", opened, _FIX)
-        draft.note(position, end, "is no position that robacc knows")
+        draft.note(position, end, "is not a position that robacc knows")
     dropped: dict[int, str] = {}
     if "MN" in sections:
         for match in _MOTION.finditer(text, sections["MN"].end(), first):
@@ -85,7 +85,7 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
         external = ", ".join(part for part in (external, others) if part)
     numbers = _numbers(entries)
     if numbers is None:
-        draft.note(match.start(), match.end(), f"P[{match[1]}] is not taught, or has not all its numbers")
+        draft.note(match.start(), match.end(), f"P[{match[1]}] is not taught, or lacks some of its numbers")
         return None
     configuration = _CONFIGURATION.search(text, start, end)
     comment = (match[2] or "").strip().strip('"')
@@ -137,7 +137,7 @@ def _add_motions(draft: Draft, match: re.Match[str], targets: dict[str, int], dr
         if point[1] == "PR" or not point[2].isdecimal():
             draft.note(match.start(1), match.end(), "the target is in a register, which is known at run time only")
         elif point[2] not in targets:
-            draft.note(match.start(1), match.end(), f"P[{point[2]}] is no target of this program")
+            draft.note(match.start(1), match.end(), f"P[{point[2]}] is not a target of this program")
         elif _INCREMENTAL.search(instruction):
             dropped[targets[point[2]]] = f"the motion in line {line} is incremental"
         else:

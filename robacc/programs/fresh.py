@@ -64,7 +64,7 @@ def write_program(
     if not 0 < speed <= 1:
         raise UsageError(f"a speed of {speed:g} is not a fraction of the largest; give a number above 0 and at most 1")
     if not pause >= 0:
-        raise UsageError(f"a pause of {pause:g} s is no time to wait; give a number of seconds that is not negative")
+        raise UsageError(f"a pause of {pause:g} s cannot be waited for; give a number of seconds that is not negative")
     for target in targets:
         if target.kind == "joint" and (len(target.values) > _MOST_JOINTS or not target.values):
             raise UsageError(

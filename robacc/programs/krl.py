@@ -97,7 +97,7 @@ def _check_complete(reading: KrlReading) -> None:
         elif kind == "end" and opened:
             opened.pop()
     if not count:
-        raise reading.source.error("has no DEF, DEFFCT or DEFDAT, so it is no complete KRL file")
+        raise reading.source.error("has no DEF, DEFFCT or DEFDAT, so it is not a complete KRL file")
     if opened:
         fix = "copy it from the controller again"
         raise reading.source.error("is truncated: the routine that begins here has no END", opened[0], fix)
@@ -113,7 +113,7 @@ def _declared_targets(reading: KrlReading, names: _Names, draft: Draft) -> dict[
         aggregate = literals[0][1]
         index = _add_target(draft, reading.spelling.get(name, name), aggregate)
         if index is None:
-            draft.note(aggregate.start, aggregate.end, f"{name} has not all numbers of a target")
+            draft.note(aggregate.start, aggregate.end, f"{name} lacks some of the numbers of a target")
         else:
             result[name] = index
     return result

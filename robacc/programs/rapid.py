@@ -123,7 +123,7 @@ def _module(source: ProgramSource) -> _Module:
         if word not in ("MODULE", "ENDMODULE"):
             module.starts.append(match.start())
     if not count:
-        raise source.error("has no MODULE and no PROC, so it is no RAPID module")
+        raise source.error("has no MODULE and no PROC, so it is not a RAPID module")
     if opened:
         word, position = opened[-1]
         fix = "copy it from the controller again"
@@ -173,7 +173,7 @@ def _declare(module: _Module, scope: _Scope, draft: Draft, is_program: bool) -> 
             for element, index in zip(elements, scope.targets[key], strict=True):
                 if index is None:
                     start, end = (match.start(5), match.end(5)) if element is None else (element.start, element.end)
-                    draft.note(start, end, f"{name} has not all numbers of a {kind}")
+                    draft.note(start, end, f"{name} lacks some of the numbers of a {kind}")
 
 
 def _add_target(draft: Draft, module: _Module, name: str, kind: str, value: RapidValue | None) -> int | None:

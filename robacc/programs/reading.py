@@ -135,7 +135,7 @@ def dialect_of(source: ProgramSource) -> Dialect:
     dialect_by_suffix = SUFFIXES.get(PurePath(source.file).suffix.lower())
     if dialect_by_suffix is None:
         fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
-        raise source.error("is no robot program that robacc reads", fix=fix)
+        raise source.error("is not a robot program that robacc reads", fix=fix)
     return dialect_by_suffix
 
 

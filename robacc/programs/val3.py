@@ -68,7 +68,7 @@ def parse_val3(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> P
     """
     text = mask(source.text, _COMMENT)
     if _SIGN.search(text) is None:
-        raise source.error("is no VAL3 data file: it has no Database of VAL3/Data", fix=_FIX)
+        raise source.error("is not a VAL3 data file: it has no Database of VAL3/Data", fix=_FIX)
     if "</Database" not in text:
         raise source.error("is truncated: it has no </Database>", len(text), _FIX)
     if any(_INCH.search(other.text) for other in others if other.file.lower().endswith(".pjx")):
@@ -126,7 +126,7 @@ def _add(draft: Draft, kind: str, value: _Value, tree: FrameTree) -> int | None:
     numbers = [value.number(key, 1e-3 if len(key) == 1 else _DEGREE) for key in keys]
     known = [number for number in numbers if number is not None]
     if len(known) < len(keys):
-        draft.note(value.start, value.end, f"{value.name} has not all its numbers, so it is set at run time, or zero")
+        draft.note(value.start, value.end, f"{value.name} lacks some of its numbers, so it is set at run time, or zero")
         return None
     if is_joint:
         return draft.add(value.name, Convention.joints, known)

@@ -167,7 +167,7 @@ class CandidateScorer:
         values = conditioned.least_squares(columns)
         if candidate.effect.implausible(candidate.terms, values.tolist()) is None:
             return entry
-        return replace(entry, handicap=IMPOSSIBLE if candidate.effect.implausible_is_impossible else HANDICAP)
+        return replace(entry, handicap=IMPOSSIBLE if candidate.effect.rejects_implausible else HANDICAP)
 
     def rank_high_orders(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
         """Return the best high order of each joint beside ``present``, best first."""

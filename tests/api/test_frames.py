@@ -102,7 +102,7 @@ def test_gaps_of_frames_have_a_row_and_a_column(missing: object) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"x": np.zeros((60, 2))}, r"x: expected one value a row, found an array of shape \(60, 2\)"),
+        ({"x": np.zeros((60, 2))}, r"x: expected one value per row, found an array of shape \(60, 2\)"),
         ({"x": np.zeros(7)}, "the columns have 7 to 60 rows"),
         ({"x": np.array(["1,5"] * 60)}, "x: the column holds <U3, expected numbers"),
         ({"x": np.array(["1,5"] * 60, dtype=object)}, "row 1, x: found '1,5', expected a number"),

@@ -137,7 +137,7 @@ def test_a_regression_gate_reads_its_baseline_from_beside_itself(stored: Path, t
     missing = run(*ESTIMATE, "--gate", path)
     assert missing.exit_code == 3
     assert missing.stdout == ""
-    assert f"{tmp_path / 'baseline.json'}: there is no such file" in missing.stderr
+    assert f"{tmp_path / 'baseline.json'}: the file does not exist" in missing.stderr
 
 
 def test_a_bad_gate_file_is_found_before_anything_is_computed(tmp_path: Path) -> None:

@@ -354,7 +354,7 @@ def test_output_is_written_whole(good: str, poor: str, tmp_path: Path) -> None:
         (("{good}", "{good}", "--grade", "Z"), 2, "has no grade 'Z'"),
         (("{good}", "{good}", "--baseline", "x"), 2, "no result is named 'x'"),
         (("{good}", "{good}", "--by", "x"), 2, "--by: the results have no common figure 'x'"),
-        (("{good}", "none.json"), 3, "none.json: there is no such file"),
+        (("{good}", "none.json"), 3, "none.json: the file does not exist"),
     ],
 )
 def test_calls_and_files_that_are_wrong(good: str, arguments: tuple[str, ...], status: int, message: str) -> None:

@@ -133,7 +133,7 @@ def test_nothing_is_written_over_unasked() -> None:
         (("--joints", "2", "--robot", "x", "--poses", "./x"), 2, "both name x; name two files"),
         (("--joints", "2", "--tip-link", "hand"), 2, "choose a chain of a URDF"),
         (("two.urdf", "--robot", "two.urdf", "--force"), 2, "two.urdf is the URDF and would be overwritten"),
-        (("none.urdf",), 3, "none.urdf: there is no such file"),
+        (("none.urdf",), 3, "none.urdf: the file does not exist"),
         (("arm.yaml",), 2, "arm.yaml is a robot file already"),
         (("--joints", "2", "--folder", "two.urdf"), 3, "two.urdf: cannot be created: "),
     ],

@@ -163,7 +163,7 @@ def _written(folder: Path, text: str) -> str:
         (("--allocate", "Z"), 2, "no grade 'Z' on the scale CAD/CAM 0.1 mm, 0.1 degree; it has A, B, C, D, E"),
         (("--against", "sample_data/poses.csv", "--noise", "0.02"), 2, "--noise: '0.02' has no unit; add a unit"),
         (("--against", "sample_data/poses.csv", "--noise", "1,2,3"), 2, "--noise: expected a length and perhaps an"),
-        (("--tolerances", "nowhere.yaml"), 3, "nowhere.yaml: there is no such file"),
+        (("--tolerances", "nowhere.yaml"), 3, "nowhere.yaml: the file does not exist"),
     ],
 )
 def test_wrong_usage(arguments: tuple[str, ...], status: int, message: str) -> None:

@@ -39,7 +39,7 @@ def test_what_is_no_text_is_said(tmp_path: Path, content: bytes, message: str) -
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    for path, message in [(tmp_path, "is a folder, not a file"), (tmp_path / "no.yaml", "there is no such file")]:
+    for path, message in [(tmp_path, "is a folder, not a file"), (tmp_path / "no.yaml", "the file does not exist")]:
         with pytest.raises(InputError, match=message):
             read_text(path)
     with pytest.raises(InputError, match="cannot be read: not a directory"):

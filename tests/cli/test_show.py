@@ -85,7 +85,7 @@ def test_output_file_holds_what_standard_output_would(tmp_path: Path) -> None:
 def test_exit_statuses(tmp_path: Path) -> None:
     missing = run("nothing.yaml")
     assert (missing.returncode, missing.stdout) == (3, "")
-    assert "error: nothing.yaml: there is no such file" in missing.stderr
+    assert "error: nothing.yaml: the file does not exist" in missing.stderr
     usage = run("configs/robots/ur10.yaml", "--tip-link", "x")
     assert usage.returncode == 2
     assert "choose a chain of a URDF" in usage.stderr

@@ -372,7 +372,7 @@ def test_arms_that_do_not_fit_a_format_are_refused() -> None:
         ("kinematics:\n  arm: {x: 0, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}\n", None, "the joints are arm"),
         ("robot: 1\n", None, "has no key kinematics"),
         ("{", None, "is not JSON"),
-        ("{}", None, "is no kinematics file of robacc"),
+        ("{}", None, "is not a kinematics file of robacc"),
         ('{"schema": "robacc.kinematics/1", "joints": [{}]}', None, "a key is missing"),
     ],
 )

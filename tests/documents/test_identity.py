@@ -42,7 +42,7 @@ def test_mistakes(tmp_path: Path) -> None:
         read_identity(["operater=x"])
     with pytest.raises(UsageError, match="expected one line of text for place"):
         read_identity(["place="])
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="the file does not exist"):
         read_identity([str(tmp_path / "nowhere.yaml")])
 
 

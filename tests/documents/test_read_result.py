@@ -143,7 +143,7 @@ def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_files_that_are_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="the file does not exist"):
         read_result(str(tmp_path / "none.json"))
     with pytest.raises(InputError, match="is a folder, not a file"):
         read_result(str(tmp_path))

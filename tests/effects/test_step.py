@@ -69,7 +69,7 @@ def test_part_place_and_size_are_found(part: str, timed: bool, size: float) -> N
     assert np.linalg.norm(sizes) == pytest.approx(size, rel=0.2)
     assert finding.statement is not None
     assert "line 5" in finding.statement
-    assert ("jumps" if part == "joint" else "elsewhere") in finding.statement
+    assert ("jumps" if part == "joint" else "displaced") in finding.statement
 
 
 @pytest.mark.slow

@@ -129,7 +129,7 @@ def test_a_column_target_with_another_name_in_each_row_names_the_poses(tmp_path:
     assert data.target is None
     assert data.pose is not None
     assert data.pose.tolist() == ["T0", "T1", "T2", "T3"]
-    assert any("taken for the names of the poses" in text for text in data.warnings)
+    assert any("used as the names of the poses" in text for text in data.warnings)
 
 
 @pytest.mark.parametrize("name", ["Label", "Element", "Feature name"])

@@ -33,7 +33,7 @@ def test_joints_as_read_give_the_repetitions(tmp_path: Path) -> None:
     assert np.array_equal(data.groups(), np.tile(data.groups()[:12], 5))
     assert np.unique(data.groups()).size == 12
     (warning,) = data.warnings
-    assert "60 rows are taken for 12 commanded poses" in warning
+    assert "60 rows are read as 12 commanded poses" in warning
     assert data.contradicted_ids() == ()
 
 

@@ -117,7 +117,7 @@ def test_times(read: Reader, column: str, entries: tuple[str, str], seconds: tup
 def test_day_and_month_that_may_be_exchanged_are_refused(read: Reader) -> None:
     rows = "03/04/2026 10:00:00;1;2;3;4\n04/04/2026 10:00:00;1;2;3;5\n"
     (problem,) = problem_texts(read, f"Time;J1 [deg];X [m];Y [m];Z [m]\n{rows}")
-    assert "in which day and month may be either way round" in problem
+    assert "in which either number may be the day" in problem
 
 
 def test_statements_that_are_wrong() -> None:

@@ -54,7 +54,7 @@ def estimate(*arguments: str, text: bytes = b"") -> subprocess.CompletedProcess[
         (b"time_s," + (HEAD + "-1e200," + ROW).encode(), ":2, time_s: found -1e+200, expected at most 1e+12"),
         (",".join(f"c{i}" for i in range(100_000)).encode(), ":1: found 100000 columns; expected at most 2000"),
         ((HEAD + '"1,2,3,1,2,3\n').encode(), ":2: the row cannot be read"),
-        (b"# nothing\n#\n", "the file is empty; expected a header row of column names and one row a pose"),
+        (b"# nothing\n#\n", "the file is empty; expected a header row of column names and one row per pose"),
     ],
 )
 def test_a_file_that_cannot_be_used(tmp_path: Path, content: bytes, message: str) -> None:

@@ -165,7 +165,7 @@ def test_real_poses() -> None:
     # Its joints are as read, and 293 of its poses were visited twice. Two rows have the measured pose of the row
     # before, to nine digits, with the elbow on the other side.
     repeated, copied = data.warnings
-    assert "1495 rows are taken for 1202 commanded poses and their repetitions" in repeated
+    assert "1495 rows are read as 1202 commanded poses and their repetitions" in repeated
     assert "2 rows repeat the measured values of an earlier row to the last digit (line 534 repeats line 533)" in copied
     assert data.q is not None
     assert data.temperature is not None

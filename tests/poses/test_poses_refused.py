@@ -63,7 +63,7 @@ def test_a_long_line_deep_in_a_file(read: Reader) -> None:
 
 def test_a_file_that_cannot_be_opened(tmp_path: Path) -> None:
     for path, reason in (
-        (tmp_path / "none.csv", "there is no such file"),
+        (tmp_path / "none.csv", "the file does not exist"),
         (tmp_path, "is a folder, expected a file; name a file, or the folder of a ROS 2 bag"),
     ):
         with pytest.raises(InputError, match=rf"{path.name}: {reason}"):

@@ -41,7 +41,7 @@ def test_an_expanded_uncertainty_is_divided_by_its_coverage_factor(tmp_path: Pat
 
 def test_a_size_that_no_instrument_has_in_this_unit_is_a_question(tmp_path: Path) -> None:
     path = poses(tmp_path, "mm", "Ux,Uy,Uz", "30", ("500", "20", "900"))
-    message = r"export\.csv:1, Ux, Uy, Uz: these columns state no unit, and 30 mm is no usual measuring uncertainty"
+    message = r"export\.csv:1, Ux, Uy, Uz: these columns state no unit, and 30 mm is not a usual measuring uncertainty"
     with pytest.raises(InputError, match=message):
         robacc.read_poses(path, coverage=2)
     data = robacc.read_poses(path, coverage=2, units="um,deg")

@@ -55,8 +55,8 @@ def test_untaught_and_incremental_positions_are_left_alone() -> None:
     german = read_program(SAMPLES / "german.ls")
     assert [target.name for target in german.targets] == ["P[2]"]
     assert [note.reason for note in german.notes] == [
-        "P[1] is no target of this program",
-        "P[1] is not taught, or has not all its numbers",
+        "P[1] is not a target of this program",
+        "P[1] is not taught, or lacks some of its numbers",
     ]
     program = read_program(SAMPLES / "incr.ls")
     assert [target.name for target in program.targets] == ["P[1]"]

@@ -61,7 +61,7 @@ def test_a_prismatic_joint_is_in_mm() -> None:
         (Dialect.krl, 7, {}, "target a has 7 joints; a krl program's targets have 1 to 6"),
         (Dialect.urscript, 5, {}, "a URScript target has 6"),
         (Dialect.krl, 6, {"speed": 0.0}, "not a fraction of the largest"),
-        (Dialect.krl, 6, {"pause": float("nan")}, "no time to wait"),
+        (Dialect.krl, 6, {"pause": float("nan")}, "cannot be waited for"),
     ],
 )
 def test_what_a_dialect_cannot_hold_is_refused(

@@ -86,7 +86,7 @@ def test_search_points_and_displacements_are_listed() -> None:
     targets = by_name(program)
     assert list(targets) == ["pW10", "pW20", "pSearch"]
     assert "the program assigns it at run time in line 11" in reasons(program)
-    assert "pBad has not all numbers of a robtarget" in reasons(program)
+    assert "pBad lacks some of the numbers of a robtarget" in reasons(program)
     assert any(reason.startswith("PDispOn moves targets") for reason in reasons(program))
     weld = targets["pW20"]
     assert weld.tool is not None

@@ -72,7 +72,7 @@ def test_what_is_computed_at_run_time_is_listed() -> None:
     assert reasons.count("the target is computed at run time") == 1
     assert any("pComputed" in note.text for note in read_program(SAMPLES / "cell.dtx").notes)
     assert "line 16 of main.pgx changes it at run time" in reasons
-    assert sum(reason.startswith("pHere[0] has not all its numbers") for reason in reasons) == 1
+    assert sum(reason.startswith("pHere[0] lacks some of its numbers") for reason in reasons) == 1
     assert len(reasons) == 4
 
 
@@ -101,7 +101,7 @@ def test_files_that_cannot_be_read_get_one_message(tmp_path: Path) -> None:
         read_program(cut)
     other = tmp_path / "other.dtx"
     other.write_text("<Database><Datas/></Database>", encoding="utf-8")
-    with pytest.raises(InputError, match="is no VAL3 data file"):
+    with pytest.raises(InputError, match="is not a VAL3 data file"):
         read_program(other)
     with pytest.raises(InputError, match=r"give the \.dtx file beside it"):
         read_program(SAMPLES / "main.pgx")

@@ -79,10 +79,10 @@ def test_every_number_shown_is_the_jsons(command: str) -> None:
 def test_a_trace_shows_statements_of_findings_and_the_undeclared_load() -> None:
     document = copy.deepcopy(results.document("trace"))
     finding = document["findings"][0]
-    finding["statement"] = "from line 74 on the target sits 0.21 mm elsewhere"
+    finding["statement"] = "from line 74 on, the target is displaced by 0.21 mm"
     document["undeclared_load"] = {"statement": "the torques of j2 point to 12 kg more on the link of j3"}
     text = parsed(render([document], ["trace"])).text
-    assert "from line 74 on the target sits 0.21 mm elsewhere" in text
+    assert "from line 74 on, the target is displaced by 0.21 mm" in text
     assert "Undeclared load: the torques of j2 point to 12 kg more on the link of j3." in text
 
 

@@ -275,7 +275,7 @@ def test_unknown_and_ambiguous_names_get_suggestions(tmp_path: Path, monkeypatch
         read_robot("ur10ee")
     with pytest.raises(InputError, match="robacc robots lists the arms"):
         read_robot("qqqq")
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="the file does not exist"):
         read_robot("ur10e.yaml")
     # A file of that name comes first.
     monkeypatch.chdir(tmp_path)

@@ -48,6 +48,9 @@ _AMPLITUDES = np.geomspace(0.03, 100.0, 12)
 """Grid of the wander's variance over that of the independent errors."""
 _SHORTEST, _TIMES = 1.5, 7
 """Shortest time constant, in median times between visits, and number of time constants up to all visits."""
+_UNITS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
+_LEAST_IN_UNIT = 2.0
+"""Time constant, in a unit, from which it is stated in that unit."""
 _LEAST_INTERVAL = 1e-6
 """Least time between visits over the median one: rows of equal time are no division by zero."""
 
@@ -70,11 +73,13 @@ class CorrelatedErrors:
     @property
     def warning(self) -> str:
         """Return a sentence for readers of the result."""
-        unit = "s" if self.in_seconds else "visits"
+        constant, unit = self.time_constant, "visits"
+        if self.in_seconds:
+            divisor, unit = next(entry for entry in _UNITS if constant >= _LEAST_IN_UNIT * entry[0] or entry[0] == 1.0)
+            constant /= divisor
         return (
             f"the remaining errors are correlated in time ({100 * self.share:.0f} % of their variance wanders, time "
-            f"constant about {self.time_constant:.2g} {unit}); standard errors of coefficients allow for it, p-values "
-            "do not"
+            f"constant about {constant:.2g} {unit}); standard errors of coefficients allow for it, p-values do not"
         )
 
 

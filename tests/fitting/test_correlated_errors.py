@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from functools import cache
 
 import numpy as np
@@ -64,6 +65,7 @@ def test_likelihood_and_covariance_are_those_of_dense_matrices(priors: float | N
     errors = correlated_errors(result, data)
     assert errors is not None
     assert errors.in_seconds
+    assert re.search(r"time constant about [\d.]+ (s|min)\)", errors.warning)
     columns = result.identifiability.columns
     _, jacobian = result.model.bind(data).linearise(result.theta, columns)
     scale = np.sqrt(np.diag(result.gram))

@@ -21,7 +21,7 @@ _LEAST_GAIN = 1.0
 gain guards against effects that are significant and do not predict. Between 1.0 and 1.645 there was no finding in 78
 campaigns without an effect (49 of a physics engine, 29 with errors that break an assumption) and none in 11 with large
 effects. In 8 campaigns with an effect near its detection limit there was one, and it lowered the error of fresh poses
-each time, by 23 to 56 %."""
+each time, by 23 to 56 %; so did six of six on subsets of three real arms, by 0.3 to 20 %."""
 
 
 def reproduced(search_result: SearchResult, choices: FoldChoices | None, data: Measurements) -> SearchResult:

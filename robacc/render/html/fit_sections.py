@@ -9,7 +9,7 @@ from robacc.effects import REGISTRY
 from robacc.render.html.blocks import Block, Cell, Grid, Listing, Number, ReportSection, Text, angle, length, quantity
 from robacc.render.plots.chart import Document
 from robacc.render.plots.stage_errors import STAGE_LABELS, STAGE_MEANINGS
-from robacc.render.plots.units import DEGREE, MICRORADIAN, Unit
+from robacc.render.plots.units import DEGREE
 from robacc.render.text.effect_label import effect_label
 from robacc.render.text.numbers import measured, odds, p_value
 from robacc.render.text.units import table_unit
@@ -74,8 +74,8 @@ def _findings(document: Document) -> ReportSection:
         harmonic_rows: list[Sequence[Cell]] = [
             [
                 f"{_label(finding)}, order {harmonic['order']:g}",
-                *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], MICRORADIAN),
-                *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], DEGREE),
+                *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"]),
+                *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"]),
             ]
             for finding, harmonic in harmonics
         ]
@@ -87,12 +87,12 @@ def _findings(document: Document) -> ReportSection:
     return ReportSection("Findings", blocks)
 
 
-def _with_error(value: float, error: float | None, unit: Unit) -> tuple[Number, Number]:
-    """Return an angle and its standard error."""
+def _with_error(value: float, error: float | None) -> tuple[Number, Number]:
+    """Return an angle and its standard error in degrees."""
     if error is None:
-        return quantity(value, unit), Number("–", None)
-    texts = measured(value * unit.factor, error * unit.factor)
-    first, second = (f"{text}{'' if unit is DEGREE else ' '}{unit.name}" for text in texts)
+        return quantity(value, DEGREE), Number("–", None)
+    texts = measured(value * DEGREE.factor, error * DEGREE.factor)
+    first, second = (f"{text}{DEGREE.name}" for text in texts)
     return Number(first, value), Number(second, error)
 
 

@@ -27,9 +27,7 @@ class Unit(NamedTuple):
 MILLIMETRE = Unit("mm", 1e3)
 METRE = Unit("m", 1.0)
 DEGREE = Unit("°", 180.0 / math.pi)
-MICRORADIAN = Unit("µrad", 1e6)
 _LENGTHS = (Unit("µm", 1e6), MILLIMETRE)
-_ANGLES = (MICRORADIAN, Unit("mrad", 1e3), DEGREE)
 _OTHERS = {"1": "", "N m": "N m", "N": "N", "s": "s", "kg": "kg", "°C": "°C", "": ""}
 
 
@@ -39,11 +37,8 @@ def length_unit(*sizes: float) -> Unit:
 
 
 def joint_unit(unit: str, *sizes: float) -> Unit:
-    """Return the unit of a joint error: µrad up to 2 mrad, mrad up to 0.1 rad, then degrees; mm or µm for lengths."""
-    if unit == "m":
-        return length_unit(*sizes)
-    largest = _largest(sizes)
-    return _ANGLES[0] if largest < 2e-3 else _ANGLES[1] if largest < 0.1 else _ANGLES[2]
+    """Return the unit of a joint error: degrees, as in the tables; mm or µm for lengths."""
+    return length_unit(*sizes) if unit == "m" else DEGREE
 
 
 def driver_unit(unit: str) -> Unit:

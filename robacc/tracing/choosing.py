@@ -26,11 +26,13 @@ def choose(
     most: int = MOST_FINDINGS,
     named_first: bool | None = None,
     level: float = FALSE_ALARM,
+    known: Sequence[Effect] = (),
 ) -> Selection:
     """Select named effects first; if they leave structure or are many, select corrections too and return the better.
 
     A selection of ``most`` named effects is returned as it is. ``named_first`` gives the order of an earlier selection
-    (:attr:`Selection.named_first`): only that order is tried. ``level`` is the corrected p-value of a finding.
+    (:attr:`Selection.named_first`): only that order is tried. ``level`` is the corrected p-value of a finding. If the
+    named findings are ``known``, those of an earlier selection that tried other sets, no other sets are tried.
     """
     if named_first is False and empirical and not start:
         mixed = candidates.selection(rows, start, max_poses)
@@ -39,7 +41,7 @@ def choose(
         mixed.run(with_blocks=True)
         return mixed
     named = candidates.selection(rows, start, max_poses)
-    named.most, named.level = most, level
+    named.most, named.level, named.known = most, level, tuple(known)
     named.prune()
     blocks = candidates.batches(rows, max_poses) if empirical else []
     named.scorer.blocks = blocks
@@ -53,7 +55,7 @@ def choose(
     structured = bool(remaining) and remaining[0].p_value <= level
     if structured and named_first:
         named.run(with_blocks=True)
-    if named_first or (not structured and len(named.chosen) < _MANY):
+    if named_first or (not structured and (len(named.chosen) < _MANY or named.is_known())):
         return named
     mixed = Selection(named.scorer, level=level, named_first=False)
     mixed.run(with_blocks=True)

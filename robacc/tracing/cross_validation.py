@@ -127,6 +127,7 @@ def _chosen(
         max_poses=_FOLD_POSES,
         named_first=search_result.named_first,
         level=fold_level(float(np.mean(assigned != number))),
+        known=[effect for effect in search_result.effects if not (effect.is_frame or effect.is_profile())],
     )
     chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
     matches = _matching_effects(search_result.effects, selection, chosen)

@@ -119,7 +119,8 @@ class _Search:
         self, effects: tuple[Effect, ...], fitted: Fit, candidates: LinearisedCandidates, most: int = MOST_FINDINGS
     ) -> _Round:
         others = [effect for effect in effects if not effect.is_frame]
-        choice = choose(candidates, self.all_rows, others, self.empirical, most=most)
+        # The round that chose these effects tried the sets around them.
+        choice = choose(candidates, self.all_rows, others, self.empirical, most=most, known=others)
         self.steps.extend(choice.steps)
         self.count += 1
         return _Round(effects, fitted, candidates, candidates.selection(self.all_rows, others), choice)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,8 +14,8 @@ from robacc.tracing.candidates import Candidate
 from robacc.tracing.conditioned_columns import Conditioned
 from robacc.tracing.evidence import Scores, judge
 
-_LARGE = 5
-"""Columns from which candidates of all sizes are scored together."""
+_SIZES = (1, 2, 3, 4, 9)
+"""Numbers of columns up to which candidates are scored together; those with more are scored together too."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -60,5 +61,5 @@ def pool_batches(pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]])
     """Return the pool in batches; ``places`` are the columns of each candidate in the system."""
     sizes: dict[int, list[int]] = {}
     for i, columns in enumerate(places):
-        sizes.setdefault(min(columns.size, _LARGE), []).append(i)
+        sizes.setdefault(bisect.bisect_left(_SIZES, columns.size), []).append(i)
     return [PoolBatch.of(pool, places, members) for members in sizes.values()]

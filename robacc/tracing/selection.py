@@ -62,6 +62,8 @@ class Selection:
     """Corrected p-value up to which a candidate is a finding."""
     named_first: bool = True
     """Whether named effects were chosen before corrections."""
+    known: tuple[Effect, ...] = ()
+    """Findings of an earlier selection, which tried the sets around them."""
     _gains: dict[tuple[object, ...], float] = dataclasses.field(default_factory=dict)
     """What each finding explained (sum of squares) when it was tested against all rivals, by its key."""
 
@@ -101,8 +103,15 @@ class Selection:
         if self.chosen:
             self._revise()
         self._forward(with_blocks)
-        if not with_blocks and len(self.chosen) <= _MOST_REVISED:
+        if not with_blocks and len(self.chosen) <= _MOST_REVISED and not self.is_known():
             self._rebuild()
+
+    def is_known(self) -> bool:
+        """Return whether the findings are those of the earlier selection."""
+        effects = [finding.candidate.effect for finding in self.chosen if not finding.candidate.effect.is_frame]
+        return len(effects) == len(self.known) and all(
+            any(known.is_same_finding(effect) for effect in effects) for known in self.known
+        )
 
     def _forward(self, with_blocks: bool, without: tuple[object, ...] | None = None) -> None:
         previous_sets: set[frozenset[tuple[object, ...]]] = set()

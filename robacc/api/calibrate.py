@@ -10,8 +10,8 @@ from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_
 from robacc.api.inputs import PosesSource, StrPath, fitted_pose_warnings, path_of
 from robacc.api.model_use import CampaignUse
 from robacc.api.result import Provenance, check_range, fields_of, options_of
-from robacc.calibration import Calibration
-from robacc.calibration import calibrate as fit_effects
+from robacc.calibration.calibrating import Calibration
+from robacc.calibration.calibrating import calibrate as fit_effects
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.request import parse_requests
 from robacc.errors import UsageError

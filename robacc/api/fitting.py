@@ -27,7 +27,7 @@ from robacc.robots.description import Robot
 from robacc.version import __version__
 
 if TYPE_CHECKING:
-    from robacc.calibration import Calibration
+    from robacc.calibration.calibrating import Calibration
     from robacc.fitting.fit_result import Fit
     from robacc.tracing.trace import Trace
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robacc.calibration import Calibration
+from robacc.calibration.calibrating import Calibration
 from robacc.documents.fit import (
     deflection_document,
     gain_document,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.stages import Gain, Residuals
-from robacc.calibration import Calibration
+from robacc.calibration.calibrating import Calibration
 from robacc.documents.poses import pose_document, robot_document
 from robacc.documents.stages import ErrorRows, stage_document
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice

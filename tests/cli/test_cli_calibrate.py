@@ -13,7 +13,7 @@ import pytest
 from arms import arm
 from typer.testing import CliRunner, Result
 
-from robacc.calibration import calibrate
+from robacc.calibration.calibrating import calibrate
 from robacc.cli.main import app
 from robacc.effects.request import parse_requests
 from robacc.measurements import Measurements

@@ -12,7 +12,7 @@ from results import run
 from test_mistake_sets import made
 
 import robacc
-from robacc.calibration import calibrate
+from robacc.calibration.calibrating import calibrate
 from robacc.diagnostics.suspected_mistakes import reach
 from robacc.effects.request import parse_requests
 from robacc.geometry import exp_so3

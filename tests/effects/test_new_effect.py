@@ -98,7 +98,7 @@ def test_nothing_outside_the_effects_names_one() -> None:
     )
     offenders = [
         str(path.relative_to(folder))
-        for package in ("tracing", "accuracy", "api", "calibration.py", "comparison", "documents", "gates", "render")
+        for package in ("tracing", "accuracy", "api", "calibration", "comparison", "documents", "gates", "render")
         for path in ([folder / package] if package.endswith(".py") else sorted((folder / package).rglob("*.py")))
         if classes.search(path.read_text(encoding="utf-8"))
     ]

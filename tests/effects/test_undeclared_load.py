@@ -70,7 +70,7 @@ def test_an_undeclared_load_is_named_and_the_fit_reaches_the_floor(link: int, ma
     }
     uncertain = [effect for effect in effects if effect.settings() == {"masses": "uncertain"}]
     assert uncertain
-    assert "a link carries a load that it does not state" in str(uncertain[0].statement(ARM, {}))
+    assert "a link carries a load that the file does not state" in str(uncertain[0].statement(ARM, {}))
     springs = build(parse_requests("joint_compliance[j2],joint_compliance[j3]"), ARM, data)
     floor = error_at_other_poses(arm_that_states(link, mass, place), springs, data, fresh)
     # Up to 40 corrections of masses in place of none cost a third of the floor at 80 poses.

@@ -13,9 +13,9 @@ import pytest
 from arms import arm
 from scipy import stats
 
-import robacc.calibration
+import robacc.calibration.plan
 import robacc.fitting.deflection_model
-from robacc.calibration import Calibration, calibrate
+from robacc.calibration.calibrating import Calibration, calibrate
 from robacc.documents.calibrate import calibration_payload
 from robacc.documents.trace import trace_payload
 from robacc.effects.base import REGISTRY
@@ -114,7 +114,7 @@ def test_each_fold_decides_for_itself_and_so_does_a_file_of_its_own(monkeypatch:
         chosen.append(result[1].free[-1].settings())
         return result
 
-    monkeypatch.setattr(robacc.calibration, "choose_deflection", spy)
+    monkeypatch.setattr(robacc.calibration.plan, "choose_deflection", spy)
     data, apart = measured("rigid"), measured("rigid", seed=1)
     calibrate(arm("puma560").robot, data, parse_requests(ASKED), n_folds=4)
     assert asked == [{}] * 5

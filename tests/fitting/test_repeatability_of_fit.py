@@ -9,7 +9,7 @@ import pytest
 from arms import arm
 
 import robacc
-from robacc.calibration import calibrate
+from robacc.calibration.calibrating import calibrate
 from robacc.effects.request import parse_requests
 from robacc.errors import InputError
 from robacc.fitting import gauss_newton

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robacc import trace
-from robacc.calibration import calibrate
+from robacc.calibration.calibrating import calibrate
 from robacc.effects.link_geometry import LinkGeometry
 from robacc.effects.request import parse_requests
 from robacc.effects.specification import entry_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TextIO
 
-from robacc.calibration import Calibration
+from robacc.calibration.calibrating import Calibration
 from robacc.fitting.identifiability import Dropped
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.measurements import Measurements

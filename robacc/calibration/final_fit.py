@@ -1,0 +1,59 @@
+"""Final fit of a calibration: scatter of the joints and correlated errors, then shrinkage to the nominal values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robacc.calibration.plan import CalibrationPlan
+from robacc.effects.base import Effect
+from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
+from robacc.fitting.deflection_model import DeflectionChoice
+from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
+from robacc.fitting.sparse_prior import ShrunkKind
+from robacc.measurements import Measurements
+
+
+@dataclass(frozen=True, slots=True)
+class FinalFit:
+    """Fit of all effects to all calibration poses, and what was found beside it."""
+
+    fit: Fit
+    options: Options
+    """Options of the fit, with the scatter of the joints where it is significant."""
+    shrunk: tuple[ShrunkKind, ...]
+    """Constants with shrinkage to the nominal values, by kind."""
+    deflection: DeflectionChoice | None
+    """Model of the torques behind elastic effects; None if no elastic effect is fitted."""
+    repeatability: Repeatability | None
+    """Scatter of the joints; None if it is not significant beside the noise."""
+    warnings: tuple[str, ...]
+
+
+def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurements, options: Options) -> FinalFit:
+    """Return the fit of ``effects`` whose standard errors allow for scatter of the joints and correlated errors.
+
+    Raises:
+        InputError: There are too few poses.
+    """
+    unshrunk, deflection = plan.unshrunk(effects, data, options)
+    scattered_options, components = settle_scatter(
+        unshrunk, data, options, lambda scattered: plan.unshrunk(effects, data, scattered)[0]
+    )
+    warnings: list[str] = []
+    if components is not None:
+        weighted = plan.unshrunk(effects, data, scattered_options)
+        if contradicts_scatter(unshrunk, weighted[0], components, data):
+            unshrunk = with_scatter_covariance(unshrunk, components, data)
+            warnings.append(NO_SCATTER)
+        else:
+            options, (unshrunk, deflection) = scattered_options, weighted
+    correlated = correlated_errors(unshrunk, data)
+    chosen, shrunk = plan.shrunk(with_correlated_errors(unshrunk, correlated), data, options)
+    repeatability = None if components is None else repeatability_of(chosen, components, data)
+    if warnings:
+        repeatability = measured_alone(repeatability)
+    if correlated is not None:
+        warnings.append(correlated.warning)
+    return FinalFit(chosen, options, shrunk, deflection, repeatability, tuple(warnings))

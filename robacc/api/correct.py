@@ -61,7 +61,7 @@ class Corrected(Result, Correction):
     def csv_pieces(self) -> Iterator[str]:
         """Yield the text of :meth:`csv` in pieces."""
         from robacc.documents.correct import corrected_poses
-        from robacc.poses.csv_file import pose_pieces
+        from robacc.poses.csv_text import pose_pieces
 
         names = " ".join(file.name for file in self.made.inputs)
         yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"

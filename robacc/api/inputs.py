@@ -180,7 +180,7 @@ def record_of(data: Measurements, kind: str) -> InputFile:
     """Return the record of the file that the poses come from, else of the CSV that they would make."""
     if data.sha256 is not None:
         return InputFile.at(STDIN if data.source in (None, "<stdin>") else str(data.source), data.sha256, kind)
-    from robacc.poses.csv_file import format_poses
+    from robacc.poses.csv_text import format_poses
 
     return InputFile("arrays", sha256(format_poses(data).encode()).hexdigest(), kind)
 

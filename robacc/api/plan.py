@@ -48,7 +48,7 @@ class Planned(Result, CampaignPlan):
 
     def csv(self) -> str:
         """Return the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
-        from robacc.poses.csv_file import format_poses
+        from robacc.poses.csv_text import format_poses
         from robacc.render.text.plan import plan_comments
 
         head = "".join(f"# {line}\n" for line in plan_comments(self))
@@ -60,7 +60,7 @@ class Planned(Result, CampaignPlan):
         Raises:
             UsageError: The plan has none.
         """
-        from robacc.poses.csv_file import format_poses
+        from robacc.poses.csv_text import format_poses
         from robacc.render.text.plan import validation_comments
 
         poses = self.validation_poses()

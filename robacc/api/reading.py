@@ -77,7 +77,7 @@ def write_poses(path: StrPath, data: Measurements) -> None:
         InputError: An array is wrong, or the file cannot be written.
     """
     from robacc.io.files import write_pieces
-    from robacc.poses.csv_file import pose_pieces
+    from robacc.poses.csv_text import pose_pieces
 
     write_pieces(path, pose_pieces(checked_poses(data, check_units=False)))
 

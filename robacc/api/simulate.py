@@ -17,7 +17,8 @@ from robacc.diagnostics.robot_poses import branch_columns
 from robacc.documents.envelope import InputFile
 from robacc.errors import MissingColumnError, UsageError
 from robacc.measurements import Measurements
-from robacc.poses.csv_file import pose_pieces, read_poses
+from robacc.poses.csv_file import read_poses
+from robacc.poses.csv_text import pose_pieces
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation

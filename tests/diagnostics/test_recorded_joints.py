@@ -18,7 +18,8 @@ from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.poses.csv_file import format_poses, read_poses
+from robacc.poses.csv_file import read_poses
+from robacc.poses.csv_text import format_poses
 from robacc.robots.arm import Arm
 from robacc.tracing.loop import search
 from robacc.tracing.trace import trace

@@ -81,7 +81,7 @@ def iso9283_poses(
     from robacc.io.files import write_text
     from robacc.iso_9283.proposal import planned_poses, propose
     from robacc.modelling.robot_file import read_robot
-    from robacc.poses.csv_file import format_poses
+    from robacc.poses.csv_text import format_poses
     from robacc.quantities import size
     from robacc.render.text.iso9283_poses import proposal_comments
 

@@ -207,6 +207,11 @@ class Effect(abc.ABC):
         return False
 
     @property
+    def prior_odds(self) -> float:
+        """Prior odds of this form against the usual form of the effect."""
+        return 1.0
+
+    @property
     def resembles_wander(self) -> bool:
         """Return whether errors that wander slowly look like it, so that a search tests it beside a wander."""
         return False

@@ -16,6 +16,8 @@ from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
+_ODDS_OF_WRONG_MASSES = 1.0 / 150.0
+"""Prior odds of uncertain masses against the file's: where both fit, the file's hold."""
 _MASS_ERROR = 0.25
 """Relative standard deviation of uncertain masses."""
 
@@ -41,14 +43,19 @@ class JointCompliance(Elastic):
         equation="theta_j + c_j tau_j, tau_j the torque of gravity about the axis at the deflected pose; "
         f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint); masses unknown: the same times kg or kg m",
-        usual_size="1e-7 to 1e-5 rad/(N m), stiffer on large arms",
-        usual_range=(1e-07, 1e-05),
+        usual_size="1e-7 rad/(N m) on large arms to 5e-5 rad/(N m) in the wrists of small ones",
+        usual_range=(1e-07, 5e-05),
         needs="mass and com of the links; without them the torque's base regressors are fitted",
         confused_with="transmission_error of order 1 on joints with a horizontal axis, base_compliance, "
         "payload_compliance",
         source="Khalil and Dombre 2002, ch. 8 and 9.5; Klimchik et al. 2014",
         example="{effect: joint_compliance, joints: [j2, j3], values: {j2: 2e-6, j3: 5e-6}}",
     )
+
+    @property
+    def prior_odds(self) -> float:
+        """Odds of masses that are wrong by more than their uncertainty, which standard errors include in any case."""
+        return _ODDS_OF_WRONG_MASSES if self.masses == "uncertain" else 1.0
 
     @property
     def uses_masses(self) -> bool:

@@ -105,10 +105,14 @@ class CandidateScorer:
 
     def as_chosen(self, candidate: Candidate, prior_var: float) -> Chosen:
         """Return a candidate as a part of the model; ``prior_var`` is the prior variance of a block."""
-        precision = np.zeros(candidate.weights.size if candidate.terms else 2)
+        return Chosen(candidate, self.columns(candidate), self._precision(candidate, prior_var))
+
+    @staticmethod
+    def _precision(candidate: Candidate, prior_var: float) -> Array:
+        """Return the prior precision of a candidate's coefficients; zero but for a block."""
         if candidate.is_block and prior_var > 0:
-            precision = 1.0 / (prior_var * np.square(candidate.weights))
-        return Chosen(candidate, self.columns(candidate), precision)
+            return np.asarray(1.0 / (prior_var * np.square(candidate.weights)))
+        return np.zeros(candidate.weights.size if candidate.terms else 2)
 
     def condition(self, chosen: Sequence[Chosen], without: Chosen | None = None) -> Conditioned:
         """Return the system orthogonalised to the declared effects and to ``chosen``, except ``without``."""
@@ -158,13 +162,15 @@ class CandidateScorer:
     def _with_handicap(self, entry: Ranked, conditioned: Conditioned) -> Ranked:
         """Return the score, lowered if the candidate's coefficients would be implausible or impossible."""
         candidate = entry.candidate
-        if candidate.is_block or not candidate.terms or not entry.is_tested:
+        # Coefficients of profiles and corrections have no usual size of their own.
+        is_judged = any(term.group is None for term in candidate.terms)
+        if not is_judged or not entry.is_tested:
             return entry
         # Columns of a step are built when it is chosen; until then it has no coefficients to judge.
         columns = self._placed.get(candidate.key)
         if columns is None:
             return entry
-        values = conditioned.least_squares(columns)
+        values = conditioned.least_squares(columns, self._precision(candidate, entry.prior_var))
         if candidate.effect.implausible(candidate.terms, values.tolist()) is None:
             return entry
         return replace(entry, handicap=IMPOSSIBLE if candidate.effect.rejects_implausible else HANDICAP)

@@ -134,7 +134,7 @@ def named_candidates(
                 missing[effect.name] = str(error)
                 continue
             share = len(units) * units[effect.name, effect.joints]
-            candidates.append(Candidate(effect, terms, -math.log(share)))
+            candidates.append(Candidate(effect, terms, math.log(effect.prior_odds / share)))
     return candidates, missing
 
 

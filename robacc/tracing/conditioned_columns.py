@@ -134,11 +134,17 @@ class Conditioned:
         result: Array = self.blocks(columns[None])[0]
         return result
 
-    def least_squares(self, columns: NDArray[np.int64]) -> Array:
-        """Return ``(Q,)`` least-squares coefficients of new parts of columns; minimum norm if these overlap."""
-        if columns.size == 1 and self.block(columns)[0, 0] > 0.0:
-            return np.asarray(self.rhs[columns] / self.block(columns)[0])
-        solution = np.linalg.lstsq(self.block(columns), self.rhs[columns], rcond=LEAST_NEW)[0]
+    def least_squares(self, columns: NDArray[np.int64], precision: Array | None = None) -> Array:
+        """Return ``(Q,)`` least-squares coefficients of new parts of columns; minimum norm if these overlap.
+
+        ``precision`` ``(Q,)`` is that of their priors, whitened, 0 for none.
+        """
+        block = self.block(columns)
+        if precision is not None:
+            block = block + np.diag(precision)
+        if columns.size == 1 and block[0, 0] > 0.0:
+            return np.asarray(self.rhs[columns] / block[0])
+        solution = np.linalg.lstsq(block, self.rhs[columns], rcond=LEAST_NEW)[0]
         return np.asarray(solution, dtype=np.float64)
 
 

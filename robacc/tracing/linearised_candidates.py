@@ -48,6 +48,9 @@ SELECTION_POSES = 800
 """Largest number of poses that a selection uses; fits and figures use all poses."""
 _LINEARISED_POSES = 4 * SELECTION_POSES
 """Largest number of poses that columns are made for: a fold's selection, which lacks some, still has enough."""
+_SHARE_OF_PRECISION = 0.01
+"""Share of the precision of a constant's prior that counts beside candidates. Both are in units of the noise of the
+fit, which what it lacks increases; with all effects found, the noise may be a tenth and the share that remains right."""
 _OFF_GRID_LOG_PRIOR = -8.0
 """Log prior of an order on a joint whose orders are not searched: about that of a searched order."""
 
@@ -275,7 +278,7 @@ def linearise(
         data=data,
         rows=rows,
         base=columns[:, identified[in_base]],
-        base_precision=fit.precision[in_base],
+        base_precision=_SHARE_OF_PRECISION * fit.precision[in_base],
         pool_columns=columns[:, count + len(joints) :],
         pool=tuple(pool),
         places=places,

@@ -49,8 +49,8 @@ SELECTION_POSES = 800
 _LINEARISED_POSES = 4 * SELECTION_POSES
 """Largest number of poses that columns are made for: a fold's selection, which lacks some, still has enough."""
 _SHARE_OF_PRECISION = 0.01
-"""Share of the precision of a constant's prior that counts beside candidates. Both are in units of the noise of the
-fit, which what it lacks increases; with all effects found, the noise may be a tenth and the share that remains right."""
+"""Share of the precision of a constant's prior that counts beside candidates. The precision is in units of the noise of
+the fit, to which missing effects add: with all of them found, a tenth of that noise is left, and the share is right."""
 _OFF_GRID_LOG_PRIOR = -8.0
 """Log prior of an order on a joint whose orders are not searched: about that of a searched order."""
 

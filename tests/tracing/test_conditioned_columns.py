@@ -68,3 +68,13 @@ def test_a_column_that_stands_twice_counts_once(system: Columns, family: Family)
     assert_same(shared, Conditioned.on(system, [0, 1, 2, 7], np.zeros(4)), family)
     # Without the first of two findings the shared column stays: such a model must be built anew.
     assert not shared.is_independent
+
+
+def test_coefficients_with_priors_are_those_of_a_longer_least_squares_problem(system: Columns) -> None:
+    model, columns, precision = Conditioned.on(system, [0, 1], np.zeros(2)), np.array([4, 6]), np.array([0.0, 50.0])
+    flat = np.moveaxis(system.columns, 1, 2).reshape(-1, COUNT)
+    rows = np.concatenate((flat[:, [0, 1, 4, 6]], np.diag(np.sqrt([0.0, 0.0, *precision]))))
+    values = np.concatenate((system.residual.ravel(), np.zeros(4)))
+    expected = np.linalg.lstsq(rows, values, rcond=None)[0][2:]
+    np.testing.assert_allclose(model.least_squares(columns, precision), expected, rtol=1e-9)
+    assert not np.allclose(model.least_squares(columns), expected, rtol=1e-3)

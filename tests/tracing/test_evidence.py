@@ -198,3 +198,23 @@ def test_new_parts_of_a_family_are_those_of_its_columns_built() -> None:
 def _remaining_gram(columns: np.ndarray, active: list[int]) -> np.ndarray:
     new = columns - columns[:, active] @ np.linalg.lstsq(columns[:, active], columns, rcond=None)[0]
     return np.asarray(new.T @ new)
+
+
+@pytest.mark.parametrize("size", [2, 3, 6])
+def test_the_best_of_each_group_is_the_best_of_all_scores(size: int) -> None:
+    rng = np.random.default_rng(size)
+    columns = rng.normal(size=(60, 80, size))
+    # Some candidates have columns that depend on each other.
+    columns[::3, :, -1] = columns[::3, :, 0]
+    residual = rng.normal(size=80) + columns[7] @ rng.normal(size=size) + 0.5 * columns[41, :, 0]
+    blocks, rhs = np.swapaxes(columns, 1, 2) @ columns, np.einsum("bnq,n->bq", columns, residual)
+    inputs = blocks, rhs, np.sum(np.square(columns), axis=1), float(residual @ residual), 70.0, np.zeros(60, dtype=bool)
+    groups = [slice(0, 30), slice(30, 60)]
+    all_scores, best_scores = judge(*inputs), judge(*inputs, groups)
+    for group in groups:
+        best = group.start + int(np.argmax(all_scores.evidence[group]))
+        assert group.start + int(np.argmax(best_scores.evidence[group])) == best
+        assert best_scores.evidence[best] == pytest.approx(all_scores.evidence[best], rel=1e-12)
+        assert best_scores.gain[best] == pytest.approx(all_scores.gain[best], rel=1e-12)
+        assert best_scores.rank[best] == all_scores.rank[best]
+    assert np.all(best_scores.evidence <= all_scores.evidence + 1e-12)

@@ -48,9 +48,9 @@ SELECTION_POSES = 800
 """Largest number of poses that a selection uses; fits and figures use all poses."""
 _LINEARISED_POSES = 4 * SELECTION_POSES
 """Largest number of poses that columns are made for: a fold's selection, which lacks some, still has enough."""
-_SHARE_OF_PRECISION = 0.01
-"""Share of the precision of a constant's prior that counts beside candidates. The precision is in units of the noise of
-the fit, to which missing effects add: with all of them found, a tenth of that noise is left, and the share is right."""
+_SHARE_OF_PRECISION = 1e-3
+"""Share of the precision of a constant's prior that counts beside candidates: thirty times its standard deviation. The
+prior is estimated where effects are missing, which makes it narrow; here it only excludes constants that no arm has."""
 _OFF_GRID_LOG_PRIOR = -8.0
 """Log prior of an order on a joint whose orders are not searched: about that of a searched order."""
 

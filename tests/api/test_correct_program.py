@@ -243,7 +243,7 @@ def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path
         np.testing.assert_allclose(wanted.T, [Q[:, 0]], atol=1e-6)
     else:
         np.testing.assert_allclose(wanted.T, [Q[:, 0], turned], atol=1e-6)
-    assert any("not read as a whole" in warning for warning in result.warnings)
+    assert any("not read completely" in warning for warning in result.warnings)
     assert b"'N U T, 0, 0, 1'" in result.data
 
 

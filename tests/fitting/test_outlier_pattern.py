@@ -45,7 +45,7 @@ def test_rows_at_large_angles_of_a_joint_are_named() -> None:
     assert pattern is not None
     assert (pattern.quantity, pattern.side, pattern.inside) == ("j2", "above", pattern.outliers)
     assert 1.3 < pattern.limit < 1.4
-    assert "share a cause" in pattern.text
+    assert "have a common cause" in pattern.text
 
 
 def test_rows_at_one_time_are_named() -> None:

@@ -213,7 +213,7 @@ def test_verdict_names_errors_larger_than_the_tolerances() -> None:
 def test_verdict_names_more_noise_than_stated() -> None:
     data = simulated(6)
     result = compare_with_measured(ROBOT, data, PARAMETERS, noise=(NOISE / 2, NOISE / 2)).consistency
-    assert "the part that no parameter explains is 2 times the stated noise: other effects than" in result.verdict
+    assert "the part that no parameter explains is 2 times the stated noise: effects other than" in result.verdict
     assert result.noise is not None
     assert result.noise.p_value < 1e-6
     quiet = compare_with_measured(ROBOT, data, PARAMETERS, noise=(2 * NOISE, 2 * NOISE)).consistency

@@ -26,6 +26,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from typer.testing import CliRunner
 
@@ -300,11 +301,23 @@ def _run(words: list[str], stdin: str) -> tuple[str, int]:
     raise AssertionError(f"a page may not run {' '.join(words)!r}")
 
 
+class _TerminalRunner(CliRunner):
+    """Runner that writes messages line by line, as Python does on a terminal, so that their order is the real one."""
+
+    @contextlib.contextmanager
+    def isolation(self, *args: Any, **kwargs: Any) -> Iterator[Any]:
+        """Replace the standard streams."""
+        with super().isolation(*args, **kwargs) as streams:
+            if isinstance(sys.stderr, io.TextIOWrapper):
+                sys.stderr.reconfigure(line_buffering=True)
+            yield streams
+
+
 def _robacc(words: list[str], stdin: str) -> tuple[str, int]:
     from robacc.cli.main import app
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    result = CliRunner().invoke(app, words, input=stdin, catch_exceptions=False, prog_name="robacc")
+    result = _TerminalRunner().invoke(app, words, input=stdin, catch_exceptions=False, prog_name="robacc")
     return result.output, result.exit_code
 
 

@@ -47,7 +47,7 @@ def hold_out(
     has_search = any(is_searched(request) for request in plan.requests)
     try:
         for number, (training, test) in enumerate(parts(assigned), 1):
-            progress("cross-fitting", number, n_folds + 1)
+            progress("cross-validation", number, n_folds + 1)
             train_data, test_data = data.subset(np.flatnonzero(training)), data.subset(np.flatnonzero(test))
             chosen = plan.effects(train_data) if has_search else with_deflection(effects, "equilibrium")
             before[:, test] = held_out(fit(Model.of(plan.robot, frames), train_data, fold_options), test_data)

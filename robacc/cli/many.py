@@ -80,8 +80,10 @@ def estimate_each(
         ]
         _check_targets(tasks)
         outcomes = _run(tasks, jobs or _jobs(paths), folder)
-        _report_problems(outcomes)
-        _write(outcomes, tasks, outlets, folder)
+        try:
+            _write(outcomes, tasks, outlets, folder)
+        finally:
+            _report_problems(outcomes)
     if status := exit_status(outcomes):
         raise typer.Exit(status)
 
@@ -229,6 +231,7 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
         write(output, (many_annotations(outcomes),))
     elif output == "-":
         table(sys.stdout)
+        sys.stdout.flush()
     else:
         write(output, (page_text(table),))
 

@@ -28,7 +28,7 @@ class Outlets(NamedTuple):
 
 
 def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -> None:
-    """Write the warnings of a result, check it against the gate if there is one, and write it in the requested form.
+    """Check a result against the gate if there is one, and write it in the requested form, with its warnings below.
 
     Args:
         outlets: Forms and files.
@@ -39,17 +39,18 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
         InputError: a file cannot be written, or the gate cannot be read.
         typer.Exit: the gate did not pass: status 4 or 5.
     """
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text.console import warnings_below
 
-    say_warnings(result.warnings)
     if outlets.gate is None:
-        document = cache(result.document)
-        write_result(outlets, result.command, document=document, table=table, outcome=None, warnings=result.warnings)
+        with warnings_below(result.warnings):
+            document = cache(result.document)
+            write_result(
+                outlets, result.command, document=document, table=table, outcome=None, warnings=result.warnings
+            )
         return
     from robacc.documents.gate_files import read_gate
 
     gated_document, outcome = result.gated(read_gate(outlets.gate))
-    say_warnings(outcome.warnings)
     conclude(outlets, result.command, gated_document, table, outcome, result.warnings)
 
 
@@ -91,7 +92,7 @@ def conclude(
     outcome: GateOutcome,
     warnings: Sequence[str] = (),
 ) -> None:
-    """Write a result with a gate, and exit with the status of the gate.
+    """Write a result with a gate, with the warnings of both below, and exit with the status of the gate.
 
     Args:
         outlets: Forms and files.
@@ -99,7 +100,7 @@ def conclude(
         document: JSON document with the gate.
         table: Draws the result; None to write the outcome of the gate only.
         outcome: Outcome of the gate.
-        warnings: Warnings of the result, which were written already.
+        warnings: Warnings of the result.
 
     Raises:
         InputError: a file cannot be written.
@@ -107,24 +108,28 @@ def conclude(
     """
     import typer
 
-    if outlets.junit is not None:
-        from robacc.io.files import write_text
-        from robacc.render.text.junit import junit
+    from robacc.render.text.console import warnings_below
 
-        write_text(outlets.junit, junit(command, outcome, clock.started(), clock.elapsed()))
-    write_result(
-        outlets,
-        command,
-        document=lambda: document,
-        table=with_gate(table, outcome, outlets.form),
-        outcome=outcome,
-        warnings=(*warnings, *outcome.warnings),
-    )
-    if outcome.exit_status:
-        if outlets.form is Format.json or outlets.output != "-":
+    warnings = (*warnings, *outcome.warnings)
+    with warnings_below(warnings):
+        if outlets.junit is not None:
+            from robacc.io.files import write_text
+            from robacc.render.text.junit import junit
+
+            write_text(outlets.junit, junit(command, outcome, clock.started(), clock.elapsed()))
+        write_result(
+            outlets,
+            command,
+            document=lambda: document,
+            table=with_gate(table, outcome, outlets.form),
+            outcome=outcome,
+            warnings=warnings,
+        )
+        if outcome.exit_status and (outlets.form is Format.json or outlets.output != "-"):
             from robacc.render.text.gate import say_gate
 
             say_gate(outcome)
+    if outcome.exit_status:
         raise typer.Exit(outcome.exit_status)
 
 
@@ -159,7 +164,7 @@ def write_result(
         document: Makes the JSON document, with the gate; called only if it is needed.
         table: Draws the result onto a stream.
         outcome: Outcome of the gate.
-        warnings: Warnings of the result and the gate, which were written already.
+        warnings: Warnings of the result and the gate, for the forms that contain them.
 
     Raises:
         InputError: a file cannot be written.

@@ -111,7 +111,7 @@ def fold_choices(
     work = functools.partial(_chosen, search_result, assigned, empirical)
     choices = []
     for number, choice in enumerate(_in_parallel(work, numbers, data.n)):
-        progress("cross-fitting", number + 1, len(numbers) + 1)
+        progress("cross-validation", number + 1, len(numbers) + 1)
         choices.append(choice)
     return FoldChoices(tuple(by_finding for by_finding, _ in choices), tuple(effects for _, effects in choices))
 

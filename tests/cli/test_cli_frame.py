@@ -124,6 +124,40 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     assert (process.returncode, errors) == (141, b"")
 
 
+WARM = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x,y,z,temperatur_c\n0,0,0,0,60,0,0.6355,0,0.6972,21.5\n"
+
+
+@pytest.mark.parametrize("n_files", [1, 2])
+def test_warnings_stand_below_the_result(tmp_path: Path, n_files: int) -> None:
+    paths = [tmp_path / f"{number}.csv" for number in range(n_files)]
+    for path in paths:
+        path.write_text(WARM)
+    shown = terminal("estimate", *map(str, paths), *SAMPLE[1:], NO_COLOR="1")
+    lines = shown.splitlines()
+    first = next(number for number, line in enumerate(lines) if line.startswith("warning: "))
+    assert "rms" in "\n".join(lines[:first])
+    assert all(line.startswith("warning: ") for line in lines[first:])
+    assert "temperatur_c" in "\n".join(lines[first:])
+
+
+def test_a_reader_that_leaves_does_not_lose_the_warnings(tmp_path: Path) -> None:
+    path = tmp_path / "warm.csv"
+    path.write_text(WARM)
+    reading, writing = os.pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "robacc", "estimate", str(path), *SAMPLE[1:]],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
+        text=True,
+    )
+    os.close(writing)
+    os.close(reading)
+    _, errors = process.communicate()
+    assert process.returncode == 141
+    assert "temperatur_c" in errors
+
+
 def terminal(*arguments: str, **environment: str) -> str:
     """What a terminal is sent on standard output and standard error."""
     ours, theirs = pty.openpty()

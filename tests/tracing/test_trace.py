@@ -388,7 +388,7 @@ def test_progress_is_told() -> None:
     rounds, folds = told[:-3], told[-3:]
     assert [done for _, done, _ in rounds] == [0] * len(rounds)
     assert [name for name, _, _ in rounds[:2]] == ["searching, round 1", "searching, round 2, 1 finding"]
-    assert folds == [("cross-fitting", i, 4) for i in (1, 2, 3)]
+    assert folds == [("cross-validation", i, 4) for i in (1, 2, 3)]
 
 
 def test_what_fewer_than_half_of_the_folds_find_is_not_reported() -> None:

@@ -25,8 +25,6 @@ def check(
     """
     from robacc.api.check import check as run_check
     from robacc.cli.output import Outlets, conclude
-    from robacc.render.text.console import say_warnings
 
     outcome = run_check(result, gate)
-    say_warnings(outcome.warnings)
     conclude(Outlets(form, output, gate, junit, report), "check", outcome.document(), None, outcome)

@@ -175,13 +175,13 @@ def _deliver(result: Corrected, names: tuple[str, str], output: str, outlets: Ou
     import sys
 
     from robacc.cli.output import deliver
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text.console import warnings_below
     from robacc.render.text.correct import draw_correction
 
     if output == "-":
-        say_warnings(result.warnings)
-        sys.stdout.writelines(result.csv_pieces())
-        sys.stdout.flush()
+        with warnings_below(result.warnings):
+            sys.stdout.writelines(result.csv_pieces())
+            sys.stdout.flush()
         return
     result.write(output)
     deliver(outlets, result, lambda stream: draw_correction(result, names, stream))
@@ -193,9 +193,9 @@ def _correct_program(
     """Write a program with corrected targets, and one line for what was corrected."""
     from robacc.api.correct_program import correct_program
     from robacc.io.files import write_bytes
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text.console import warnings_below
 
     result = correct_program(path, model=model, nominal=nominal, frames=frames, **options)
-    say_warnings(result.warnings)
-    write_bytes(output, result.data)
-    print(f"{result.n_corrected} of {len(result.program.targets)} targets corrected in {output}")
+    with warnings_below(result.warnings):
+        write_bytes(output, result.data)
+        print(f"{result.n_corrected} of {len(result.program.targets)} targets corrected in {output}", flush=True)

@@ -248,22 +248,22 @@ def _write(
 
     from robacc.cli.output import emit
     from robacc.io.files import write_text
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text.console import warnings_below
     from robacc.render.text.plan import draw_plan
 
-    say_warnings(result.warnings)
-    programs = {} if program is None else result.programs(program)
-    if validation_output is not None:
-        write_text(validation_output, result.validation_csv())
-    for path, text in programs.items():
-        write_text(path, text)
-    if report is not None:
-        from robacc.cli.pages import page_of_document
+    with warnings_below(result.warnings):
+        programs = {} if program is None else result.programs(program)
+        if validation_output is not None:
+            write_text(validation_output, result.validation_csv())
+        for path, text in programs.items():
+            write_text(path, text)
+        if report is not None:
+            from robacc.cli.pages import page_of_document
 
-        write_text(report, page_of_document(result.document()))
-    if output == "-":
-        sys.stdout.write(result.csv())
-        sys.stdout.flush()
-        return
-    result.write(output)
-    emit(form, "-", table=lambda stream: draw_plan(result, stream), document=result.document)
+            write_text(report, page_of_document(result.document()))
+        if output == "-":
+            sys.stdout.write(result.csv())
+            sys.stdout.flush()
+            return
+        result.write(output)
+        emit(form, "-", table=lambda stream: draw_plan(result, stream), document=result.document)

@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
 from robacc.errors import InputError, RobaccError
@@ -72,6 +73,18 @@ def say_warnings(warnings: Iterable[str]) -> None:
     """Write a yellow line for each warning."""
     for warning in warnings:
         say(f"warning: {warning}", YELLOW)
+
+
+@contextmanager
+def warnings_below(warnings: Iterable[str]) -> Iterator[None]:
+    """Write the warnings after the body, which writes the result: below a long table they stay in view.
+
+    They are also written if the body fails, for example because the reader of the result closed the pipe.
+    """
+    try:
+        yield
+    finally:
+        say_warnings(warnings)
 
 
 def say_interrupted(done: str = "nothing was written") -> None:

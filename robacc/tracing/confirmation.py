@@ -15,6 +15,7 @@ from robacc.measurements import Measurements
 from robacc.tracing.cross_validation import CrossValidation, FoldChoices, cross_validate
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_first, refit
+from robacc.tracing.selection import Selection
 
 _LEAST_GAIN = 1.0
 """Standard errors by which a gain on held-out poses must exceed zero. The search and the folds decide about chance; the
@@ -37,6 +38,16 @@ def reproduced(search_result: SearchResult, choices: FoldChoices | None, data: M
             effects = (*recurring, *_chosen_instead(search_result.effects, choices))
             start = [effect for effect in effects if not effect.is_frame]
             selection = search_result.final_candidates.selection(np.ones(data.n, dtype=bool), start)
+    return _significant(search_result, effects, selection, data)
+
+
+def _significant(
+    search_result: SearchResult, effects: tuple[Effect, ...], selection: Selection, data: Measurements
+) -> SearchResult:
+    """Return the search with those of ``effects`` that are significant beside each other, fitted together.
+
+    ``selection`` holds ``effects`` but for frames, which are not tested.
+    """
     selection.chosen = list(selection.chosen)
     selection.prune()
     keys = {choice.candidate.effect.search_key() for choice in selection.chosen}
@@ -69,8 +80,9 @@ def with_held_out_gain(
 ) -> tuple[SearchResult, CrossValidation | None, tuple[str, ...]]:
     """Withdraw findings that do not lower the error of held-out poses by more than its uncertainty.
 
-    The weakest goes first and the others are tested again; at the end all findings together must have a gain. Return
-    the remaining search, its cross-validation, and the withdrawn findings as text.
+    The weakest goes first and the others are tested again, also for their significance without it; at the end all
+    findings together must have a gain. Return the remaining search, its cross-validation, and the withdrawn findings as
+    text.
     """
     withdrawn: list[str] = []
     place = places(data if holdout is None else holdout)
@@ -91,6 +103,8 @@ def with_held_out_gain(
         else:
             break
         search_result = _with_effects(search_result, effects, data)
+        selection = dataclasses.replace(search_result.selection, steps=[])
+        search_result = _significant(search_result, effects, selection, data)
         validation = cross_validate(search_result, validation.choices, data, holdout, n_folds, seed, earlier=validation)
     return search_result, validation, tuple(withdrawn)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from arms import arm
 
 from robacc.documents.trace import trace_payload
+from robacc.effects.base import Effect
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit
@@ -22,8 +24,8 @@ from robacc.modelling.model import Model, predict
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
-from robacc.tracing.confirmation import reproduced
-from robacc.tracing.cross_validation import FoldChoices
+from robacc.tracing.confirmation import reproduced, with_held_out_gain
+from robacc.tracing.cross_validation import CrossValidation, FoldChoices
 from robacc.tracing.evidence import judge
 from robacc.tracing.loop import search
 from robacc.tracing.refitting import SEARCH, refit
@@ -446,6 +448,39 @@ def test_what_the_other_findings_leave_no_need_of_is_not_reported() -> None:
     kept = reproduced(dataclasses.replace(loop, effects=both, final=final), choices, data)
     assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
     assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[0]))]
+
+
+def test_what_a_withdrawn_finding_made_significant_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the finding that it stood beside, an effect that the data do not show is tested again, and goes too."""
+    robot = arm("puma560").robot
+    data = measured("puma560", entry("backlash", "j2", 2e-4))
+    model = Model.of(robot, build(parse_requests(DECLARED), arm("puma560"), data))
+    loop = search(model, data)
+    idle = (
+        *build(parse_requests("gear_ratio[j3]"), arm("puma560"), data),
+        *build(parse_requests("gear_ratio[j1]"), arm("puma560"), data),
+    )
+    effects = (*loop.effects, *idle)
+    for effect in idle:
+        loop.selection.start_with(next(one for one in loop.candidates.pool if one.effect.key() == effect.key()))
+    final = refit(loop.final, (*model.free, *effects), data, SEARCH)
+    rng = np.random.default_rng(4)
+    after = rng.normal(scale=NOISE, size=final.residual.shape)
+
+    def validated(kept: Sequence[Effect]) -> CrossValidation:
+        # Held-out poses gain by every finding but the first idle one, which only chance can bring about.
+        without = {effect.key(): 2.0 * after for effect in kept if effect != idle[0]}
+        choices = FoldChoices(({effect.key(): (effect,) for effect in kept},) * 5, (frozenset(kept),) * 5)
+        return CrossValidation(3.0 * after, after, without | {idle[0].key(): 0.9 * after}, choices)
+
+    monkeypatch.setattr(
+        "robacc.tracing.confirmation.cross_validate", lambda kept, *others, **options: validated(kept.effects)
+    )
+    whole = dataclasses.replace(loop, effects=effects, final=final)
+    kept, _, withdrawn = with_held_out_gain(whole, validated(effects), data, None, 5, 0)
+    assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
+    assert withdrawn == (str(idle[0]),)
+    assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[1]))]
 
 
 @pytest.mark.slow

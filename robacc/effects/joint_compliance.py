@@ -11,8 +11,10 @@ from typing import Any
 from robacc.effects.base import About, Driver, Effect, Term, register, weight_needed
 from robacc.effects.driver import joint_driver, torque_driver
 from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
+from robacc.effects.requirements import commanded
 from robacc.effects.unknown_masses import Masses, base_regressors, masses_setting
 from robacc.gravity.loads import unit_loads
+from robacc.gravity.torques import bears_weight
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -69,10 +71,11 @@ class JointCompliance(Elastic):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield one joint at a time, with the file's masses and with uncertain ones."""
+        """Yield one joint at a time, with the file's masses and, where weight can load it, with uncertain ones."""
+        bears = bears_weight(arm, commanded(data, cls.name))
         for joint in arm.names:
             yield cls.default(arm, data, (joint,))
-            if arm.chain.bodies:
+            if arm.chain.bodies and bears[arm.number(joint)]:
                 yield cls((joint,), "uncertain")
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:

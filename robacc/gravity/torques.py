@@ -16,6 +16,7 @@ Source of the twist algebra: R. Featherstone, Rigid Body Dynamics Algorithms (20
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -27,6 +28,9 @@ from robacc.geometry import Array, Poses, cross
 from robacc.gravity.loads import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+
+_LEVEL = math.radians(1.0)
+"""Angle within which an axis counts as vertical or horizontal, rad: bases are levelled to some tenths of a degree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +154,24 @@ def _cross(vectors: NDArray[Any], constant: Array) -> NDArray[Any]:
 def _next_body(weights: Weights, motion: int) -> int:
     """Return the first body that ``motion`` moves; motions with the same first body move the same loads."""
     return min((after for after in weights.after if after > motion), default=-1)
+
+
+def bears_weight(arm: Arm, q: Array) -> tuple[bool, ...]:
+    """Return for each joint whether a weight can load it at any of the nominal poses of ``q`` ``(J, N)``.
+
+    It cannot if the axis of a rotary joint stays vertical, or that of a slide horizontal, within
+    :data:`_LEVEL` at all poses.
+    """
+    gravity = np.array(arm.robot.gravity)
+    size = float(np.linalg.norm(gravity))
+    twists = arm.chain.jacobian(q, arm.chain.joint_axis)
+    shares = []
+    for number, motion in enumerate(arm.chain.joint_axis):
+        is_rotation = arm.chain.motions[motion].kind == "rotation"
+        axis = twists[3:, number] if is_rotation else twists[:3, number]
+        lever = cross(axis, np.broadcast_to(gravity[:, None], axis.shape)) if is_rotation else gravity @ axis
+        shares.append(np.abs(lever).max(initial=0.0) > math.sin(_LEVEL) * size)
+    return tuple(map(bool, shares))
 
 
 def gravity_torques(arm: Arm, q: Array, loads: Sequence[Load] | None = None) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from arms import arm, circumstances
@@ -9,7 +11,7 @@ from arms import arm, circumstances
 from robacc.chain import Sweep
 from robacc.geometry import Poses
 from robacc.gravity.loads import Load, combined, own_weight, payload, unit_loads
-from robacc.gravity.torques import Weighted, Weights, force_derivatives, forces, gravity_torques
+from robacc.gravity.torques import Weighted, Weights, bears_weight, force_derivatives, forces, gravity_torques
 from robacc.robots.arm import Arm
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
@@ -145,3 +147,21 @@ def test_loads_with_factors_act_as_their_sum() -> None:
     together = combined([(0.5, own), (-2.0, carried)])
     assert len(together) == len({load.after for load in (*own, *carried)})
     np.testing.assert_allclose(all_forces(panda, scalars, together), expected, rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", [*ARMS, "scara"])
+@pytest.mark.parametrize("leaning", [0.0, 0.5, 2.0])
+def test_a_joint_bears_weight_if_a_mass_on_its_link_can_load_it(name: str, leaning: float) -> None:
+    """Against the work of a first moment of 1 kg m, and of 1 kg on a slide; within a degree an axis counts as level."""
+    robot = arm(name).robot
+    lean = np.radians(leaning)
+    down = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
+    one = Arm.of(dataclasses.replace(robot, gravity=tuple(down)))
+    q = circumstances(robot, 40).q
+    assert q is not None
+    loads = unit_loads(one, 0)
+    for number, owner in enumerate(one.owners):
+        labels = ("hx", "hy", "hz") if one.is_revolute(one.names[number]) else ("m",)
+        torque = np.array([gravity_torques(one, q, loads[f"{label}{owner + 1}"])[number] for label in labels])
+        largest = np.linalg.norm(torque, axis=0).max() / 9.81
+        assert bears_weight(one, q)[number] is bool(largest > np.sin(np.radians(1.0))), one.names[number]

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from robacc.calibration.plan import CalibrationPlan, is_searched
+from robacc.calibration.plan import CalibrationPlan
 from robacc.effects.base import Effect
 from robacc.errors import InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
@@ -16,11 +16,14 @@ from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.tracing.cross_validation import Progress
+from robacc.tracing.cross_validation import Progress, chosen_on
+from robacc.tracing.loop import SearchResult
+from robacc.tracing.refitting import frames_first
 
 
 def hold_out(
     plan: CalibrationPlan,
+    found: SearchResult | None,
     options: Options,
     data: Measurements,
     holdout: Measurements | None,
@@ -32,7 +35,7 @@ def hold_out(
 ) -> tuple[Array, Array] | None:
     """Return the residuals of held-out poses, with frames only and with all effects; None if there are too few poses.
 
-    Searched effects are chosen anew in each fold.
+    Searched effects are chosen anew in each fold, on the linearisation of the search ``found`` on all poses.
     """
     fold_options = dataclasses.replace(options, tolerance=1e-6)
     if holdout is not None:
@@ -44,12 +47,14 @@ def hold_out(
         return None
     components = 3 if data.rotation is None else 6
     before, after = np.empty((components, data.n)), np.empty((components, data.n))
-    has_search = any(is_searched(request) for request in plan.requests)
     try:
         for number, (training, test) in enumerate(parts(assigned), 1):
             progress("cross-validation", number, n_folds + 1)
             train_data, test_data = data.subset(np.flatnonzero(training)), data.subset(np.flatnonzero(test))
-            chosen = plan.effects(train_data) if has_search else with_deflection(effects, "equilibrium")
+            chosen = with_deflection(effects, "equilibrium")
+            if found is not None:
+                selection = chosen_on(found, training)
+                chosen = (*plan.fixed(train_data), *frames_first(map(selection.refined, selection.chosen)))
             before[:, test] = held_out(fit(Model.of(plan.robot, frames), train_data, fold_options), test_data)
             after[:, test] = held_out(plan.fitted(chosen, train_data, fold_options), test_data)
     except InputError:

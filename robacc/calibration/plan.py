@@ -19,7 +19,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.loop import search
+from robacc.tracing.loop import SearchResult, search
 
 _CONSTANTS = ("joint_offset", "link_geometry")
 """Effects whose coefficients all have a nominal value in the robot file."""
@@ -36,17 +36,17 @@ class CalibrationPlan:
     shrink: bool
     """Constants that are requested for all joints are shrunk to nominal where there are no priors."""
 
-    def effects(self, data: Measurements) -> tuple[Effect, ...]:
-        """Return the effects for these poses: the fixed effects, then the searched effects."""
-        model = Model.of(self.robot)
-        fixed = [request for request in self.requests if not is_searched(request)]
+    def search(self, data: Measurements) -> SearchResult | None:
+        """Return the search for the joints of the searched effects; None if all effects are fixed."""
         searched = [request for request in self.requests if is_searched(request)]
-        effects = build(fixed, model.arm, data)
-        if searched:
-            build(searched, model.arm, data)
-            search_result = search(Model.of(self.robot, effects), data, only=[request.name for request in searched])
-            effects = (*effects, *search_result.effects)
-        return effects
+        if not searched:
+            return None
+        build(searched, Arm.of(self.robot), data)
+        return search(Model.of(self.robot, self.fixed(data)), data, only=[request.name for request in searched])
+
+    def fixed(self, data: Measurements) -> tuple[Effect, ...]:
+        """Return the effects that are fitted as requested."""
+        return build([request for request in self.requests if not is_searched(request)], Arm.of(self.robot), data)
 
     def with_priors(self, options: Options, effects: Sequence[Effect], data: Measurements) -> Options:
         """Return ``options`` with the priors, infinite for coefficients without a prior."""

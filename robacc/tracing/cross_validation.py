@@ -120,19 +120,24 @@ def _chosen(
     search_result: SearchResult, assigned: NDArray[np.int64], empirical: bool, number: int
 ) -> tuple[Choice, frozenset[Effect]]:
     """Return the effects of a fold that match each finding, and all effects that it chose."""
-    selection = choose(
-        search_result.candidates,
-        assigned != number,
-        empirical=empirical,
-        max_poses=_FOLD_POSES,
-        named_first=search_result.named_first,
-        level=fold_level(float(np.mean(assigned != number))),
-        known=[effect for effect in search_result.effects if not (effect.is_frame or effect.is_profile())],
-    )
+    selection = chosen_on(search_result, assigned != number, empirical)
     chosen = [(choice, selection.refined(choice)) for choice in selection.chosen]
     matches = _matching_effects(search_result.effects, selection, chosen)
     by_finding = {e.key(): tuple(effects) for e, effects in zip(search_result.effects, matches, strict=True)}
     return by_finding, frozenset(effect for _, effect in chosen)
+
+
+def chosen_on(search_result: SearchResult, rows: NDArray[np.bool_], empirical: bool = True) -> Selection:
+    """Return what a search chooses from the poses ``rows`` ``(N,)``, on the linearisation of the search on all."""
+    return choose(
+        search_result.candidates,
+        rows,
+        empirical=empirical,
+        max_poses=_FOLD_POSES,
+        named_first=search_result.named_first,
+        level=fold_level(float(np.mean(rows))),
+        known=[effect for effect in search_result.effects if not (effect.is_frame or effect.is_profile())],
+    )
 
 
 def cross_validate(

@@ -188,7 +188,7 @@ def _is_same(node: yaml.Node, value: Any) -> bool:
     """Return whether a scalar's text reads as the value, a number to twelve digits."""
     if not isinstance(node, yaml.ScalarNode):
         return False
-    is_plain, text = node.style is None, str(node.value)
+    is_plain, text = not node.style, str(node.value)
     if value is None or isinstance(value, bool):
         return is_plain and text.lower() == {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, int | float):

@@ -1,0 +1,77 @@
+"""Long YAML files, which a faster reader reads: the same nodes at the same places, the same messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from robacc.errors import InputError
+from robacc.io import yaml_nodes
+from robacc.io.yaml_nodes import compose
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "trace" / "robot.yaml"
+LONG = "# " + "a long remark " * 10_000 + "\n"
+
+
+def nodes(node: yaml.Node) -> Iterator[tuple[object, ...]]:
+    """Yield what readers of a document use of each of its nodes."""
+    marks = node.start_mark.index, node.start_mark.line, node.start_mark.column, node.end_mark.index
+    if isinstance(node, yaml.ScalarNode):
+        yield (*marks, node.tag, bool(node.style), node.value)
+        return
+    assert isinstance(node, yaml.CollectionNode)
+    yield (*marks, node.tag, bool(node.flow_style))
+    for item in node.value:
+        for child in item if isinstance(item, tuple) else (item,):
+            yield from nodes(child)
+
+
+@pytest.fixture
+def fast_reads(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Return a list that records for each document whether the faster reader read it."""
+    record = []
+    reader = yaml_nodes._composed_fast
+
+    def recorded(text: str) -> yaml.Node | None:
+        node = reader(text)
+        record.append(node is not None)
+        return node
+
+    monkeypatch.setattr(yaml_nodes, "_composed_fast", recorded)
+    return record
+
+
+@pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML was built without its faster reader")
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_both_readers_read_the_same(fast_reads: list[bool], monkeypatch: pytest.MonkeyPatch, end: str) -> None:
+    text = (SAMPLE.read_text(encoding="utf-8") + "# Übermaß 🤖\nnotes: 'it''s \"so\"'\n" + LONG).replace("\n", end)
+    fast = list(nodes(compose(text, "robot.yaml")))
+    monkeypatch.setattr(yaml_nodes, "_LONG", len(text) + 1)
+    assert fast == list(nodes(compose(text, "robot.yaml")))
+    assert len(fast) > 50
+    assert fast_reads == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("j1:\t2", "indent with blanks, not with tabs"),
+        ("a: &b 1", "anchors"),
+        ("a: !!python/name:os.system x", "tags"),
+        ("a: {b: 1, c: 2}}", "cannot be read as YAML"),
+        (f"a: {'[' * 40}{']' * 40}", "nested deeper"),
+        (f"a: [{'1, ' * 60_000}]", "more than 50000 entries"),
+    ],
+)
+def test_messages_are_those_of_short_files(fast_reads: list[bool], line: str, message: str) -> None:
+    with pytest.raises(InputError) as long:
+        compose(f"{line}\n{LONG}", "robot.yaml")
+    assert message in str(long.value)
+    if len(line) < 1000:
+        with pytest.raises(InputError) as short:
+            compose(f"{line}\n", "robot.yaml")
+        assert str(long.value).splitlines()[0] == str(short.value).splitlines()[0]
+    assert not any(fast_reads)

@@ -16,13 +16,18 @@ _LARGEST_EXACT_POWER = 22
 
 def significant_document(value: Any) -> Any:
     """Return the document with every float rounded to :data:`SIGNIFICANT_DIGITS` significant digits."""
-    if isinstance(value, Mapping):
-        return {key: significant_document(item) for key, item in value.items()}
+    # The types of most values come first, since the test of others is slow.
+    if isinstance(value, float | np.floating):
+        return significant(float(value))
+    if isinstance(value, str | int | None):
+        return value
     if isinstance(value, np.ndarray):
         return significant_array(value) if value.dtype.kind == "f" else value
-    if isinstance(value, Sequence) and not isinstance(value, str):
+    if isinstance(value, Mapping):
+        return {key: significant_document(item) for key, item in value.items()}
+    if isinstance(value, Sequence):
         return [significant_document(item) for item in value]
-    return significant(float(value)) if isinstance(value, float | np.floating) else value
+    return value
 
 
 def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:

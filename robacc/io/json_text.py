@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_ENCODE = json.JSONEncoder(ensure_ascii=False).encode
+_SCALARS = (float, str, int, type(None), np.generic)
 _ROWS_AT_ONCE = 4096
 """Rows of an array that are converted to text at a time: some MB of Python objects at most."""
 
@@ -37,17 +39,25 @@ def json_pieces(document: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _pieces(value: Any, indent: str) -> Iterator[str]:
-    if isinstance(value, np.ndarray):
-        yield from _array(value, indent)
-    elif isinstance(value, Mapping) and value:
+    if isinstance(value, dict | Mapping):
+        if not value:
+            yield "{}"
+            return
         inner = indent + "  "
         opening = "{\n"
         for key, item in value.items():
-            yield f"{opening}{inner}{_scalar(str(key))}: "
-            yield from _pieces(item, inner)
+            if _is_nested(item):
+                yield f"{opening}{inner}{_scalar(str(key))}: "
+                yield from _pieces(item, inner)
+            else:
+                yield f"{opening}{inner}{_scalar(str(key))}: {_scalar(item)}"
             opening = ",\n"
         yield f"\n{indent}}}"
-    elif isinstance(value, Sequence) and not isinstance(value, str) and any(_is_nested(item) for item in value):
+    elif isinstance(value, np.ndarray):
+        yield from _array(value, indent)
+    elif not _is_nested(value):
+        yield _scalar(value)
+    elif any(map(_is_nested, value)):
         inner = indent + "  "
         opening = "[\n"
         for item in value:
@@ -55,27 +65,26 @@ def _pieces(value: Any, indent: str) -> Iterator[str]:
             yield from _pieces(item, inner)
             opening = ",\n"
         yield f"\n{indent}]"
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        yield "[" + ", ".join(_scalar(item) for item in value) + "]"
     else:
-        yield "{}" if isinstance(value, Mapping) else _scalar(value)
+        yield "[" + ", ".join(map(_scalar, value)) + "]"
 
 
 def _is_nested(value: Any) -> bool:
-    return isinstance(value, Mapping | np.ndarray) or (isinstance(value, Sequence) and not isinstance(value, str))
+    """Return whether a value has items; the types of most values come first, since the test of others is slow."""
+    if isinstance(value, _SCALARS):
+        return False
+    return isinstance(value, dict | list | tuple | np.ndarray | Mapping | Sequence)
 
 
 def _scalar(value: Any) -> str:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return "null"
-    return _text(value)
+    if isinstance(value, float):  # as are NumPy's
+        return float.__repr__(value) if math.isfinite(value) else "null"
+    return _text(value.item() if isinstance(value, np.generic) else value)
 
 
 def _text(value: Any) -> str:
     """Return the JSON of a string or number; control and bidirectional characters are escaped for terminals."""
-    text = json.dumps(value, ensure_ascii=False)
+    text = _ENCODE(value)
     return text if text.isprintable() else json.dumps(value)
 
 

@@ -47,7 +47,7 @@ _LEAST_BETTER = 2.0
 _LARGEST_SPREAD = 2.0
 """Factor by which groups may leave a larger sum of squares than a load of its own for each row, but for its freedom."""
 _LEAST_TORQUE = 0.1
-"""Least torque of 1 kg on a joint that may give way, over the largest on any joint."""
+"""Least torque of 1 kg on a joint that may deflect, over the largest on any joint."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,8 +64,8 @@ class Effect(abc.ABC):
     """True if it is the base or the tool frame, which registration fits from any start."""
     is_empirical: ClassVar[bool] = False
     """True if it is a smooth correction without a physical cause."""
-    describes_wander: ClassVar[bool] = False
-    """True if a search may take it for errors that wander slowly."""
+    is_slow_drift: ClassVar[bool] = False
+    """True if it is a slow drift: it may replace steps that only describe errors that wander slowly."""
     is_of_measurement: ClassVar[bool] = False
     """True if it belongs to one measurement, not to the arm: no command to the arm can or should correct it."""
     shares_terms: ClassVar[bool] = False
@@ -73,7 +73,7 @@ class Effect(abc.ABC):
     implausible_factor: ClassVar[float] = 10.0
     """Multiple of the largest usual size beyond which a coefficient is implausible."""
     is_spring: ClassVar[bool] = False
-    """True if joints give way about their axes to the arm's own weight."""
+    """True if joints deflect about their axes under the arm's own weight."""
     is_nonnegative: ClassVar[bool] = False
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
     extrapolates: ClassVar[str | None] = None

@@ -38,8 +38,8 @@ class BaseCompliance(Elastic):
     extrapolates = "Hooke's law: tilt in proportion to the torque of the arm's weight"
     per_joint = False
     about = About(
-        summary="the pedestal or floor gives way: the base tilts under the torque of the arm's weight",
-        equation="turns of the base about x and y + c (m_x, m_y), the torque of the arm's weight about them at the "
+        summary="the pedestal or floor deflects: the base tilts under the torque of the arm's weight",
+        equation="rotations of the base about x and y + c (m_x, m_y), the torque of the arm's weight about them at the "
         f"deflected pose; with below: true base x, y + c h (m_y, -m_x) too, h the height of the base over the "
         f"point of the tilt; {DEFLECTIONS}",
         unit="rad/(N m); masses unknown: the same times kg or kg m",

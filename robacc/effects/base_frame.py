@@ -53,7 +53,7 @@ class BaseFrame(Effect):
     per_joint = False
     about = About(
         summary="where the robot stands in the measuring frame",
-        equation="base x, y, z + dx, dy, dz; then turned about its own x, y, z by roll, pitch, yaw",
+        equation="base x, y, z + dx, dy, dz; then rotated about its own x, y, z by roll, pitch, yaw",
         unit="m, rad",
         usual_size="any: the instrument may stand anywhere",
         usual_range=(0.001, 1),

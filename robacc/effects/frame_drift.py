@@ -33,10 +33,10 @@ class FrameDrift(Effect):
     missing_reasons = ("no time_s column that varies",)
     per_joint = False
     is_of_measurement = True
-    describes_wander = True
+    is_slow_drift = True
     about = About(
-        summary="the base moves against the instrument: a tripod settles, a pedestal warms, the floor yields",
-        equation="base x, y, z (and its turns) + c ((t - t_mid) / span)^p, p = 1 … degree",
+        summary="the base moves against the instrument: a tripod settles, a pedestal warms up, the floor sinks",
+        equation="base x, y, z (and its rotations) + c ((t - t_mid) / span)^p, p = 1 … degree",
         unit="m, rad over the time span",
         usual_size="1e-5 to 1e-3 m",
         usual_range=(1e-05, 0.001),

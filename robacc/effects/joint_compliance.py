@@ -41,7 +41,7 @@ class JointCompliance(Elastic):
     is_spring = True
     extrapolates = "Hooke's law: deflection in proportion to the torque"
     about = About(
-        summary="the joint's gear gives way to the torque of the arm's own weight",
+        summary="the joint's gear deflects under the torque of the arm's own weight",
         equation="theta_j + c_j tau_j, tau_j the torque of gravity about the axis at the deflected pose; "
         f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint); masses unknown: the same times kg or kg m",

@@ -40,8 +40,8 @@ class LinkGeometry(Effect):
     is_constant = True
     about = About(
         summary="link lengths, offsets and twists differ from the table",
-        equation="d_j, a_j, alpha_j + c, and beta_j (Hayati's turn about y) + c; a URDF's joint origin "
-        "x, y, z + c, then turned about its own x, y, z by roll, pitch, yaw",
+        equation="d_j, a_j, alpha_j + c, and beta_j (Hayati's rotation about y) + c; a URDF's joint origin "
+        "x, y, z + c, then rotated about its own x, y, z by roll, pitch, yaw",
         unit="m, rad",
         usual_size="1e-4 to 1e-3 m, 1e-4 to 1e-3 rad",
         usual_range=(0.0001, 0.001),

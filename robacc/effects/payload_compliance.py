@@ -1,4 +1,4 @@
-"""Joints that give way under the payload."""
+"""Joints that deflect under the payload."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class PayloadCompliance(Elastic):
         "payload_group has one name only, or a name with fewer than 8 rows",
     )
     about = About(
-        summary="the joint gives way to the payload, which was not the same at every pose",
+        summary="the joint deflects under the payload, which was not the same at every pose",
         equation="theta_j + c_j tau_j, tau_j the torque of the payload's weight about the axis at the deflected pose; "
         f"{DEFLECTIONS}",
         unit="rad/(N m) (m/N for a prismatic joint); com uncertain: also the same times m; groups: the same times kg",

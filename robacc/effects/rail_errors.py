@@ -41,8 +41,8 @@ class RailErrors(Effect):
     missing_reasons = ("no prismatic joint",)
     about = About(
         summary="the rail is bent or twisted: its carriage shifts across the travel and turns along it",
-        equation="shifts and turns of the carriage + sum of c_p T_p(u), u the travel from -1 to 1, p = 1 (turns) "
-        "or 2 (shifts) to 8",
+        equation="shifts and rotations of the carriage + sum of c_p T_p(u), u the travel from -1 to 1, p = 1 "
+        "(rotations) or 2 (shifts) to 8",
         unit="m, rad",
         usual_size="1e-5 to 1e-3 m, 1e-5 to 5e-4 rad",
         usual_range=(1e-5, 1e-3),

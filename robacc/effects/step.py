@@ -55,8 +55,8 @@ class Step(Effect):
     about = About(
         summary="a step change between two poses: the base moved, the target was bumped, a joint's zero jumped, or the "
         "load changed",
-        equation="base or tool x, y, z (and its turns), or theta_j, + c from one pose on, 0 before it; part: payload: "
-        "theta_j + c_j times the torque of 1 kg at the flange from one pose on",
+        equation="base or tool x, y, z (and its rotations), or theta_j, + c from one pose on, 0 before it; part: "
+        "payload: theta_j + c_j times the torque of 1 kg at the flange from one pose on",
         unit="rad (m for a prismatic joint), m for the base and the target; part: payload: rad/(N m) kg",
         usual_size="5e-5 to 5e-3 rad, 5e-5 to 5e-3 m; a motor turn over the gear ratio where an encoder lost a turn",
         usual_range=(5e-5, 5e-3),

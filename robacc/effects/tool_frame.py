@@ -25,11 +25,11 @@ class ToolFrame(Effect):
     per_joint = False
     about = About(
         summary="where the measured target sits on the last link",
-        equation="tool x, y, z + dx, dy, dz; then turned about its own x, y, z; for each target its own",
+        equation="tool x, y, z + dx, dy, dz; then rotated about its own x, y, z; for each target its own",
         unit="m, rad",
         usual_size="1e-3 m, 1e-3 rad after mounting by hand",
         usual_range=(0.001, 0.01),
-        needs="nothing; the turns only where orientation was measured",
+        needs="nothing; the rotations only where orientation was measured",
         confused_with="the last joint's theta, d, a, alpha",
         source="Wu and Lee 1984, eq. (3), with the tool as one more link",
         example="{effect: tool_frame, values: {z: 5e-4, pitch: 1e-3}}",

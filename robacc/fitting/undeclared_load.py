@@ -44,7 +44,7 @@ _CONVERGED = 1e-3
 _LEAST_START = 0.05
 """Least compliance to start from, as a share of the largest: with the masses of the prior it may seem negative."""
 _LEAST_CURVATURE = 1.0
-"""Least curvature in a compliance's logarithm: with less, the joint does not give way at all."""
+"""Least curvature in a compliance's logarithm: with less, the joint does not deflect at all."""
 _INTERVAL = (0.025, 0.5, 0.975)
 
 

@@ -1,4 +1,4 @@
-"""What the weights of an arm's links do to its measured poses, through the joints that give way to them.
+"""What the weights of an arm's links do to its measured poses, through the joints that deflect under them.
 
 To first order the whitened residual without the springs is
 
@@ -33,7 +33,7 @@ class WeightColumns:
     """Products of the columns of weights with one another and with the residual."""
 
     joints: tuple[str, ...]
-    """J joints that give way."""
+    """J joints that deflect."""
     labels: tuple[str, ...]
     """K unit masses and first moments, as :func:`robacc.gravity.loads.unit_loads` names them."""
     gram: Array

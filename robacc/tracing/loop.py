@@ -155,7 +155,7 @@ class _Search:
                 return last
             self.steps.append(SelectionStep("drop", f"{weakest}: errors wander", []))
             last = self._round_of(_others(last, weakest), without[weakest])
-            drifts = [r for r in last.selection.rank() if r.candidate.effect.describes_wander]
+            drifts = [r for r in last.selection.rank() if r.candidate.effect.is_slow_drift]
             if drifts and drifts[0].p_value <= FALSE_ALARM:
                 effects = (*last.effects, drifts[0].candidate.effect)
                 last = self._round_of(effects, self._fit_of(last, effects))

@@ -56,6 +56,11 @@ class ProblemLog:
             ordered = sorted(self._problems, key=lambda problem: problem.line or problem.row or 0)
             raise InputError(ordered, total=self.total)
 
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """The problems so far, as far as they are stored."""
+        return tuple(self._problems)
+
     def at(self, number: int | None) -> str:
         """Return the file and its line or row ``number``, for a message."""
         return self._problem("", number).place

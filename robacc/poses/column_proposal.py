@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robacc.io.open_table import open_table
 from robacc.io.problem_log import ProblemLog
@@ -27,6 +27,8 @@ class ColumnProposal:
     text: str
     open_statements: tuple[str, ...]
     """Keys that the user has to fill in."""
+    open_columns: tuple[str, ...]
+    """What the names of columns leave open, such as Q1 … Q4 beside joints: names of the columns, and the question."""
     n_columns: int
     """Columns with a meaning."""
     has_commands: bool
@@ -51,8 +53,12 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         column = parse_column(text, index, names, log, header.line)
         if column is not None:
             known.setdefault(column.key, with_cell_unit(column, header, log))
-    foreign = find_columns(header, known, names, AS_NAMED, log)
+    # The map itself asks for the coverage factor, so that it is not a question of columns.
+    foreign = find_columns(header, known, names, replace(AS_NAMED, coverage=1.0), log)
     statements = _statements(foreign)
+    questions = tuple(
+        f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in log.problems
+    )
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
@@ -60,11 +66,12 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         "",
         "robacc_columns: 1",
         *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
+        *(f"# open: {question}; name them below, or leave them empty" for question in questions),
         "columns:",
         *_entries(header, foreign),
     ]
     unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
-    return ColumnProposal("\n".join(lines) + "\n", unanswered, len(foreign.columns), _has_commands(foreign))
+    return ColumnProposal("\n".join(lines) + "\n", unanswered, questions, len(foreign.columns), _has_commands(foreign))
 
 
 def _with_names_where_known(header: Header, name: str) -> Header:

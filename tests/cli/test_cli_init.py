@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import robacc
 from robacc.cli.main import app
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
@@ -145,3 +146,20 @@ def test_calls_that_do_not_fit(arguments: tuple[str, ...], status: int, message:
     assert (done.exit_code, done.stdout) == (status, "")
     assert message in done.stderr
     assert not Path("robot.yaml").exists()
+
+
+def test_a_map_asks_what_the_names_of_columns_leave_open(folder: Path) -> None:
+    joints = ",".join(f"J{i} [deg]" for i in range(1, 7))
+    (folder / "export.csv").write_text(
+        f"Point,{joints},X [mm],Y [mm],Z [mm],Q1,Q2,Q3,Q4\nP1,10,20,30,40,5,6,500,100,200,1,0,0,0\n"
+    )
+    done = run("init", "export.csv")
+    question = "Q1, Q2, Q3, Q4: these may be a quaternion with its scalar part first or last"
+    assert f"  decide in columns.yaml: {question}\n" in done.stdout
+    text = (folder / "columns.yaml").read_text()
+    assert f"# open: {question}; name them below, or leave them empty\n" in text
+    for number, key in enumerate(("qw", "qx", "qy", "qz"), 1):
+        text = text.replace(f'"Q{number}":    # not read', f'"Q{number}": {key}')
+    (folder / "columns.yaml").write_text(text)
+    data = robacc.read_poses("export.csv", columns="columns.yaml", robot=read_robot("ur10e"))
+    np.testing.assert_allclose(data.rotation, np.eye(3)[:, :, None], atol=1e-12)

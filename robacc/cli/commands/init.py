@@ -99,6 +99,8 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     print("next:")
     if proposal.open_statements:
         print(f"  fill in {' and '.join(proposal.open_statements)} in {path}")
+    for question in proposal.open_columns:
+        print(f"  decide in {path}: {question}")
     commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"
     print(f"  robacc estimate {export} --columns {path} --robot robot.yaml{commands}")
 

@@ -28,7 +28,7 @@ class ColumnProposal:
     open_statements: tuple[str, ...]
     """Keys that the user has to fill in."""
     open_columns: tuple[str, ...]
-    """What the names of columns leave open, such as Q1 … Q4 beside joints: names of the columns, and the question."""
+    """What the names of columns leave open, such as Q1 … Q4 beside joints, and what to do about it."""
     n_columns: int
     """Columns with a meaning."""
     has_commands: bool
@@ -56,9 +56,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     # The map itself asks for the coverage factor, so that it is not a question of columns.
     foreign = find_columns(header, known, names, replace(AS_NAMED, coverage=1.0), log)
     statements = _statements(foreign)
-    questions = tuple(
-        f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in log.problems
-    )
+    questions = _questions(log, foreign)
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
@@ -66,7 +64,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         "",
         "robacc_columns: 1",
         *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
-        *(f"# open: {question}; name them below, or leave them empty" for question in questions),
+        *(f"# open: {question}" for question in questions),
         "columns:",
         *_entries(header, foreign),
     ]
@@ -81,6 +79,15 @@ def _with_names_where_known(header: Header, name: str) -> Header:
         return with_known_names(header, name)
     except InputError:
         return header
+
+
+def _questions(log: ProblemLog, foreign: ForeignColumns) -> tuple[str, ...]:
+    """Return what the names leave open: the questions of the log, and joints under the robot's own names."""
+    texts = [f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in log.problems]
+    result = [f"{text}; name them, or leave them empty" for text in texts]
+    if foreign.unused and not _has_commands(foreign):
+        result.append("no column is taken for a joint; name the columns of joints q1 … qN, in the order of the chain")
+    return tuple(result)
 
 
 def _statements(foreign: ForeignColumns) -> dict[str, tuple[str, str]]:

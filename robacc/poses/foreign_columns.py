@@ -11,6 +11,7 @@ from robacc.io.table import Header
 from robacc.poses.columns import AXES, FIXED_KINDS, FOREIGN_UNITS, SIGMAS, UNITS, Column, Kind, Names
 from robacc.poses.headings import TIME_KEYS, Heading, Meaning, heading_of, is_of_ros, meaning_of
 from robacc.poses.reading import Reading
+from robacc.poses.single_point import single_point
 
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
@@ -106,9 +107,11 @@ def _with_unit_of_position(nameless: Sequence[Column], result: ForeignColumns) -
 def _candidates(header: Header, names: Names, log: ProblemLog) -> Iterator[_Candidate]:
     headings = [_heading(i, header, log) for i in range(len(header.names))]
     siblings = frozenset(heading.text for heading in headings)
+    numbered = single_point(siblings)
     for i, heading in enumerate(headings):
         joint = _named_joint(heading, names)
-        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else meaning_of(heading, siblings)
+        known = meaning_of(heading, siblings) or numbered.get(heading.text)
+        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else known
         if meaning is None:
             continue
         key = meaning.key

@@ -155,11 +155,23 @@ def test_a_map_asks_what_the_names_of_columns_leave_open(folder: Path) -> None:
     )
     done = run("init", "export.csv")
     question = "Q1, Q2, Q3, Q4: these may be a quaternion with its scalar part first or last"
-    assert f"  decide in columns.yaml: {question}\n" in done.stdout
+    assert f"  decide in columns.yaml: {question}; name them, or leave them empty\n" in done.stdout
     text = (folder / "columns.yaml").read_text()
-    assert f"# open: {question}; name them below, or leave them empty\n" in text
+    assert f"# open: {question}; name them, or leave them empty\n" in text
     for number, key in enumerate(("qw", "qx", "qy", "qz"), 1):
         text = text.replace(f'"Q{number}":    # not read', f'"Q{number}": {key}')
     (folder / "columns.yaml").write_text(text)
     data = robacc.read_poses("export.csv", columns="columns.yaml", robot=read_robot("ur10e"))
     np.testing.assert_allclose(data.rotation, np.eye(3)[:, :, None], atol=1e-12)
+
+
+def test_a_map_asks_for_joints_under_names_of_a_robot(folder: Path) -> None:
+    (folder / "export.csv").write_text("x1,y1,z1,phix1,phiy1,phiz1,shoulder,elbow\n0.1,0.2,0.3,0,0,0,0.4,0.5\n")
+    done = run("init", "export.csv")
+    question = "no column is taken for a joint; name the columns of joints q1 … qN, in the order of the chain"
+    assert f"  decide in columns.yaml: {question}\n" in done.stdout
+    text = (folder / "columns.yaml").read_text()
+    assert f"# open: {question}\n" in text
+    assert '"z1": z\n' in text
+    assert '"phiz1": rz\n' in text
+    assert '"elbow":    # not read\n' in text

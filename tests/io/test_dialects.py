@@ -139,6 +139,14 @@ def robodk(v: Numbers) -> Export:
     return Export(table(", ", head, rows).encode(), options, plain, "J1 … J6 -> q1_deg … q6_deg")
 
 
+def numbered_point(v: Numbers) -> Export:
+    head = ["x1", "y1", "z1", "phix1", "phiy1", "phiz1", *(f"J{i}" for i in range(1, 7))]
+    plain = table(",", [*XYZ, *RPY, *Q], joined(v.position, v.rpy, v.q))
+    text = table(",", head, joined(v.position, v.rpy, v.q))
+    options = ("--units", "mm,deg")
+    return Export(text.encode(), options, plain, "phix1, phiy1, phiz1 taken as fixed-xyz")
+
+
 def report_of_nominals(v: Numbers) -> Export:
     """Points against nominal points, with deviations that are not read."""
     names = [f"{kind} {axis}" for kind in ("Nominal", "Measured") for axis in "XYZ"]
@@ -223,6 +231,7 @@ EXPORTS: dict[str, Callable[[Numbers], Export]] = {
         kuka,
         fanuc,
         robodk,
+        numbered_point,
         report_of_nominals,
         uncertainties,
         ros,

@@ -64,9 +64,10 @@ class RowLoads:
         """Return the groups and what to do."""
         sizes, shares = (" : ".join(entries) for entries in ([str(rows.size) for rows in self.rows], self._shares()))
         return (
-            f"the errors are those of a load at the flange that differs from row to row: {len(self.rows)} groups of "
-            f"{sizes} rows, their loads above the lightest as {shares}; the payload was not logged: write payload_kg "
-            "for each row, or the load's name in payload_group, and trace again"
+            f"a load at the flange that differs from row to row explains the errors: {len(self.rows)} groups of "
+            f"{sizes} rows, their loads above the lightest as {shares}; the payload was not logged: if it changed, "
+            "write payload_kg for each row, or the load's name in payload_group, and trace again; if it did not "
+            "change, the cause is outside the catalogue"
         )
 
     def _shares(self) -> list[str]:

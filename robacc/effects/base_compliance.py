@@ -93,7 +93,10 @@ class BaseCompliance(Elastic):
     ) -> str | None:
         """Return the height of the base over the point about which it tilts."""
         tilt, shift = values.get(f"{self.name}.tilt", 0.0), values.get(f"{self.name}.shift", 0.0)
-        return f"the base tilts about a point {shift / tilt:.2g} m below its origin" if tilt else None
+        if not tilt:
+            return None
+        height = shift / tilt
+        return f"the base tilts about a point {abs(height):.2g} m {'below' if height >= 0 else 'above'} its origin"
 
     def settings(self) -> dict[str, Any]:
         """Return the form, ``below``, and whether the masses are unknown."""

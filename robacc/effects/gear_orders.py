@@ -16,6 +16,9 @@ _OF_THE_JOINT = {
     2: "twice per joint turn: ovality, or two reading heads",
 }
 _LEAST_TOLERANCE = 0.05
+_LARGEST_TOLERANCE = 0.4
+"""Largest difference from a typical ratio's order: typical ratios are one apart. Over a quarter turn, orders have an
+uncertainty of about 0.3."""
 
 
 def order_tolerance(angle_range: float) -> float:
@@ -41,7 +44,7 @@ def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str |
         return None
     for multiple in (1, 2):
         for ratio in TYPICAL_RATIOS:
-            if abs(order - multiple * ratio) <= min(tolerance, 0.2):
+            if abs(order - multiple * ratio) <= min(tolerance, _LARGEST_TOLERANCE):
                 text = _OF_THE_MOTOR[multiple]
                 return f"{text} (a typical gear of ratio {ratio}; the robot file has no gear_ratio)"
     return None

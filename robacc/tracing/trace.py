@@ -158,7 +158,7 @@ def trace(
     return Trace(
         robot=apply_fit(final),
         verdict=(verdict := verdict_of(findings, unexplained)),
-        assumption=assumption_of(verdict, noise),
+        assumption=assumption_of(verdict, noise, repeatability),
         declared=declared,
         final=final,
         noise=noise,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -12,6 +13,8 @@ from robacc.tracing.findings import Finding
 from robacc.tracing.remaining_error import Unexplained
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
+_HIDDEN = 0.1
+"""Ratio of noise to repeatability, of one residual, below which the noise is not resolved."""
 
 
 def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict:
@@ -23,14 +26,28 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
     return "explained" if named and plausible and not unexplained.structured else "partly_explained"
 
 
-def assumption_of(verdict: Verdict, noise: LackOfFit) -> str | None:
-    """Return what the verdict presumes of a noise that only the residual gives; None if it is known or not used."""
+def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bool:
+    """Return whether the residual alone tells noise from repeatability, and leaves almost nothing for the noise."""
+    if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
+        return False
+    return math.sqrt(3) * noise.noise.position < _HIDDEN * repeatability.position
+
+
+def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
+    """Return what the verdict presumes of noise and repeatability that only the residual gives.
+
+    None if they are known or not used.
+    """
     if noise.p_value is not None or verdict not in ("clean", "explained"):
         return None
-    return (
-        f"{verdict} if the measurement noise is {1e3 * noise.noise.position:.2g} mm along each axis (standard "
-        "deviation); sigma columns or repeated poses would test this"
-    )
+    presumed, test = [], "repeated poses"
+    if repeatability is not None and repeatability.source == "residual":
+        presumed.append(f"the arm's own repeatability is {1e3 * repeatability.position:.2g} mm rms at the target")
+    if not is_hidden_noise(noise, repeatability):
+        size = f"{1e3 * noise.noise.position:.2g} mm along each axis (standard deviation)"
+        presumed.append(f"the measurement noise is {size}")
+        test = "sigma columns or repeated poses"
+    return f"{verdict} if {' and '.join(presumed)}; {test} would test this"
 
 
 def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability: Repeatability | None) -> float | None:

@@ -50,7 +50,8 @@ def test_rows_are_grouped_by_their_load(loads: tuple[float, ...]) -> None:
     right = sum(np.count_nonzero(number[rows] == i) for i, rows in enumerate(found.rows))
     assert right >= 0.95 * N
     assert found.loads == pytest.approx(np.array(loads) / loads[-1], abs=0.1)
-    assert "write payload_kg" in found.text
+    assert "if it changed, write payload_kg" in found.text
+    assert "the cause is outside the catalogue" in found.text
 
 
 def test_other_errors_are_no_loads() -> None:

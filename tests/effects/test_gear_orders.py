@@ -80,3 +80,9 @@ def test_origins() -> None:
     assert "twice per motor turn" in str(origin_of(-2 * -50.1, 50.0, tolerance))
     assert origin_of(81.0, 100.0, tolerance) is None
     assert origin_of(64.3, None, tolerance) is None
+    # Poses over a quarter turn leave an order uncertain by 0.3.
+    short = order_tolerance(1.7)
+    assert short == pytest.approx(0.37, abs=0.01)
+    assert "a typical gear of ratio 100" in str(origin_of(200.33, None, short))
+    assert origin_of(200.33, None, tolerance) is None
+    assert origin_of(200.5, None, 2.0) is None

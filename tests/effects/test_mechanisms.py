@@ -146,6 +146,8 @@ def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
     statement = effects[0].statement(ARM, values)
     assert statement is not None
     assert "1.2 m below" in statement or "1.1 m below" in statement or "1.3 m below" in statement
+    above = effects[0].statement(ARM, {"base_compliance.tilt": 2e-5, "base_compliance.shift": -4.4e-5})
+    assert above == "the base tilts about a point 2.2 m above its origin"
 
 
 def test_the_poses_cover_both_signs_of_the_torque() -> None:

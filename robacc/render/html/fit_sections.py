@@ -144,7 +144,9 @@ def _remaining_error(document: Document) -> ReportSection:
     unexplained = document["unexplained"]
     lines = [f"{length(unexplained['rms_m'])} rms on the calibration poses"]
     if unexplained["noise_rms_m"] is not None:
-        lines[0] += f", of which {length(unexplained['noise_rms_m'])} is measurement noise"
+        size = length(unexplained["noise_rms_m"])
+        is_part = unexplained["noise_rms_m"] < unexplained["rms_m"]
+        lines[0] += f", of which {size} is measurement noise" if is_part else f"; measurement noise alone is {size}"
     lines.append(
         f"structured: not noise alone ({p_value(unexplained['p_value'])})"
         if unexplained["structured"]

@@ -21,6 +21,7 @@ from robacc.tracing.findings import Finding
 from robacc.tracing.harmonics import Harmonic
 from robacc.tracing.rivals import Alternative
 from robacc.tracing.trace import Trace
+from robacc.tracing.verdict import is_hidden_noise
 
 _VERDICTS = {
     "clean": "clean: no effect beyond the declared ones",
@@ -108,10 +109,14 @@ def _residual(result: Trace) -> str:
     noise = result.noise.noise
     size = math.sqrt(3) * noise.position * IN_MM
     rms = result.before.fitted.position.rms * IN_MM
-    text = f"baseline: {three_digits(rms)} mm rms; measurement noise: {three_digits(size)} mm rms, "
+    text = f"baseline: {three_digits(rms)} mm rms; measurement noise: "
     if noise.source in ("file", "repeats"):
-        return text + ("from the file's sigma columns" if noise.source == "file" else "from repeated poses")
-    return text + "estimated from the remaining error because the file has neither sigma columns nor repeated poses"
+        source = "from the file's sigma columns" if noise.source == "file" else "from repeated poses"
+        return f"{text}{three_digits(size)} mm rms, {source}"
+    why = "because the file has neither sigma columns nor repeated poses"
+    if is_hidden_noise(result.noise, result.repeatability):
+        return f"{text}not distinguishable from the arm's repeatability (section 5) {why}"
+    return f"{text}{three_digits(size)} mm rms, estimated from the remaining error {why}"
 
 
 def _candidates(result: Trace, width: int) -> Iterator[TextLine]:
@@ -222,7 +227,9 @@ def _remaining_error(result: Trace) -> Iterable[str]:
     unexplained = result.unexplained
     text = f"{three_digits(unexplained.rms * IN_MM)} mm rms on the calibration poses"
     if unexplained.noise_rms is not None:
-        text += f", of which {three_digits(unexplained.noise_rms * IN_MM)} mm is measurement noise"
+        size = f"{three_digits(unexplained.noise_rms * IN_MM)} mm"
+        is_part = unexplained.noise_rms < unexplained.rms
+        text += f", of which {size} is measurement noise" if is_part else f"; measurement noise alone is {size}"
     yield text
     yield (
         f"structured: not noise alone{_significance(unexplained.p_value)}"
@@ -231,7 +238,8 @@ def _remaining_error(result: Trace) -> Iterable[str]:
     )
     if result.explained_share is not None and result.findings:
         share = f"{100 * result.explained_share:.0f} %"
-        yield f"{share} of the explainable error is explained (held-out variance above noise)"
+        floor = "noise" if result.repeatability is None else "noise and repeatability"
+        yield f"{share} of the explainable error is explained (held-out variance above {floor})"
     yield from repeatability_items(result.repeatability, result.final.model.arm)
     yield from unexplained.hints
 

@@ -9,7 +9,7 @@ from robacc.accuracy.grade_scale import Quantity, Scale
 from robacc.statistics.records import Statistic, Unit
 
 _NAMES: dict[Statistic, str] = {
-    "rms": "RMS error",
+    "rms": "rms error",
     "mean_error": "mean error",
     "p95": "95th percentile of the error",
     "max": "largest error",

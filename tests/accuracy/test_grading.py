@@ -108,13 +108,13 @@ def test_beyond_the_last_step() -> None:
 
 def test_reasons_in_words() -> None:
     assert graded(1.234e-4, 1.5e-4).reason == (
-        "position: RMS error 0.123 mm, within 0.2 mm. "
+        "position: rms error 0.123 mm, within 0.2 mm. "
         "orientation was not measured, so the grade covers position only. "
         "limited by position: grade A needs 0.0234 mm less in position. "
         "confirmed at 95 % confidence: the upper bound is within the limit (position 0.15 mm)"
     )
     assert graded(0.9e-4, 1.5e-4, 0.5e-3, 0.6e-3).reason == (
-        "position: RMS error 0.09 mm, within 0.1 mm; orientation: RMS error 0.0286°, within 0.0573°. "
+        "position: rms error 0.09 mm, within 0.1 mm; orientation: rms error 0.0286°, within 0.0573°. "
         "not confirmed at 95 % confidence: the upper bound is beyond a limit (position 0.15 mm, orientation 0.0344°); "
         "grade B is confirmed"
     )

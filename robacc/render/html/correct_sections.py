@@ -26,7 +26,7 @@ def _figures(document: Document) -> ReportSection:
         rows.append(_row(f"expected error {stage}", expected[stage], "expected_rms", "largest_bound95"))
     blocks: list[Block] = [
         Text("Over the corrected targets. The largest expected error is the largest bound of 95 % of the errors."),
-        Grid(("", "position, RMS", "largest", "orientation, RMS", "largest"), rows),
+        Grid(("", "position, rms", "largest", "orientation, rms", "largest"), rows),
     ]
     grades = [
         [f"grades {stage}", ", ".join(f"{name} {count}" for name, count in expected[stage]["grades"].items() if count)]

@@ -31,10 +31,10 @@ def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> I
     """Return the report's lines, wrapped to ``width`` columns."""
     yield heading(f"{len(result.names)} targets before ({names[0]}) and after ({names[1]}) a correction")
     rows = [_row("before", result.before), _row("after", result.after)]
-    yield from (BLANK, *columns(("error, mm", "RMS", "mean", "95th pct.", "largest"), rows), BLANK)
+    yield from (BLANK, *columns(("error, mm", "rms", "mean", "95th pct.", "largest"), rows), BLANK)
     gain = result.gain
     low, high = (three_digits(bound * _IN_MM) for bound in (gain.low, gain.high))
-    texts = [f"gain {three_digits(gain.value * _IN_MM)} mm of the RMS error, 95 % interval {low} to {high} mm"]
+    texts = [f"gain {three_digits(gain.value * _IN_MM)} mm of the rms error, 95 % interval {low} to {high} mm"]
     loaded = result.loaded
     texts.append(
         f"{_VERDICTS[loaded.verdict]}: the targets moved by {100 * loaded.slope:.0f} % of the planned displacement of "

@@ -65,7 +65,7 @@ def _figures(result: Correction, oriented: bool) -> list[TextLine]:
         _expected_row(result.after, "after", chosen),
     ]
     rows += _bound_rows(result.before, "before", chosen) + _bound_rows(result.after, "after", chosen)
-    header = ("", "RMS, mm", "largest, mm", "RMS, °", "largest, °")
+    header = ("", "rms, mm", "largest, mm", "rms, °", "largest, °")
     return columns(header if oriented else header[:3], [row if oriented else row[:3] for row in rows])
 
 

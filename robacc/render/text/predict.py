@@ -21,7 +21,7 @@ _BAR = 14
 _UNCHANGED = 0.9995
 """Smallest factor that rounds to one with three decimals."""
 _STATISTICS = {
-    "rms": "RMS error",
+    "rms": "rms error",
     "mean_error": "mean error",
     "p95": "95 % of errors within",
     "max": "largest 95 % radius of any pose",
@@ -99,7 +99,7 @@ def _figures(prediction: Prediction) -> list[TextLine]:
     quantities = (prediction.position, prediction.orientation)
     rows = [
         (label, *(amount(getattr(errors, name), errors.unit) for errors in quantities))
-        for label, name in (("RMS", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
+        for label, name in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
     ]
     return columns(("over robots and poses", "mm", "°"), rows)
 
@@ -119,7 +119,7 @@ def _over_poses(prediction: Prediction) -> list[TextLine]:
         for p in percentiles[0]
     ]
     largest = [amount(value, errors.unit) for errors in quantities for value in (errors.worst.rms, errors.max)]
-    header = ("percentile over poses", "RMS, mm", "95 % within, mm", "RMS, °", "95 % within, °")
+    header = ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °")
     return columns(header, [*rows, ("largest", *largest)])
 
 
@@ -131,7 +131,7 @@ def _worst(robot: Robot, errors: PredictedErrors, name: str, width: int) -> list
         factor, symbol = FACTORS["m" if joint.type == "prismatic" else "rad"]
         joints.append(f"{joint.name}={float(value) * factor:.1f}{'' if symbol == '°' else ' '}{symbol}")
     text = (
-        f"{name}: {worst.label}, RMS {with_unit(worst.rms, errors.unit)}, 95 % within "
+        f"{name}: {worst.label}, rms {with_unit(worst.rms, errors.unit)}, 95 % within "
         f"{with_unit(worst.radius95, errors.unit)}, largest along ({direction}) of the tool (standard deviation "
         f"{with_unit(worst.sd, errors.unit)}), at {', '.join(joints)}"
     )

@@ -41,7 +41,7 @@ def _errors(comparison: MeasuredComparison) -> list[TextLine]:
         (name, with_unit(rms, unit), with_unit(sigma, unit), _SOURCES[source])
         for name, rms, sigma, source, unit in quantities
     ]
-    return [TextLine(f"measured, {registered}"), *columns(("", "RMS error", "noise per axis (sd)", ""), rows)]
+    return [TextLine(f"measured, {registered}"), *columns(("", "rms error", "noise per axis (sd)", ""), rows)]
 
 
 def _tests(comparison: MeasuredComparison) -> list[TextLine]:

@@ -126,6 +126,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "held_out_after_m": finding.held_out_after,
         "held_out_before_rad": finding.held_out_turn[0],
         "held_out_after_rad": finding.held_out_turn[1],
+        "turn_at_tool_rad": finding.turn_at_tool[0],
+        "largest_turn_at_tool_rad": finding.turn_at_tool[1],
         "stability": {"folds": finding.stability[0], "of": finding.stability[1]},
         "parameters": parameters_document(finding.parameters),
         "harmonics": [

@@ -16,7 +16,7 @@ from robacc.errors import RobaccError
 from robacc.fitting.deflection_model import with_deflection
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import FittedParameter
-from robacc.geometry import Array
+from robacc.geometry import Array, log_between
 from robacc.measurements import Measurements
 from robacc.tracing.cross_validation import CrossValidation
 from robacc.tracing.harmonics import (
@@ -76,6 +76,9 @@ class Finding:
     """Place of a step (s or line), and the first and last place of its 95 % interval."""
     held_out_turn: tuple[float | None, float | None] = (None, None)
     """Held-out orientation rms without it and with it, rad; None where orientation is not measured, or as above."""
+    turn_at_tool: tuple[float | None, float | None] = (None, None)
+    """RMS and largest angle by which the effect alone turns the target, rad; None where orientation is not measured, or
+    as ``size_at_tool``."""
 
 
 def describe_finding(
@@ -121,7 +124,7 @@ def describe_finding(
         between = (place, low, high)
     harmonics = _harmonics(search_result, effect, choice, coefficients, final.covariance[np.ix_(columns, columns)])
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
-    moved = _motion(fitted, final, data)
+    moved, turned = _motion(fitted, final, data)
     return Finding(
         effect.name,
         effect.joints,
@@ -138,13 +141,14 @@ def describe_finding(
         implausible,
         (*_finding_warnings(fitted, moved, folds_chosen), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
-        None if moved is None else float(np.sqrt(np.mean(np.square(moved)))),
+        _rms_of(moved),
         None if moved is None else float(np.max(moved)),
         periodic_statement(effect, harmonics, search_result.effects)
         if harmonics
         else fitted.statement(final.model.arm, values, between),
         change,
         (turn_before, turn_after),
+        (_rms_of(turned), None if turned is None else float(np.max(turned))),
     )
 
 
@@ -206,17 +210,27 @@ def _finding_warnings(effect: Effect, moved: Array | None, chosen: tuple[int, in
     return tuple(warnings)
 
 
-def _motion(effect: Effect, final: Fit, data: Measurements) -> Array | None:
-    """Return the distances ``(n,)`` by which the effect alone moves the target at the inliers, m."""
+def _rms_of(sizes: Array | None) -> float | None:
+    return None if sizes is None else float(np.sqrt(np.mean(np.square(sizes))))
+
+
+def _motion(effect: Effect, final: Fit, data: Measurements) -> tuple[Array | None, Array | None]:
+    """Return the distances (m) and angles (rad) ``(n,)`` by which the effect alone moves the target at the inliers.
+
+    The angles are None where orientation is not measured; both are None if the arm cannot be evaluated without it.
+    """
     bound = final.model.bind(data)
     number = final.model.free.index(effect)
     theta_without = np.where(np.array(final.owners) == number, 0.0, final.theta)
     try:
-        moved = bound.poses(theta_without).translation - final.poses.translation
+        without = bound.poses(theta_without)
     except RobaccError:
-        return None
-    distances: Array = np.linalg.norm(moved[:, final.inliers], axis=0)
-    return distances
+        return None, None
+    distances: Array = np.linalg.norm((without.translation - final.poses.translation)[:, final.inliers], axis=0)
+    if data.rotation is None:
+        return distances, None
+    angles: Array = np.linalg.norm(log_between(without.rotation, final.poses.rotation)[:, final.inliers], axis=0)
+    return distances, angles
 
 
 def _decisive_poses(moved: Array) -> int | None:

@@ -21,6 +21,7 @@ from robacc.geometry import rotation_about
 from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
+from robacc.render.text.trace import at_tool
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
@@ -495,3 +496,8 @@ def test_a_finding_states_the_held_out_orientation_where_it_is_measured() -> Non
     # The error of the joint turns the tool by up to 2 mrad; without it, noise remains.
     assert before > 5e-4
     assert after < 0.5 * before
+    size, largest = finding.turn_at_tool
+    assert size == pytest.approx(before, rel=0.3)
+    assert largest is not None
+    assert 1.5e-3 < largest < 2.5e-3
+    assert " and turns it by up to 0.1" in at_tool(finding, None)

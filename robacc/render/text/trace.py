@@ -186,6 +186,9 @@ def at_tool(finding: Finding, baseline_rms: float | None) -> str:
         f"moves the tool by up to {three_digits(finding.largest_at_tool * IN_MM)} mm "
         f"({three_digits(finding.size_at_tool * IN_MM)} mm rms)"
     )
+    turn, largest_turn = finding.turn_at_tool
+    if turn is not None and largest_turn is not None:
+        text += f" and turns it by up to {three_digits(largest_turn * IN_DEGREES)}°"
     if finding.held_out_before is None or finding.held_out_after is None or not baseline_rms:
         return text
     share = (finding.held_out_before**2 - finding.held_out_after**2) / baseline_rms**2

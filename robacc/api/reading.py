@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robacc.api.arrays import checked_poses
-from robacc.api.inputs import StrPath, load_poses
+from robacc.api.inputs import StrPath, load_poses, load_robot
 from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
@@ -20,7 +20,7 @@ __all__ = ["PoseFile", "read_poses", "read_result", "read_robot", "write_poses",
 def read_poses(
     path: StrPath | SupportsColumns | Mapping[str, Any],
     *,
-    robot: Robot | None = None,
+    robot: StrPath | Robot | None = None,
     ordered: bool = False,
     ignore_limits: bool = False,
     angles: str | None = None,
@@ -37,7 +37,7 @@ def read_poses(
     Args:
         path: File to read, ``-`` for standard input, or a data frame: pandas, Polars, Arrow, or arrays by the names of
             columns.
-        robot: Robot whose joints, limits and targets apply to the columns; None for no robot.
+        robot: Robot or its file; its joints, limits and targets apply to the columns. None for no robot.
         ordered: The rows are in the order measured, and the robot moved directly from each pose to the next;
             directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
@@ -59,7 +59,7 @@ def read_poses(
 
     Example:
         >>> import robacc
-        >>> data = robacc.read_poses("sample_data/poses.csv", robot=robacc.read_robot("sample_data/robot.yaml"))
+        >>> data = robacc.read_poses("sample_data/poses.csv", robot="sample_data/robot.yaml")
         >>> data.n, data.position.shape
         (60, (3, 60))
     """
@@ -67,7 +67,8 @@ def read_poses(
     stated |= {"commanded": commanded, "bag": bag}
     if skip_gaps or any(value is not None for value in stated.values()):
         path = PoseFile(path, skip_gaps=skip_gaps, **stated)  # type: ignore[arg-type]
-    return load_poses(path, robot, ordered=ordered, ignore_limits=ignore_limits)[0]
+    known = None if robot is None else load_robot(robot, poses=path)[0]
+    return load_poses(path, known, ordered=ordered, ignore_limits=ignore_limits)[0]
 
 
 def write_poses(path: StrPath, data: Measurements) -> None:

@@ -78,7 +78,7 @@ class CorrelatedErrors:
             divisor, unit = next(entry for entry in _UNITS if constant >= _LEAST_IN_UNIT * entry[0] or entry[0] == 1.0)
             constant /= divisor
         return (
-            f"the remaining errors are correlated in time ({100 * self.share:.0f} % of their variance wanders, time "
+            f"the remaining errors are correlated in time ({100 * self.share:.0f} % of their variance; time "
             f"constant about {constant:.2g} {unit}); standard errors of coefficients allow for it, p-values do not"
         )
 

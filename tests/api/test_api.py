@@ -261,6 +261,9 @@ def test_what_was_read_before_is_as_good_as_its_path(tmp_path: Path) -> None:
     robot = robacc.read_robot(ROBOT)
     by_path = robacc.estimate(POSES, robot=ROBOT, align=FRAMES).document()
     by_object = robacc.estimate(robacc.read_poses(POSES, robot=robot), robot=robot, align="base_frame, tool_frame")
+    np.testing.assert_array_equal(
+        robacc.read_poses(POSES, robot=ROBOT).q, robacc.read_poses(POSES, robot=robot).q, strict=True
+    )
     document = by_object.document()
     assert document["inputs"][0] == by_path["inputs"][0]
     robacc.write_robot(tmp_path / "same.yaml", robot)

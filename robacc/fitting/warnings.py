@@ -116,6 +116,6 @@ def weak_parameters_warning(fit: Fit) -> tuple[str, ...]:
         for kind, std in fit.prior_stds.items()
     )
     return (
-        f"weakly identifiable on these poses: {listed or 'some constants'}; a prior about the nominal model limits "
-        f"them, its standard deviation estimated from the data: {stds}; measure poses with more different orientations",
+        f"weakly identifiable on these poses: {listed or 'some constants'}; a prior about the nominal values limits "
+        f"them (standard deviation, estimated from the data: {stds}); measure poses with more different orientations",
     )

@@ -200,7 +200,7 @@ def test_bars_of_candidates_follow_their_evidence() -> None:
     first = chart_of(document, "candidates")
     evidence = [float(row[1]) for row in first.table.rows]
     assert evidence == sorted(evidence, reverse=True)
-    assert f"{chosen['effect']} [{', '.join(chosen['joints'])}], which has a higher prior, was added" in first.caption
+    assert f"{chosen['effect']}[{','.join(chosen['joints'])}], which has a higher prior, was added" in first.caption
     assert "It was added" in chart_of(results.document("trace"), "candidates").caption
 
 

@@ -52,10 +52,12 @@ def _trace_summary(document: Document) -> str:
 
 
 def _arm_itself(document: Document) -> str:
-    """Return how far the arm misses: a model changes no arm until it is used."""
+    """Return the error of the arm: a model changes no arm until it is used."""
     key = "fitted" if document["nominal"]["held_out"] is None else "held_out"
     rms = length(document["nominal"][key]["position"]["rms_m"])
-    return f"The arm itself misses by {rms} rms, base and tool registered, until its control uses the model."
+    return (
+        f"The arm itself keeps its error of {rms} rms, base and tool registered, until its controller uses the model."
+    )
 
 
 def _effect(finding: Mapping[str, Any]) -> str:

@@ -157,7 +157,7 @@ def _remaining_error(document: Document) -> ReportSection:
     units = [table_unit("m" if joint["type"] == "prismatic" else "rad") for joint in joints]
     names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
     for advice in document["next_poses"]:
-        blocks.append(Text(advice["text"]))
+        blocks.append(Text(advice["text"][:1].upper() + advice["text"][1:]))
         if advice["q"]:
             rows: list[Sequence[Cell]] = [
                 [
@@ -183,7 +183,10 @@ def _parameters(document: Document) -> ReportSection:
     ]
     if not estimated and not unidentified:
         return ReportSection("Parameters", [Text("No parameter was fitted.")])
-    note = "Values are corrections to the values of the robot file, in mm and degrees; the JSON result is in SI units."
+    note = (
+        "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
+        "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
+    )
     grid = Grid(("parameter", "value", "standard error", "unit"), [parameter_row(item) for item in estimated])
     blocks: list[Block] = [Text(note), grid]
     if unidentified:

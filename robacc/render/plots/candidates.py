@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from robacc.render.plots.chart import Chart, ChartTable, Document
 from robacc.render.plots.labels import short
 from robacc.render.plots.palette import LIGHT
+from robacc.render.text.effect_label import effect_label
 from robacc.render.text.numbers import p_value
 
 if TYPE_CHECKING:
@@ -32,16 +33,18 @@ def _shown_steps(steps: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 
 
 def _distinct(ranking: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    best: dict[tuple[str, tuple[str, ...]], Mapping[str, Any]] = {}
+    best: dict[str, Mapping[str, Any]] = {}
     # The ranking combines evidence and prior; bars show and follow the evidence alone.
     for candidate in sorted(ranking, key=lambda candidate: -candidate["evidence"]):
-        best.setdefault((candidate["effect"], tuple(candidate["joints"])), candidate)
+        best.setdefault(_name(candidate), candidate)
     return list(best.values())
 
 
 def _name(candidate: Mapping[str, Any]) -> str:
-    joints = ", ".join(candidate["joints"])
-    return f"{candidate['effect']} [{joints}]" if joints else str(candidate["effect"])
+    """Return the effect with its joints or the part that changes; forms of an effect have one name."""
+    settings = candidate.get("settings") or {}
+    part = {key: settings[key] for key in ("part", "target") if key in settings}
+    return effect_label(candidate["effect"], candidate["joints"], part)
 
 
 def _chart(number: int, ranked: Sequence[Mapping[str, Any]], chosen: str | None) -> Chart:

@@ -12,8 +12,8 @@ from robacc.render.plots.chart import Document
 from robacc.render.plots.columns import Array, lengths, vectors
 
 STAGE_LABELS = {
-    "trace": {"nominal": "nominal model", "before": "baseline", "after": "extended model"},
-    "calibrate": {"nominal": "nominal model", "before": "baseline", "after": "calibrated"},
+    "trace": {"nominal": "nominal, registered", "before": "baseline", "after": "extended model"},
+    "calibrate": {"nominal": "nominal, registered", "before": "baseline", "after": "calibrated"},
 }
 STAGE_MEANINGS = {
     "trace": "baseline: declared effects fitted; extended model: findings added",

@@ -29,10 +29,10 @@ _STATISTICS = {
 }
 _STAGES = {
     "before.held_out": "baseline, held-out poses",
-    "nominal.held_out": "nominal model",
-    "after.fitted": "final model, calibration poses",
+    "nominal.held_out": "nominal, registered",
+    "after.fitted": "extended model, calibration poses",
     "before.fitted": "baseline, calibration poses",
-    "nominal.fitted": "nominal model",
+    "nominal.fitted": "nominal, registered",
 }
 _VERDICTS: dict[Verdict, str] = {
     "demonstrated": "confirmed",

@@ -82,7 +82,7 @@ def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int
         rows_of_stages.append(("extended model (findings)", result.after))
     yield from stage_tables(rows_of_stages)
     yield from gain_line(result.gain)
-    note = "stages are of the model; the arm itself misses as in the first row until its control uses the model"
+    note = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
     yield from (TextLine(line.text, "dim") for line in wrapped(note, width))
     yield BLANK
     yield heading("5. Remaining error")
@@ -192,7 +192,8 @@ def at_tool(finding: Finding, baseline_rms: float | None) -> str:
     if finding.held_out_before is None or finding.held_out_after is None or not baseline_rms:
         return text
     share = (finding.held_out_before**2 - finding.held_out_after**2) / baseline_rms**2
-    return f"{text}, {100 * min(max(share, 0.0), 1.0):.0f} % of the residual"
+    percent = f"{100 * min(share, 1.0):.0f}" if share >= 0.01 else "less than 1"
+    return f"{text}, {percent} % of the residual"
 
 
 def _parameter(parameter: FittedParameter) -> str:

@@ -142,7 +142,7 @@ def calibrate(
             *mistakes,
             *places_warning(data),
             *few_places_warning(final.fit, data),
-            *fit_warnings(final.fit, data, comparison.after, noise),
+            *fit_warnings(final.fit, data, comparison.after, noise, holdout),
             *request_warnings(requests, final.fit, comparison.nominal, comparison.after),
             *final.warnings,
         ),

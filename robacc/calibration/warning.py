@@ -8,6 +8,7 @@ import numpy as np
 
 from robacc.accuracy.stages import Stage
 from robacc.calibration.plan import is_searched
+from robacc.diagnostics.moved_frames import larger_error_warning, moved_frames
 from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import rounding_warning
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
@@ -48,7 +49,9 @@ def request_warnings(requests: Sequence[Request], final_fit: Fit, registered: St
         )
 
 
-def fit_warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit) -> tuple[str, ...]:
+def fit_warnings(
+    final_fit: Fit, data: Measurements, after: Stage, noise: LackOfFit, holdout: Measurements | None
+) -> tuple[str, ...]:
     """Return what limits the figures: convergence, poses, outliers, noise, weakly identifiable coefficients."""
     warnings = [
         *convergence_warning(final_fit),
@@ -67,10 +70,24 @@ def fit_warnings(final_fit: Fit, data: Measurements, after: Stage, noise: LackOf
     if surplus < n_coefficients:
         warnings.append(f"only {surplus} more measured values than fitted coefficients: measure more poses")
     warnings.extend(condition_warning(final_fit))
-    if after.held_out is not None and after.held_out.position.rms > _OVERFIT_RATIO * after.fitted.position.rms:
-        warnings.append(
-            "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more poses"
-        )
+    warnings.extend(_held_out_warnings(final_fit, after, holdout))
     if after.held_out is None:
         warnings.append(no_held_out_warning(data))
     return tuple(warnings)
+
+
+def _held_out_warnings(final_fit: Fit, after: Stage, holdout: Measurements | None) -> Iterator[str]:
+    """Return why held-out errors are much larger than those of the calibration poses."""
+    if after.held_out is None:
+        return
+    fitted, held_out = after.fitted.position.rms, after.held_out.position.rms
+    if holdout is None:
+        if held_out > _OVERFIT_RATIO * fitted:
+            yield (
+                "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more "
+                "poses"
+            )
+    elif (moved := moved_frames(final_fit, holdout)) is not None:
+        yield moved.warning
+    elif (warning := larger_error_warning(fitted, held_out)) is not None:
+        yield warning

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.diagnostics.moved_frames import HeldOutFrames
 from robacc.effects.base import Effect
 from robacc.fitting.places import places
 from robacc.geometry import Array
@@ -77,19 +78,21 @@ def with_held_out_gain(
     holdout: Measurements | None,
     n_folds: int,
     seed: int,
+    frames: HeldOutFrames | None = None,
 ) -> tuple[SearchResult, CrossValidation | None, tuple[str, ...]]:
     """Withdraw findings that do not lower the error of held-out poses by more than its uncertainty.
 
     The weakest goes first and the others are tested again, also for their significance without it; at the end all
-    findings together must have a gain. Return the remaining search, its cross-validation, and the withdrawn findings as
-    text.
+    findings together must have a gain. Where the setup of ``holdout`` was moved, gains are judged with ``frames``
+    registered anew. Return the remaining search, its cross-validation, and the withdrawn findings as text.
     """
+    judged: Callable[[Array], Array] = (lambda residual: residual) if frames is None else frames.residual
     withdrawn: list[str] = []
     place = places(data if holdout is None else holdout)
     while validation is not None and search_result.effects:
         weight = search_result.final.weight if holdout is None else None
         scores = {
-            effect: gain_score(validation.without[effect.key()], validation.after, place, weight)
+            effect: gain_score(judged(validation.without[effect.key()]), judged(validation.after), place, weight)
             for effect in search_result.effects
             if effect.key() in validation.without
         }
@@ -97,7 +100,7 @@ def with_held_out_gain(
         if weakest is not None and scores[weakest] < _LEAST_GAIN:
             effects: tuple[Effect, ...] = tuple(effect for effect in search_result.effects if effect != weakest)
             withdrawn.append(str(weakest))
-        elif gain_score(validation.before, validation.after, place, weight) < _LEAST_GAIN:
+        elif gain_score(judged(validation.before), judged(validation.after), place, weight) < _LEAST_GAIN:
             effects = ()
             withdrawn.extend(str(effect) for effect in search_result.effects)
         else:

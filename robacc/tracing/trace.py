@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
 from robacc.diagnostics.data_mistakes import check_data
+from robacc.diagnostics.moved_frames import MovedFrames, held_out_frames, larger_error_warning, moved_frames
 from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
@@ -133,7 +134,11 @@ def trace(
         progress=lambda count, n_findings: progress(_search_label(count, n_findings), 0, n_folds + 1),
     )
     search_result, validation = _confirmed(first_search, data, holdout, n_folds, seed, empirical, progress)
-    search_result, validation, withdrawn = with_held_out_gain(search_result, validation, data, holdout, n_folds, seed)
+    moved = None if holdout is None else moved_frames(first_search.declared, holdout)
+    frames = None if holdout is None or moved is None else held_out_frames(first_search.declared, holdout)
+    search_result, validation, withdrawn = with_held_out_gain(
+        search_result, validation, data, holdout, n_folds, seed, frames
+    )
     confirmed = search_result
     search_result = with_remaining_scatter(first_search, confirmed, data)
     if search_result.effects != confirmed.effects:
@@ -186,6 +191,7 @@ def trace(
             *mistakes,
             *_warnings_of_fits(declared, final, noise, data),
             *([no_held_out_warning(data)] if validation is None else []),
+            *([] if holdout is None else _holdout_warnings(moved, stages.after)),
             *withdrawn_warning(withdrawn),
             *([] if rounding is None else [rounding.warning]),
             *([] if correlated is None else [correlated.warning]),
@@ -214,6 +220,15 @@ def _confirmed(
         # No fold can be fitted, so that no fold says anything about the findings either.
         return reproduced(first_search, None, data), None
     return search_result, validation
+
+
+def _holdout_warnings(moved: MovedFrames | None, after: Stage) -> Iterator[str]:
+    """Return a warning of validation poses whose frames moved, or whose error is much larger for another reason."""
+    if moved is not None:
+        yield moved.warning
+    elif after.held_out is not None:
+        warning = larger_error_warning(after.fitted.position.rms, after.held_out.position.rms)
+        yield from [] if warning is None else [warning]
 
 
 def _search_label(count: int, n_findings: int) -> str:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
-from robacc.modelling.observation import Noise
+from robacc.modelling.observation import Noise, NoiseSource
 from robacc.statistics.distributions import chi2_sf, f_sf
 
 _LEAST_REPEATS = 10
 """Degrees of freedom that an estimate of the noise from repeats needs at least."""
+_NEGLIGIBLE = 0.1
+"""Ratio of misfit to noise below which the noise is the file's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +37,8 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     if fit.scatter is not None and not fit.scatter.is_none:
         # Noise and scatter were estimated together from this residual, so it cannot be more than both.
         white = fit.whitening.apply(fit.residual * rows)[:3]
-        return LackOfFit(fit.noise, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))))
+        noise = replace(fit.noise, source=_source_beside_scatter(fit, data))
+        return LackOfFit(noise, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))))
     repeats = _pure_error(fit, data)
     if repeats is not None:
         variance, repeat_dof = repeats
@@ -53,6 +57,14 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
         ratio = float(np.sqrt(sum_of_squares / max(dof, 1.0))) / sigma
         return LackOfFit(Noise(sigma, orientation, "file"), chi2_sf(statistic, max(dof, 1.0)), ratio)
     return LackOfFit(fit.noise, None, 1.0)
+
+
+def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
+    """Return where the noise comes from that was estimated together with the scatter of the joints."""
+    if data.sigma_position is not None:
+        return "file" if fit.misfit[0] <= _NEGLIGIBLE * fit.noise.position else "file and misfit"
+    visits, poses = visit_numbers(data)[fit.inliers], data.groups()[fit.inliers]
+    return "repeats" if np.unique(visits).size > np.unique(poses).size else "residual"
 
 
 def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float] | None:

@@ -43,11 +43,11 @@ def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatabili
     presumed, test = [], "repeated poses"
     if repeatability is not None and repeatability.source == "residual":
         presumed.append(f"the arm's own repeatability is {1e3 * repeatability.position:.2g} mm rms at the target")
-    if not is_hidden_noise(noise, repeatability):
+    if noise.noise.source not in ("file", "repeats") and not is_hidden_noise(noise, repeatability):
         size = f"{1e3 * noise.noise.position:.2g} mm along each axis (standard deviation)"
         presumed.append(f"the measurement noise is {size}")
         test = "sigma columns or repeated poses"
-    return f"{verdict} if {' and '.join(presumed)}; {test} would test this"
+    return f"{verdict} if {' and '.join(presumed)}; {test} would test this" if presumed else None
 
 
 def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability: Repeatability | None) -> float | None:

@@ -34,11 +34,11 @@ def three_targets() -> Robot:
     return dataclasses.replace(robot, targets=targets)
 
 
-def scattered(robot: Robot, n: int, seed: int) -> Measurements:
-    """Return three targets at each of ``n`` arrivals, whose joints scatter by :data:`SCATTER`."""
+def scattered(robot: Robot, n: int, seed: int, visits: int = 1) -> Measurements:
+    """Return three targets at ``n`` arrivals, ``visits`` at each pose, whose joints scatter by :data:`SCATTER`."""
     rng = np.random.default_rng(seed)
     limits = np.array([joint.limits for joint in robot.variables])
-    q = rng.uniform(0.6 * limits[:, :1], 0.6 * limits[:, 1:], size=(len(limits), n))
+    q = rng.uniform(0.6 * limits[:, :1], 0.6 * limits[:, 1:], size=(len(limits), n // visits)).repeat(visits, axis=1)
     attained = q + SCATTER * rng.standard_normal(q.shape)
     names = list(robot.targets)
     rows = np.repeat(np.arange(n), 3)
@@ -46,7 +46,8 @@ def scattered(robot: Robot, n: int, seed: int) -> Measurements:
         position=np.zeros((3, 3 * n)),
         q=attained[:, rows],
         target=np.array(names * n),
-        pose=rows.astype(str),
+        pose=(rows // visits).astype(str),
+        visit=rows,
     )
     position = predict(robot, base).translation + NOISE * rng.standard_normal((3, 3 * n))
     return dataclasses.replace(base, q=q[:, rows], position=position)
@@ -68,6 +69,23 @@ def test_calibrate_separates_scatter_from_noise_and_covers_the_truth() -> None:
     assert np.mean(shares) == pytest.approx(SCATTER, rel=0.1)
     # 24 intervals of 95 %: fewer than 20 hold the truth once in 100 such studies.
     assert sum(hits) >= 20
+
+
+@pytest.mark.parametrize(
+    ("sigma", "visits", "source"),
+    [(None, 1, "residual"), (NOISE, 1, "file"), (NOISE / 3, 1, "file and misfit"), (None, 2, "repeats")],
+)
+def test_noise_beside_scatter_has_the_source_that_tells_it(sigma: float | None, visits: int, source: str) -> None:
+    """The table said that a file with sigma columns had none, and its result was no valid document."""
+    robot = three_targets()
+    data = scattered(robot, 60, 1, visits)
+    if sigma is not None:
+        data = dataclasses.replace(data, sigma_position=np.full((3, data.n), sigma))
+    result = robacc.calibrate(data, robot=robot, fit="joint_offset[j2,j3,j4,j5]", folds=2)
+    assert result.repeatability is not None
+    assert result.noise.noise.source == source
+    noise = robacc.schema("calibrate")["$defs"]["noise"]
+    assert source in noise["properties"]["source"]["enum"]
 
 
 def test_a_fit_that_does_not_converge_says_so_and_writes_no_model(

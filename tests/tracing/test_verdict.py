@@ -42,6 +42,17 @@ def test_noise_that_the_scatter_of_the_joints_hides_gets_no_number() -> None:
     assert assumption_of("explained", TINY, SCATTER) == f"explained if {size}; repeated poses would test this"
 
 
+def test_noise_that_file_or_repeats_tell_is_not_presumed() -> None:
+    """Noise estimated beside scatter has no test, yet sigma columns or repeated visits tell it."""
+    for source in ("file", "repeats"):
+        known = LackOfFit(Noise(2e-5, None, source), None, 1.0)
+        assert assumption_of("explained", known, replace(SCATTER, source="repeated visits")) is None
+        text = assumption_of("explained", known, SCATTER)
+        assert text is not None
+        assert "measurement noise" not in text
+        assert "neither sigma columns nor repeated poses" not in _residual(result_of(known, SCATTER, 7.7e-5, None))
+
+
 def result_of(noise: LackOfFit, repeatability: Repeatability | None, rms: float, noise_rms: float | None) -> Any:
     fitted = SimpleNamespace(position=SimpleNamespace(rms=1.2e-4))
     return SimpleNamespace(

@@ -13,7 +13,7 @@ from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.grouped_names import grouped, mass_coefficients, without_mass_coefficients
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, p_value, three_digits
-from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
+from robacc.render.text.stages import NOISE_SOURCES, deflection, gain_line, repeatability_items, stage_tables
 from robacc.render.text.units import IN_MM, table_unit
 
 _MAX_COEFFICIENTS = 60
@@ -70,12 +70,12 @@ def _coefficients(result: Calibration, width: int) -> list[TextLine]:
 
 def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     noise, fit = result.noise.noise, result.fit
-    source = {"file": "from the file's sigma columns", "repeats": "from repeated poses"}.get(noise.source)
+    source = NOISE_SOURCES.get(noise.source)
     size = f"measurement noise {three_digits(noise.position * IN_MM)} mm along each axis (standard deviation)"
     yield f"{size}, {source or 'estimated from the residual'}"
     if result.noise.p_value is not None:
         yield f"residual {result.noise.ratio:.3g} times this noise; lack-of-fit test {p_value(result.noise.p_value)}"
-    if source is not None:
+    if result.noise.p_value is not None:
         # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
         yield f"weighted chi-square {fit.chi_square:.4g} on {fit.degrees_of_freedom:.1f} degrees of freedom"
     indices = ", ".join(f"{name} {value:.3g}" for name, value in result.identifiability.observability().items())

@@ -13,6 +13,13 @@ from robacc.render.text.numbers import three_digits
 from robacc.render.text.units import IN_DEGREES, IN_MM
 from robacc.robots.arm import Arm
 
+NOISE_SOURCES = {
+    "file": "from the file's sigma columns",
+    "file and misfit": "from the file's sigma columns and what the remaining error adds to them",
+    "repeats": "from repeated poses",
+}
+"""Where a known measurement noise comes from; any other source is the remaining error alone."""
+
 
 def stage_tables(stages: Sequence[tuple[str, Stage]]) -> Iterator[TextLine]:
     """Return the errors of each stage, held-out poses first."""

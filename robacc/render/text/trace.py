@@ -15,7 +15,7 @@ from robacc.render.text.effect_label import effect_label
 from robacc.render.text.grouped_names import mass_coefficients, without_mass_coefficients
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import measured, odds, p_value, three_digits
-from robacc.render.text.stages import deflection, gain_line, repeatability_items, stage_tables
+from robacc.render.text.stages import NOISE_SOURCES, deflection, gain_line, repeatability_items, stage_tables
 from robacc.render.text.units import IN_DEGREES, IN_MM, table_unit, with_table_unit
 from robacc.tracing.findings import Finding
 from robacc.tracing.harmonics import Harmonic
@@ -110,9 +110,8 @@ def _residual(result: Trace) -> str:
     size = math.sqrt(3) * noise.position * IN_MM
     rms = result.before.fitted.position.rms * IN_MM
     text = f"baseline: {three_digits(rms)} mm rms; measurement noise: "
-    if noise.source in ("file", "repeats"):
-        source = "from the file's sigma columns" if noise.source == "file" else "from repeated poses"
-        return f"{text}{three_digits(size)} mm rms, {source}"
+    if noise.source in NOISE_SOURCES:
+        return f"{text}{three_digits(size)} mm rms, {NOISE_SOURCES[noise.source]}"
     why = "because the file has neither sigma columns nor repeated poses"
     if is_hidden_noise(result.noise, result.repeatability):
         return f"{text}not distinguishable from the arm's repeatability (section 5) {why}"

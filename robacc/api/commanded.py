@@ -32,6 +32,7 @@ def read_with_commands(
         InputError: A file is wrong, has no commands, or does not fit the other.
     """
     from robacc.poses.csv_file import read_poses
+    from robacc.poses.known_robot import UNKNOWN_ROBOT, KnownRobot
 
     planned = _program(commands) if _is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
 
@@ -43,8 +44,8 @@ def read_with_commands(
         orientations = _orientations(planned, robot)
         return None if orientations is None else orientations[..., rows]
 
-    targets = None if robot is None else tuple(robot.targets)
-    measured = read_poses(path, target_names=targets, commands=False, known_orientations=known_orientations)
+    known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
+    measured = read_poses(path, robot=known, commands=False, known_orientations=known_orientations)
     if measured.commands is not None:
         message = "the measured poses have commands of their own"
         raise InputError(Problem(message, measured.source, fix="leave out `commanded`, or those columns"))

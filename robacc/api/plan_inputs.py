@@ -19,7 +19,7 @@ from robacc.api.inputs import (
     require_poses,
 )
 from robacc.api.result import check_range
-from robacc.diagnostics.robot_poses import branch_columns
+from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
@@ -77,11 +77,8 @@ def load_planned_poses(
         return require_poses(source), (record_of(source, kind),)
     from robacc.poses.csv_file import read_poses
 
-    types = [joint.type for joint in arm.variables]
     path = pose_path(source)
-    data = read_poses(
-        path, joint_names=arm.variable_names, joint_types=types, attained=False, branches=branch_columns(arm)
-    )
+    data = read_poses(path, robot=dataclasses.replace(joints_of(arm), limits=None), attained=False)
     check_at_rest(arm, data)
     return require_poses(data), (InputFile.at(path, data.sha256 or "", kind),)
 

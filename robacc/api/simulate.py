@@ -13,7 +13,7 @@ from robacc.api.arrays import checked_poses
 from robacc.api.inputs import PosesSource, StrPath, load_robot, pose_path, record_of, require_poses
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of
-from robacc.diagnostics.robot_poses import branch_columns
+from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import MissingColumnError, UsageError
 from robacc.measurements import Measurements
@@ -228,13 +228,5 @@ def _planned(
         return require_poses(data), (record_of(data, "poses"),)
     # Not read_robot_poses: poses to visit name no target; the robot visits every target at each pose.
     path = pose_path(at)
-    data = read_poses(
-        path,
-        joint_names=arm.variable_names,
-        joint_types=[joint.type for joint in arm.variables],
-        limits=[joint.limits for joint in arm.variables],
-        ignore_limits=ignore_limits,
-        attained=False,
-        branches=branch_columns(arm),
-    )
+    data = read_poses(path, robot=joints_of(arm), ignore_limits=ignore_limits, attained=False)
     return require_poses(data), (InputFile.at(path, data.sha256 or "", "poses"),)

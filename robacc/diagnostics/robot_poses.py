@@ -11,6 +11,7 @@ from robacc.accuracy.pose_errors import commanded_poses
 from robacc.measurements import Measurements
 from robacc.poses.columns import BranchColumn
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 from robacc.poses.plausibility import central_range, check_scale
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Robot
@@ -39,7 +40,7 @@ def read_robot_poses(
         ordered: As in :func:`robacc.poses.csv_file.read_poses`.
         ignore_limits: As in :func:`robacc.poses.csv_file.read_poses`.
         attained: As in :func:`robacc.poses.csv_file.read_poses`.
-        any_target: As in :func:`robacc.poses.csv_file.read_poses`.
+        any_target: Several targets are valid although the robot has one tool.
 
     Raises:
         InputError: Everything that is wrong with the file; or the spread of its positions shows another unit than that
@@ -47,21 +48,29 @@ def read_robot_poses(
     """
     data = read_poses(
         path,
-        joint_names=robot.variable_names,
-        joint_types=[joint.type for joint in robot.variables],
-        limits=[joint.limits for joint in robot.variables],
-        target_names=tuple(robot.targets),
-        any_target=any_target,
+        robot=dataclasses.replace(
+            joints_of(robot),
+            target_names="any" if any_target and not robot.targets else tuple(robot.targets),
+            orientation_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q).rotation,
+        ),
         ordered=ordered,
         ignore_limits=ignore_limits,
         attained=attained,
-        branches=branch_columns(robot),
-        orientation_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q).rotation,
     )
     if attained:
         warnings = check_size(data, robot)
         data = dataclasses.replace(data, warnings=(*data.warnings, *warnings))
     return data
+
+
+def joints_of(robot: Robot) -> KnownRobot:
+    """Return the robot's joints for the reader of a pose file: names, types, limits, and joints beside the chain."""
+    return KnownRobot(
+        joint_names=robot.variable_names,
+        joint_types=[joint.type for joint in robot.variables],
+        limits=[joint.limits for joint in robot.variables],
+        branches=branch_columns(robot),
+    )
 
 
 def branch_columns(robot: Robot) -> tuple[BranchColumn, ...]:

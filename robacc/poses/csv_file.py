@@ -15,57 +15,38 @@ from robacc.io.problem_log import ProblemLog
 from robacc.io.table import TableBody
 from robacc.measurements import Measurements
 from robacc.poses.close_poses import with_repetitions
-from robacc.poses.columns import (
-    AXES,
-    CIRCUMSTANCES,
-    QUATERNION,
-    ROTATION_VECTOR,
-    RPY,
-    SIGMAS,
-    TEXTS,
-    BranchColumn,
-)
+from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS, TEXTS
 from robacc.poses.duplicate_rows import duplicate_row_warnings
 from robacc.poses.headings import TIME_KEYS
+from robacc.poses.known_robot import UNKNOWN_ROBOT, KnownRobot
 from robacc.poses.layout import Layout, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of
-from robacc.poses.orientation import AngleChoice, KnownOrientations, OrientationAt, rotations
+from robacc.poses.orientation import AngleChoice, KnownOrientations, rotations
 from robacc.poses.reading import reading_of, table_options
 from robacc.poses.reshaped_tables import reshaped
 from robacc.poses.row_checks import READ_BACK_TOLERANCE, RowChecks
 from robacc.poses.timestamps import read_times
 from robacc.poses.unit_checks import UnitChecks
-from robacc.poses.values import COMMANDED_AXES, Limits, Values
+from robacc.poses.values import COMMANDED_AXES, Values
 
 
 def read_poses(
     path: str | os.PathLike[str],
     *,
-    joint_names: Sequence[str] | None = None,
-    joint_types: Sequence[str] | None = None,
-    limits: Limits | None = None,
-    target_names: Sequence[str] | None = None,
-    any_target: bool = False,
+    robot: KnownRobot = UNKNOWN_ROBOT,
     ordered: bool = False,
     ignore_limits: bool = False,
     units_check: bool = True,
     attained: bool = True,
     commands: bool = True,
-    orientation_at: OrientationAt | None = None,
     known_orientations: KnownOrientations | None = None,
-    branches: Sequence[BranchColumn] = (),
 ) -> Measurements:
     """Return the validated poses of a CSV or Parquet file.
 
     Args:
         path: File to read; ``-`` is standard input. A :class:`~robacc.poses.reading.PoseFile` also states units,
             angles and columns that the file's names leave open.
-        joint_names: The robot's joints in chain order; their names stand for ``q1 … qN``. None: no robot is known.
-        joint_types: ``revolute`` or ``prismatic`` of each; None: a joint's unit may be an angle or a length.
-        limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
-        target_names: The targets of the robot file, empty for a robot with one tool; None: no robot is known, and any
-            name is valid.
-        any_target: Several targets are valid although the robot has one tool, as columns ``x1 … z2`` too.
+        robot: Names, limits and targets that the columns are checked against.
         ordered: Rows are in the order measured, and the robot moved straight from each visit to the next: direction
             and speed are derived for the joints whose columns are missing. All rows of a visit have its motion. It is 0
             for the first visit, whose approach is unknown, and for a visit that repeats the joints of the one before.
@@ -74,34 +55,32 @@ def read_poses(
         units_check: Raise an error for bare columns whose values look like degrees or millimetres.
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
         commands: Whether joints or commanded poses are required; without, they come from another file.
-        orientation_at: Nominal orientations of the robot, which show the convention of ambiguous angles.
-        known_orientations: Orientations that another file gives to the rows, which show it too.
-        branches: Joints beside the robot's chain that move mass; each stands at its position where it has no column.
+        known_orientations: Orientations that another file gives to the rows; like those of the robot, they show the
+            convention of ambiguous angles.
 
     Raises:
         InputError: Every problem of the file, with line and column.
     """
     reading = reading_of(path)
     options = table_options(path)
-    any_target = any_target and not target_names
     with open_table(os.fspath(path), options) as table:
         reader = table
         header = reader.header()
         log = reader.log
         if reading.columns is None:
-            reader, header = reshaped(reader, header, None if any_target else target_names or ())
-        layout = read_layout(header, log, joint_names, joint_types, attained, reading, commands, branches)
+            reader, header = reshaped(reader, header, robot.targets_in_columns)
+        layout = read_layout(header, log, robot, attained, reading, commands)
         values, remarks = _read_values(reader, layout)
-        _check_target_column(layout, target_names or (), reader, header.line)
-        values, remark = _targets_as_poses(values, target_names or ())
+        _check_target_column(layout, robot.targets, reader, header.line)
+        values, remark = _targets_as_poses(values, robot.targets)
         remarks += remark
         rows = RowChecks(values, log, ignore_limits=ignore_limits)
         rows.check_magnitudes()
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
-        wrong_joints = units.run(limits) if units_check else frozenset()
-        rows.run(limits, None if any_target else target_names, wrong_joints)
+        wrong_joints = units.run(robot.limits) if units_check else frozenset()
+        rows.run(robot.limits, robot.valid_targets, wrong_joints)
         check_visits(values, ordered, log)
-        angles = AngleChoice(values, reading, orientation_at, log, header.line, known_orientations)
+        angles = AngleChoice(values, reading, robot.orientation_at, log, header.line, known_orientations)
         conventions = angles.run()
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted, conventions)

@@ -26,6 +26,7 @@ from robacc.poses.columns import (
 from robacc.poses.foreign_columns import documented_name, find_columns, statement
 from robacc.poses.headerless import with_known_names
 from robacc.poses.headings import heading_of
+from robacc.poses.known_robot import KnownRobot
 from robacc.poses.reading import AS_NAMED, Reading
 from robacc.poses.reshaped_tables import advice_on_points
 
@@ -71,29 +72,25 @@ class Layout:
 def read_layout(
     header: Header,
     log: ProblemLog,
-    joint_names: Sequence[str] | None,
-    joint_types: Sequence[str] | None,
+    robot: KnownRobot,
     attained: bool = True,
     reading: Reading = AS_NAMED,
     commands: bool = True,
-    branches: Sequence[BranchColumn] = (),
 ) -> Layout:
     """Return the columns of a file; every problem goes to ``log``, and a column with a problem is left out.
 
     Args:
         header: Names in the file.
         log: Takes duplicates, wrong units, and columns that are missing from a set.
-        joint_names: The robot's joints in chain order; None where no robot is known.
-        joint_types: ``revolute`` or ``prismatic`` for each of them; None: q may be an angle or a length.
+        robot: The robot's joints, and those beside its chain, which may have columns.
         attained: Whether the attained position is required.
         reading: Statements of the user on names that leave a question open.
         commands: Whether joints or commanded poses are required.
-        branches: Joints beside the robot's chain that may have a column.
     """
     if header.dialect is not PLAIN and header.dialect.headerless and reading.columns is None:
         header = with_known_names(header, log.file)
     mapped = _mapped(header, reading, log)
-    names = Names.of([name for name in mapped if name], joint_names, joint_types, branches)
+    names = Names.of([name for name in mapped if name], robot.joint_names, robot.joint_types, robot.branches)
     columns: dict[str, Column] = {}
     unknown: list[str] = []
     for index, name in enumerate(mapped):

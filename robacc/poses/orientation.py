@@ -12,11 +12,10 @@ from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.problem_log import ProblemLog
 from robacc.poses.angles import CONVENTIONS, AngleTrial, try_conventions
 from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY, is_documented
+from robacc.poses.known_robot import OrientationAt
 from robacc.poses.reading import Reading
 from robacc.poses.values import Values
 
-OrientationAt = Callable[[Array], Array]
-"""Nominal orientations ``(3, 3, N)`` of the robot at joint variables ``(J, N)``."""
 KnownOrientations = Callable[[NDArray[Any] | None, int], Array | None]
 """Orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to N rows without names."""
 _BLOCK = 4096

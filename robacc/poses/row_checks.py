@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog, clip
 from robacc.poses.columns import QUATERNION, SIGMAS
+from robacc.poses.known_robot import JointLimits
 from robacc.poses.layout import listing
 from robacc.poses.plausibility import (
     EXCESS_TOLERANCE,
     excess_beyond_limits,
 )
-from robacc.poses.values import COMMANDED_QUATERNION, Limits, Values
+from robacc.poses.values import COMMANDED_QUATERNION, Values
 
 QUATERNION_TOLERANCE = 1e-3
 SPEED_TOLERANCE = 1e-6
@@ -38,7 +39,7 @@ class RowChecks:
         self.ignore_limits = ignore_limits
         self.warnings: list[str] = []
 
-    def run(self, limits: Limits | None, target_names: Sequence[str] | None, skip_limits: frozenset[str]) -> None:
+    def run(self, limits: JointLimits | None, target_names: Sequence[str] | None, skip_limits: frozenset[str]) -> None:
         """Run every check but that of :meth:`check_magnitudes`.
 
         Args:

@@ -10,6 +10,7 @@ from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog
 from robacc.poses.columns import AXES, SIGMAS
 from robacc.poses.foreign_columns import compact
+from robacc.poses.known_robot import JointLimits
 from robacc.poses.layout import listing
 from robacc.poses.plausibility import (
     angle_beyond_turn,
@@ -20,7 +21,7 @@ from robacc.poses.plausibility import (
     plausible_sigma,
     thousandfold,
 )
-from robacc.poses.values import COMMANDED_AXES, Limits, Values
+from robacc.poses.values import COMMANDED_AXES, Values
 
 
 class UnitChecks:
@@ -33,7 +34,7 @@ class UnitChecks:
         self.line = line
         self.warnings: list[str] = []
 
-    def run(self, limits: Limits | None) -> frozenset[str]:
+    def run(self, limits: JointLimits | None) -> frozenset[str]:
         """Run every check and return the joints whose unit is wrong."""
         if self.values.lines.size == 0:
             return frozenset()
@@ -98,7 +99,7 @@ class UnitChecks:
             return None
         return self.values.column_set(keys)
 
-    def _joints(self, limits: Limits | None) -> frozenset[str]:
+    def _joints(self, limits: JointLimits | None) -> frozenset[str]:
         degrees: list[str] = []
         millimetres: list[str] = []
         largest = 0.0

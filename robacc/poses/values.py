@@ -12,8 +12,6 @@ from robacc.geometry import Array
 from robacc.poses.columns import AXES, QUATERNION
 from robacc.poses.layout import Layout
 
-Limits = Sequence[tuple[float, float] | None]
-"""Lowest and highest value of each joint, rad or m; None for a joint without limits."""
 COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
 COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
 

@@ -13,6 +13,7 @@ import robacc
 from robacc.cli.main import app
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 from robacc.robots.assembly import build_chain
 from robacc.simulation.templates import poses_template
 
@@ -93,7 +94,9 @@ def test_from_a_urdf(folder: Path) -> None:
     text = Path("new/place/p.csv").read_text(encoding="utf-8")
     assert "q1 is turn; q2 is slide" in text
     assert "pose,q1_deg,q2_mm,x_mm,y_mm,z_mm" in text
-    data = read_poses("new/place/p.csv", joint_types=["revolute", "prismatic"], joint_names=["turn", "slide"])
+    data = read_poses(
+        "new/place/p.csv", robot=KnownRobot(joint_types=["revolute", "prismatic"], joint_names=["turn", "slide"])
+    )
     assert data.q is not None
     assert 0.0 <= data.q[1].min() <= data.q[1].max() <= 0.2
     head = Path("new/place/r.yaml").read_text(encoding="utf-8").partition("robacc: 1")[0]

@@ -18,6 +18,7 @@ from robacc.effects import REGISTRY
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 from robacc.robots.description import Frame
 from robacc.robots.yaml_writer import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
@@ -44,7 +45,7 @@ def test_what_simulate_writes_reads_back_to_the_last_digit(tmp_path: Path) -> No
     path = tmp_path / "poses.csv"
     assert run("simulate", TRUTH, "--poses", 30, "--seed", 4, "-o", path).exit_code == 0
     robot = read_robot(TRUTH)
-    data = read_poses(path, joint_names=robot.variable_names)
+    data = read_poses(path, robot=KnownRobot(joint_names=robot.variable_names))
     assert data.n == 30
     np.testing.assert_array_equal(data.position, predict(robot, data).translation)
     assert run("simulate", TRUTH, "--poses", 30, "--seed", 4).stdout == path.read_text(encoding="utf-8")
@@ -175,8 +176,8 @@ def test_sample_data_are_what_their_readme_says(command: str, tmp_path: Path, mo
     monkeypatch.chdir(ROOT)
     assert run(*arguments, tmp_path / "poses.csv").exit_code == 0
     robot = read_robot(ROOT / arguments[1])
-    again = read_poses(tmp_path / "poses.csv", joint_names=robot.variable_names)
-    stored = read_poses(ROOT / target, joint_names=robot.variable_names)
+    again = read_poses(tmp_path / "poses.csv", robot=KnownRobot(joint_names=robot.variable_names))
+    stored = read_poses(ROOT / target, robot=KnownRobot(joint_names=robot.variable_names))
     # Not the bytes: another machine's mathematical library may round a sine the other way.
     np.testing.assert_allclose(again.position, stored.position, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(again.q, stored.q)

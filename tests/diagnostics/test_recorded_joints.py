@@ -20,6 +20,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.csv_file import read_poses
 from robacc.poses.csv_text import format_poses
+from robacc.poses.known_robot import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.tracing.loop import search
 from robacc.tracing.trace import trace
@@ -93,7 +94,7 @@ def test_columns_come_back_from_a_file(tmp_path: pytest.TempPathFactory) -> None
     np.testing.assert_array_equal(again.read_back, data.read_back)
     named = format_poses(data).replace("read_q", "read_j").replace(",q", ",j").replace("q1,", "j1,", 1)
     path.write_text(named)
-    np.testing.assert_array_equal(read_poses(path, joint_names=ARM.names).read_back, data.read_back)
+    np.testing.assert_array_equal(read_poses(path, robot=KnownRobot(joint_names=ARM.names)).read_back, data.read_back)
 
 
 def test_joints_of_another_unit_are_an_error(tmp_path: pytest.TempPathFactory) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from robacc.errors import InputError
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 
 HEADER = "J1 [°];J2 [°];X [mm];Y [mm];Z [mm]\n"
 ROW = "1,5;-2,5;{x};200,5;300,5\n"
@@ -80,7 +81,7 @@ def test_german_degrees_have_a_capital(tmp_path: Path) -> None:
 def test_joints_of_another_name_beside_documented_positions(tmp_path: Path) -> None:
     path = tmp_path / "export.csv"
     path.write_text("pose,J1 (deg),x_mm,y_mm,z_mm\na,90,1,2,3\nb,45,2,3,4\n", encoding="utf-8")
-    data = read_poses(path, joint_names=("shoulder",))
+    data = read_poses(path, robot=KnownRobot(joint_names=("shoulder",)))
     assert data.q is not None
     assert data.q[0] == pytest.approx([1.5707963, 0.7853982])
 
@@ -102,7 +103,7 @@ def test_tables_that_are_no_poses_say_what_to_do(tmp_path: Path, text: str, mess
     path = tmp_path / "export.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=message):
-        read_poses(path, joint_names=("shoulder",))
+        read_poses(path, robot=KnownRobot(joint_names=("shoulder",)))
 
 
 def test_a_unicode_minus_is_a_minus(tmp_path: Path) -> None:
@@ -125,7 +126,7 @@ def test_a_column_target_with_another_name_in_each_row_names_the_poses(tmp_path:
     path = tmp_path / "robodk.csv"
     rows = "".join(f"T{i};{i};2;{100 + 7 * i};200;300\n" for i in range(4))
     path.write_text("Target;J1 (deg);J2 (deg);X (mm);Y (mm);Z (mm)\n" + rows, encoding="utf-8")
-    data = read_poses(path, target_names=())
+    data = read_poses(path, robot=KnownRobot(target_names=()))
     assert data.target is None
     assert data.pose is not None
     assert data.pose.tolist() == ["T0", "T1", "T2", "T3"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 
 JOINTS = [f"q{i + 1}" for i in range(6)]
 
@@ -29,7 +30,7 @@ def repeated(jitter: float, count: int = 12, cycles: int = 5) -> np.ndarray:
 
 
 def test_joints_as_read_give_the_repetitions(tmp_path: Path) -> None:
-    data = read_poses(written(tmp_path / "poses.csv", repeated(1e-4)), joint_names=JOINTS)
+    data = read_poses(written(tmp_path / "poses.csv", repeated(1e-4)), robot=KnownRobot(joint_names=JOINTS))
     assert np.array_equal(data.groups(), np.tile(data.groups()[:12], 5))
     assert np.unique(data.groups()).size == 12
     (warning,) = data.warnings
@@ -39,7 +40,7 @@ def test_joints_as_read_give_the_repetitions(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("jitter", [0.0, 5e-3])
 def test_equal_joints_and_distant_poses_stay_as_they_are(tmp_path: Path, jitter: float) -> None:
-    data = read_poses(written(tmp_path / "poses.csv", repeated(jitter)), joint_names=JOINTS)
+    data = read_poses(written(tmp_path / "poses.csv", repeated(jitter)), robot=KnownRobot(joint_names=JOINTS))
     assert data.pose is None
     assert np.unique(data.groups()).size == (60 if jitter else 12)
 
@@ -47,10 +48,10 @@ def test_equal_joints_and_distant_poses_stay_as_they_are(tmp_path: Path, jitter:
 def test_a_slow_sweep_has_no_repetitions(tmp_path: Path) -> None:
     q = np.zeros((100, 6)) + 0.3
     q[:, 1] = np.linspace(0.0, 0.04, 100)
-    assert read_poses(written(tmp_path / "poses.csv", q), joint_names=JOINTS).pose is None
+    assert read_poses(written(tmp_path / "poses.csv", q), robot=KnownRobot(joint_names=JOINTS)).pose is None
 
 
 def test_a_pose_column_decides(tmp_path: Path) -> None:
     ids = {"pose": [f"N{i}" for i in range(60)]}
-    data = read_poses(written(tmp_path / "poses.csv", repeated(1e-4), ids), joint_names=JOINTS)
+    data = read_poses(written(tmp_path / "poses.csv", repeated(1e-4), ids), robot=KnownRobot(joint_names=JOINTS))
     assert np.unique(data.groups()).size == 60

@@ -8,6 +8,7 @@ from pose_files import Reader, problem_texts
 
 from robacc.errors import UsageError
 from robacc.poses.headings import heading_of, meaning_of
+from robacc.poses.known_robot import KnownRobot
 from robacc.poses.reading import Reading
 
 ABC = frozenset({"a", "b", "c"})
@@ -133,5 +134,7 @@ def test_names_that_resemble_documented_ones_get_a_question(read: Reader) -> Non
 
 
 def test_four_q_columns_may_be_a_quaternion(read: Reader) -> None:
-    (problem,) = problem_texts(read, "x,y,z,q1,q2,q3,q4\n1,2,3,1,0,0,0\n", joint_names=[f"j{i}" for i in range(6)])
+    (problem,) = problem_texts(
+        read, "x,y,z,q1,q2,q3,q4\n1,2,3,1,0,0,0\n", robot=KnownRobot(joint_names=[f"j{i}" for i in range(6)])
+    )
     assert "if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`" in problem

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from robacc.errors import InputError
 from robacc.io import lines, table
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10" / "series_B.csv"
 
@@ -111,7 +112,7 @@ def test_circumstances_and_texts(read: Reader) -> None:
 
 def test_joints_by_their_own_names(read: Reader) -> None:
     text = "lift_mm,dir_elbow,elbow,x,y,z,speed_lift,speed_elbow,dir_q1\n250,-1,0.2,1,2,3,1,-0.5,1\n"
-    data = read(text, joint_names=["lift", "elbow"], joint_types=["prismatic", "revolute"])
+    data = read(text, robot=KnownRobot(joint_names=["lift", "elbow"], joint_types=["prismatic", "revolute"]))
     assert data.q is not None
     assert data.direction is not None
     assert data.speed is not None
@@ -121,22 +122,22 @@ def test_joints_by_their_own_names(read: Reader) -> None:
 
 
 def test_a_joint_name_that_ends_like_a_unit(read: Reader) -> None:
-    data = read("arm_m,x,y,z\n0.5,1,2,3\n", joint_names=["arm_m"])
+    data = read("arm_m,x,y,z\n0.5,1,2,3\n", robot=KnownRobot(joint_names=["arm_m"]))
     assert data.q is not None
     assert data.q[0, 0] == 0.5
 
 
 def test_joints_counted_from_zero_are_taken_by_name(read: Reader) -> None:
     names = ["q0", "q1", "q2"]
-    by_name = read("q2,q1,q0,x,y,z\n0.3,0.2,0.1,1,2,3\n", joint_names=names)
-    by_number = read("q1,q2,q3,x,y,z\n0.1,0.2,0.3,1,2,3\n", joint_names=names)
+    by_name = read("q2,q1,q0,x,y,z\n0.3,0.2,0.1,1,2,3\n", robot=KnownRobot(joint_names=names))
+    by_number = read("q1,q2,q3,x,y,z\n0.1,0.2,0.3,1,2,3\n", robot=KnownRobot(joint_names=names))
     assert by_name.q is not None
     assert by_number.q is not None
     assert by_name.q[:, 0].tolist() == by_number.q[:, 0].tolist() == [0.1, 0.2, 0.3]
 
 
 def test_commanded_poses_need_no_joints(read: Reader) -> None:
-    data = read("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n", joint_names=["a", "b"])
+    data = read("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n", robot=KnownRobot(joint_names=["a", "b"]))
     assert data.q is None
     assert data.commanded_position is not None
 

@@ -12,6 +12,7 @@ from pose_files import Reader, one_row, problem_texts
 
 from robacc.errors import MAX_PROBLEMS, InputError
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 
 # What is refused
 
@@ -107,21 +108,21 @@ def test_columns_that_do_not_fit_together(read: Reader, header: str) -> None:
 
 def test_joint_columns_that_do_not_fit_the_robot(read: Reader) -> None:
     names, types = ["base", "lift"], ["revolute", "prismatic"]
-    robot = {"joint_names": names, "joint_types": types}
-    (problem,) = problem_texts(read, "q1,x,y,z\n", **robot)
+    robot = KnownRobot(names, types)
+    (problem,) = problem_texts(read, "q1,x,y,z\n", robot=robot)
     assert problem == (
         "1: the robot has 2 joints, the file has columns for 1: column q2 is missing; "
         "expected q1 … q2 without a gap, or the joints' names base, lift"
     )
-    (problem,) = problem_texts(read, "q1,q2,q3,x,y,z\n", **robot)
+    (problem,) = problem_texts(read, "q1,q2,q3,x,y,z\n", robot=robot)
     assert problem == "1, q3: the column belongs to joint 3, but the robot has 2 joints"
-    (problem,) = problem_texts(read, "pose,x,y,z\n", **robot)
+    (problem,) = problem_texts(read, "pose,x,y,z\n", robot=robot)
     assert (
         "the file has measured poses only: neither joint variables nor commanded poses; give the commands with "
         "`commanded`: the robot program, or a table of joints or poses; or add columns q1 … q2 (joint variables)"
         in problem
     )
-    found_units = problem_texts(read, "base_mm,lift_deg,x,y,z\n", **robot)
+    found_units = problem_texts(read, "base_mm,lift_deg,x,y,z\n", robot=robot)
     assert found_units == [
         "1, base_mm: found unit mm in the name, expected an angle (rad, mrad, deg)",
         "1, lift_deg: found unit deg in the name, expected a length (m, mm, um)",
@@ -163,7 +164,7 @@ def test_values_that_cannot_be(read: Reader, name: str) -> None:
 
 def test_values_at_the_edge_are_taken(read: Reader) -> None:
     row = one_row(qw=1.0009, qx=0, qy=0, qz=0, dir_q1=-1, speed_q1=1.0000005, payload_kg=0, temperature_c=-273.15)
-    assert read(row, limits=[(-0.1, 0.1 - 1e-10)]).n == 1
+    assert read(row, robot=KnownRobot(limits=[(-0.1, 0.1 - 1e-10)])).n == 1
 
 
 def test_a_commanded_quaternion_is_checked_too(read: Reader) -> None:
@@ -174,55 +175,55 @@ def test_a_commanded_quaternion_is_checked_too(read: Reader) -> None:
 
 def test_joint_limits(read: Reader) -> None:
     text = "q1_deg,q2,x,y,z\n10,0.1,1,2,3\n95.5,0.6,1,2,3\n"
-    problem = problem_texts(read, text, limits=[(-math.pi / 2, math.pi / 2), (0, 0.5)])
+    problem = problem_texts(read, text, robot=KnownRobot(limits=[(-math.pi / 2, math.pi / 2), (0, 0.5)]))
     fix = "; `ignore_limits` uses these rows all the same"
     assert problem == [
         f"3, q1_deg: found 95.5 deg, expected a value within the joint's limits -90 to 90 deg{fix}",
         f"3, q2: found 0.6, expected a value within the joint's limits 0 to 0.5{fix}",
     ]
-    assert read(text, limits=[None, (0, 1)]).n == 2
+    assert read(text, robot=KnownRobot(limits=[None, (0, 1)])).n == 2
 
 
 @pytest.mark.parametrize(("unit", "over", "is_used"), [("deg", 0.0499, True), ("deg", 0.0501, False)])
 def test_a_small_excess_of_a_limit_is_a_warning(read: Reader, unit: str, over: float, is_used: bool) -> None:
     text = f"q1_{unit},x,y,z\n{90 + over},0,0,1\n0,0,0,1\n-90,0,1,1\n"
-    robot = {"limits": [(-math.pi / 2, math.pi / 2)], "joint_names": ["j1"], "joint_types": ["revolute"]}
+    robot = KnownRobot(["j1"], ["revolute"], [(-math.pi / 2, math.pi / 2)])
     if is_used:
         assert (
-            read(text, **robot)
+            read(text, robot=robot)
             .warnings[0]
             .endswith(
                 ":2: q1_deg exceeds the joint's limits -90 to 90 deg by at most 0.0499 deg in 1 row, which is used"
             )
         )
     else:
-        assert "`ignore_limits` uses these rows all the same" in problem_texts(read, text, **robot)[0]
-        (warning,) = read(text, **robot, ignore_limits=True).warnings
+        assert "`ignore_limits` uses these rows all the same" in problem_texts(read, text, robot=robot)[0]
+        (warning,) = read(text, robot=robot, ignore_limits=True).warnings
         assert "by at most 0.0501 deg in 1 row" in warning
 
 
 def test_the_tolerance_of_a_prismatic_joint_is_half_a_millimetre(read: Reader) -> None:
     text = "q1,x,y,z\n0.3004,0,0,1\n0.3,0,0,1\n"
-    joint = {"joint_names": ["rail"], "joint_types": ["prismatic"]}
-    assert "by at most 0.0004" in read(text, limits=[(0, 0.3)], **joint).warnings[0]
-    assert len(problem_texts(read, text.replace("0.3004", "0.3006"), limits=[(0, 0.3)], **joint)) == 1
+    rail = KnownRobot(["rail"], ["prismatic"], [(0, 0.3)])
+    assert "by at most 0.0004" in read(text, robot=rail).warnings[0]
+    assert len(problem_texts(read, text.replace("0.3004", "0.3006"), robot=rail)) == 1
 
 
 def test_unknown_targets(read: Reader) -> None:
     text = "q1,x,y,z,target\n0,1,2,3,smr1\n0,1,2,3,smr3x\n"
     assert read(text).n == 2
-    assert problem_texts(read, text, target_names=("smr1", "smr3")) == [
+    assert problem_texts(read, text, robot=KnownRobot(target_names=("smr1", "smr3"))) == [
         "3, target: found 'smr3x', expected a target of the robot file (smr1, smr3); the nearest is smr3"
     ]
-    assert read(one_row(), target_names=("smr1",)).n == 1
+    assert read(one_row(), robot=KnownRobot(target_names=("smr1",))).n == 1
     # A robot with one tool: which of several targets it describes, nobody says.
-    assert problem_texts(read, text + "0,1,2,3,smr1\n", target_names=()) == [
+    assert problem_texts(read, text + "0,1,2,3,smr1\n", robot=KnownRobot(target_names=())) == [
         "3, target: found several targets ('smr1', 'smr3x'), but the robot has one tool and no targets; fit "
         "tool_frame, which finds their places (`align` of estimate, `fit` of calibrate; a trace does), list "
         "each target under targets: in the robot file instead of tool, or keep the rows of one target"
     ]
-    assert read(text.replace("smr3x", "smr1"), target_names=()).n == 2
-    assert problem_texts(read, one_row(), target_names=("smr1", "smr3")) == [
+    assert read(text.replace("smr3x", "smr1"), robot=KnownRobot(target_names=())).n == 2
+    assert problem_texts(read, one_row(), robot=KnownRobot(target_names=("smr1", "smr3"))) == [
         "1: column target is missing: the robot file has 2 targets (smr1, smr3); "
         "add it with the measured target of each row"
     ]

@@ -12,6 +12,7 @@ import pytest
 from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 from robacc.poses.plausibility import check_scale
 
 RNG = np.random.default_rng(7)
@@ -82,13 +83,13 @@ def test_unusual_but_good_data_raise_no_alarm(tmp_path: Path, change: dict[str, 
 
 def test_joints_in_degrees(tmp_path: Path) -> None:
     data = scaled(DEGREES, *ALL_JOINTS)
-    (problem,) = problem_texts(tmp_path, data, limits=[(-3.1, 3.1)] * 6)
+    (problem,) = problem_texts(tmp_path, data, robot=KnownRobot(limits=[(-3.1, 3.1)] * 6))
     largest = max(np.abs(data[name]).max() for name in ALL_JOINTS)
     assert problem == (
         f"1, q1, q2, q3, q4, q5, q6: found joint angles up to {largest:.4g}, which cannot be rad; if they are in deg, "
         "name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if in rad, q1_rad and so on"
     )
-    q = read(tmp_path, renamed(data, "deg", *ALL_JOINTS), limits=[(-3.1, 3.1)] * 6).q
+    q = read(tmp_path, renamed(data, "deg", *ALL_JOINTS), robot=KnownRobot(limits=[(-3.1, 3.1)] * 6)).q
     assert q is not None
     np.testing.assert_allclose(q, [good()[name] for name in ALL_JOINTS], rtol=1e-10)
     assert read(tmp_path, data, units_check=False).n == N
@@ -97,23 +98,23 @@ def test_joints_in_degrees(tmp_path: Path) -> None:
 
 def test_one_pose_in_degrees(tmp_path: Path) -> None:
     data = {"q1": [90.0], "q2": [-2.0], "x": [1.0], "y": [1.0], "z": [1.0]}
-    (problem,) = problem_texts(tmp_path, data, limits=[(-3.1, 3.1), (-1, 1)])
+    (problem,) = problem_texts(tmp_path, data, robot=KnownRobot(limits=[(-3.1, 3.1), (-1, 1)]))
     assert problem.startswith("1, q1: found joint angles up to 90, which cannot be rad")
 
 
 def test_small_angles_in_degrees_are_noticed_by_the_limits(tmp_path: Path) -> None:
     data = good() | {"q2": np.linspace(-11, 11, N)}
     limits = [(-3.1, 3.1)] * 6
-    (problem,) = problem_texts(tmp_path, data, limits=limits)
+    (problem,) = problem_texts(tmp_path, data, robot=KnownRobot(limits=limits))
     assert problem.startswith("1, q2: found joint angles up to 11, which cannot be rad")
-    assert problem_texts(tmp_path, good() | {"q2": np.linspace(-3.3, 3.3, N)}, limits=limits)[0].startswith(
-        "2, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1"
-    )
+    assert problem_texts(tmp_path, good() | {"q2": np.linspace(-3.3, 3.3, N)}, robot=KnownRobot(limits=limits))[
+        0
+    ].startswith("2, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1")
 
 
 def test_turns_that_the_limits_allow_are_no_degrees(tmp_path: Path) -> None:
     data = good() | {"q6": np.linspace(-60, 60, N)}
-    assert read(tmp_path, data, limits=[None] * 5 + [(-63, 63)]).n == N
+    assert read(tmp_path, data, robot=KnownRobot(limits=[None] * 5 + [(-63, 63)])).n == N
     assert problem_texts(tmp_path, data)[0].startswith("1, q6: found joint angles up to 60")
 
 
@@ -122,13 +123,16 @@ def test_a_prismatic_joint_in_millimetres(tmp_path: Path) -> None:
     types = ["revolute"] * 2 + ["prismatic"] + ["revolute"] * 3
     names = [f"j{i}" for i in range(6)]
     (problem,) = problem_texts(
-        tmp_path, data, joint_names=names, joint_types=types, limits=[None, None, (0, 1), *[None] * 3]
+        tmp_path, data, robot=KnownRobot(joint_names=names, joint_types=types, limits=[None, None, (0, 1), *[None] * 3])
     )
     assert problem == (
         "1, q3: found joint travels of more than 50, which cannot be m; if they are in mm, name the columns q3_mm; "
         "if in m, q3_m and so on"
     )
-    assert read(tmp_path, good() | {"q3": np.linspace(0, 20, N)}, joint_names=names, joint_types=types).n == N
+    assert (
+        read(tmp_path, good() | {"q3": np.linspace(0, 20, N)}, robot=KnownRobot(joint_names=names, joint_types=types)).n
+        == N
+    )
 
 
 @pytest.mark.parametrize("prefix", ["", "cmd_"])

@@ -9,6 +9,7 @@ import pytest
 from robacc.accuracy.estimation import estimate
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
 
@@ -17,7 +18,7 @@ DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur1
 @pytest.mark.parametrize(("series", "rms_mm"), [("B", 1.08), ("D", 0.77)])
 def test_position_error_of_a_real_arm_after_registration(series: str, rms_mm: float) -> None:
     robot = read_robot(str(DATA / "robot.yaml"))
-    data = read_poses(str(DATA / f"series_{series}.csv"), joint_names=robot.variable_names)
+    data = read_poses(str(DATA / f"series_{series}.csv"), robot=KnownRobot(joint_names=robot.variable_names))
     result = estimate(data, robot, align=("base_frame", "tool_frame"))
     assert result.alignment is not None
     assert result.alignment.n_parameters == 12

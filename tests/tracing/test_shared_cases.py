@@ -18,6 +18,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
+from robacc.poses.known_robot import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
@@ -49,9 +50,11 @@ CHOSEN = (
 def read(path: Path, robot: Robot, *, ordered: bool = False) -> Measurements:
     return read_poses(
         str(path),
-        joint_names=robot.variable_names,
-        joint_types=[joint.type for joint in robot.variables],
-        target_names=tuple(robot.targets),
+        robot=KnownRobot(
+            joint_names=robot.variable_names,
+            joint_types=[joint.type for joint in robot.variables],
+            target_names=tuple(robot.targets),
+        ),
         ordered=ordered,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from robacc.accuracy.metrics import pose_metrics
 from robacc.accuracy.stages import BeforeAfter, Residuals, Stage, paired_gain
 from robacc.effects.base import effect_class
 from robacc.errors import InputError
-from robacc.fitting.cross_validation import folds, held_out, parts
+from robacc.fitting.cross_validation import HoldOut, held_out, parts
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.places import places
 from robacc.fitting.registration import ALIGNABLE
@@ -38,42 +39,41 @@ def before_and_after(
     before: Fit,
     after: Fit,
     held_out: tuple[Array, Array] | None,
-    holdout: Measurements | None = None,
-    n_folds: int = 5,
-    seed: int = 0,
+    how: HoldOut,
 ) -> BeforeAfter:
     """Return the stages of the nominal ``robot``, of the fit before and of the fit after, on the same rows.
 
     Metrics are of all rows. Where the fit after has outliers, metrics without them stand beside. ``held_out`` are
-    residuals before and after by models fitted without the poses: of each fold of ``data``, or of the validation poses
-    ``holdout``; None where no pose was held out.
+    residuals before and after by models fitted without the poses that ``how`` holds out; None where there are none.
     """
     unregistered = residuals(data, predict(robot, data))
-    registered = registered_residuals(robot, data, None if held_out is None else holdout, n_folds, seed)
+    registered = registered_residuals(robot, data, how if held_out is not None else replace(how, validation=None))
     calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual)
     fitted = (unregistered, registered.fitted, before.residual, after.residual)
     inliers = after.inliers
     if held_out is None:
         stages = [_stage(errors, inliers, None, None) for errors in fitted]
         return BeforeAfter(stages[0], stages[1], stages[2], stages[3], None, calibration, None)
-    if holdout is None:
+    if (poses := how.validation) is None:
         nominal = registered.fitted if registered.held_out is None else registered.held_out
         apart = (unregistered, nominal, *held_out)
         calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual, nominal, *held_out)
         validation, judged, groups = None, inliers, places(data)
     else:
-        unregistered = residuals(holdout, predict(robot, holdout))
+        unregistered = residuals(poses, predict(robot, poses))
         nominal = unregistered if registered.held_out is None else registered.held_out
         apart = (unregistered, nominal, *held_out)
-        validation, judged, groups = Residuals(*apart), np.ones(holdout.n, dtype=bool), places(holdout)
+        validation, judged, groups = (
+            Residuals(*apart),
+            np.ones(poses.n, dtype=bool),
+            places(poses),
+        )
     stages = [_stage(errors, inliers, other, judged) for errors, other in zip(fitted, apart, strict=True)]
     gain = paired_gain(held_out[0][:, judged], held_out[1][:, judged], groups[judged])
     return BeforeAfter(stages[0], stages[1], stages[2], stages[3], gain, calibration, validation)
 
 
-def registered_residuals(
-    robot: Robot, data: Measurements, holdout: Measurements | None, n_folds: int, seed: int
-) -> Registered:
+def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> Registered:
     """Return residuals of the nominal model with base and tool fitted to the poses, as far as these allow.
 
     Coordinates of the frames that the poses do not determine keep their nominal values. If the poses are too few, the
@@ -84,9 +84,9 @@ def registered_residuals(
     model, options = Model.of(robot, frames), Options(tolerance=1e-6)
     try:
         registered = fit(model, data, options)
-        if holdout is not None:
-            return Registered(registered.residual, held_out(registered, holdout))
-        assigned = folds(data, n_folds, seed)
+        if how.validation is not None:
+            return Registered(registered.residual, held_out(registered, how.validation))
+        assigned = how.folds(data)
         if assigned is None:
             return Registered(registered.residual, None)
         apart = np.empty_like(registered.residual)

@@ -16,6 +16,7 @@ from robacc.diagnostics.partial_residuals import PartialResidual, partial_residu
 from robacc.effects.base import Effect
 from robacc.effects.request import Request
 from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit, Options
@@ -114,9 +115,10 @@ def calibrate(
     final = final_fit(plan, (*plan.fixed(data), *(() if found is None else found.effects)), data, options)
     effects = final.fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
+    how = HoldOut(holdout, n_folds, seed)
     registered = fit(Model.of(robot, frames), data, Options(robust=final.options.robust))
-    held_out_residuals = hold_out(plan, found, final.options, data, holdout, effects, frames, n_folds, seed, progress)
-    comparison = before_and_after(robot, data, registered, final.fit, held_out_residuals, holdout, n_folds, seed)
+    held_out_residuals = hold_out(plan, found, final.options, data, how, effects, progress)
+    comparison = before_and_after(robot, data, registered, final.fit, held_out_residuals, how)
     noise = lack_of_fit(final.fit, data)
     with_masses = with_mass_uncertainty(final.fit, data)
     return Calibration(

@@ -9,7 +9,7 @@ import numpy as np
 from robacc.calibration.plan import CalibrationPlan
 from robacc.effects.base import Effect
 from robacc.errors import InputError
-from robacc.fitting.cross_validation import folds, held_out, parts
+from robacc.fitting.cross_validation import HoldOut, held_out, parts
 from robacc.fitting.deflection_model import with_deflection
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
@@ -26,11 +26,8 @@ def hold_out(
     found: SearchResult | None,
     options: Options,
     data: Measurements,
-    holdout: Measurements | None,
+    how: HoldOut,
     effects: tuple[Effect, ...],
-    frames: tuple[Effect, ...],
-    n_folds: int,
-    seed: int,
     progress: Progress,
 ) -> tuple[Array, Array] | None:
     """Return the residuals of held-out poses, with frames only and with all effects; None if there are too few poses.
@@ -38,18 +35,19 @@ def hold_out(
     Searched effects are chosen anew in each fold, on the linearisation of the search ``found`` on all poses.
     """
     fold_options = dataclasses.replace(options, tolerance=1e-6)
-    if holdout is not None:
+    frames = tuple(effect for effect in effects if effect.is_frame)
+    if how.validation is not None:
         baseline = fit(Model.of(plan.robot, frames), data, fold_options)
         extended = plan.fitted(effects, data, fold_options)
-        return held_out(baseline, holdout), held_out(extended, holdout)
-    assigned = folds(data, n_folds, seed)
+        return held_out(baseline, how.validation), held_out(extended, how.validation)
+    assigned = how.folds(data)
     if assigned is None:
         return None
     components = 3 if data.rotation is None else 6
     before, after = np.empty((components, data.n)), np.empty((components, data.n))
     try:
         for number, (training, test) in enumerate(parts(assigned), 1):
-            progress("cross-validation", number, n_folds + 1)
+            progress("cross-validation", number, how.n_folds + 1)
             train_data, test_data = data.subset(np.flatnonzero(training)), data.subset(np.flatnonzero(test))
             chosen = with_deflection(effects, "equilibrium")
             if found is not None:

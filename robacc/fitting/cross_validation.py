@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,21 @@ from robacc.modelling.observation import residuals
 
 LEAST_GROUPS = 6
 """Commanded poses that cross-validation needs at least."""
+
+
+@dataclass(frozen=True, slots=True)
+class HoldOut:
+    """Poses that a fit is judged on: validation poses, or each fold of its own poses in turn."""
+
+    validation: Measurements | None = None
+    """Validation poses; None: cross-validation."""
+    n_folds: int = 5
+    seed: int = 0
+    """Seed of the assignment of poses to folds."""
+
+    def folds(self, data: Measurements) -> NDArray[np.int64] | None:
+        """Return ``(N,)`` the number of the fold that holds each row out; None if there are too few poses."""
+        return folds(data, self.n_folds, self.seed)
 
 
 def folds(data: Measurements, count: int, seed: int) -> NDArray[np.int64] | None:

@@ -17,6 +17,7 @@ from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
+from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
@@ -159,7 +160,7 @@ def trace(
     rounding = evident_rounding(final, data)
     unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding)
     ends = None if validation is None else (validation.before, validation.after)
-    stages = before_and_after(model.arm.robot, data, declared, final, ends, holdout, n_folds, seed)
+    stages = before_and_after(model.arm.robot, data, declared, final, ends, HoldOut(holdout, n_folds, seed))
     return Trace(
         robot=apply_fit(final),
         verdict=(verdict := verdict_of(findings, unexplained)),

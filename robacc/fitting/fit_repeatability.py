@@ -23,6 +23,9 @@ SIGNIFICANT = 12.0
 gains as much in 1 of about 4,000 data sets, any of six joints in 1 of about 500 (chi-square mixture of 0 and 1)."""
 _RESOLVED = 0.5
 """Largest relative standard error for which a joint's scatter is reported."""
+_LARGEST = 0.05
+"""Largest scatter (rad or m) that is reported as a joint's: 3 degrees or 50 mm. If it is larger, the joint hardly moves
+the target, and its scatter stands for another error."""
 _FEWEST = 20
 """Smallest number of visits for which scatter is estimated."""
 _ROUNDS = 3
@@ -53,7 +56,7 @@ def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Re
     columns = joint_columns(fit.model, data.subset(rows))
     lever = np.mean(np.sum(np.square(columns[:3]), axis=0), axis=1)
     stds = components.scatter.visit_std
-    identifiable = components.visit_std_error <= _RESOLVED * stds
+    identifiable = (components.visit_std_error <= _RESOLVED * stds) & (stds <= _LARGEST)
     visits, poses = visit_numbers(data), data.groups()
     source: Literal["repeated visits", "several targets", "residual"] = "residual"
     if np.unique(visits).size > np.unique(poses).size:

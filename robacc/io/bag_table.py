@@ -15,7 +15,7 @@ from robacc.geometry import Array
 from robacc.io.bag_messages import Recording, Samples, read_recording, recorded_files
 from robacc.io.bag_options import BagOptions
 from robacc.io.column_table import ColumnTable
-from robacc.io.table import TableOptions
+from robacc.io.table_parts import TableOptions
 
 _LONGEST_GAP = 0.1
 """Time between neighbouring samples over which a moving joint is interpolated, s."""

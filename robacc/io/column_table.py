@@ -16,7 +16,7 @@ from robacc.geometry import Array
 from robacc.io.header_row import MAX_COLUMNS
 from robacc.io.number_text import GAPS
 from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table import MAX_TEXT, Header, TableBody, TableOptions
+from robacc.io.table_parts import MAX_TEXT, Header, TableBody, TableOptions
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
 

@@ -12,7 +12,8 @@ from typing import BinaryIO, Protocol
 from robacc.errors import InputError, Problem
 from robacc.io.files import STANDARD_STREAM
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import Header, TableBody, TableOptions, TableReader
+from robacc.io.table import TableReader
+from robacc.io.table_parts import Header, TableBody, TableOptions
 
 _PARQUET = b"PAR1"
 """First and last bytes of every Parquet file."""

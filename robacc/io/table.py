@@ -8,79 +8,22 @@ from __future__ import annotations
 
 import csv
 import itertools
-import math
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
-from robacc.geometry import Array
-from robacc.io.bag_options import NO_BAG_OPTIONS, BagOptions
-from robacc.io.cell_units import split_cell, units_of_columns
+from robacc.io.cell_units import units_of_columns
 from robacc.io.dialect import PLAIN, TableDialect, find_dialect
 from robacc.io.growing_columns import GrowingColumns
 from robacc.io.header_row import MAX_COLUMNS, header_names
 from robacc.io.lines import Block, LineReader
-from robacc.io.number_text import GAPS, advice, is_grouped, number_of
-from robacc.io.problem_log import ProblemLog, clip
-
-MAX_TEXT = 256
-"""Characters of an id; text columns are as wide as their longest entry."""
-
-
-@dataclass(frozen=True, slots=True)
-class TableOptions:
-    """Freedom that a reader has."""
-
-    is_known: Callable[[str], bool] | None = None
-    """Whether a name is a documented one; None: only the documented form of a table is read."""
-    skip_gaps: bool = False
-    """Leave out rows with a missing value, in place of a problem for each."""
-    sheet: str | None = None
-    """Sheet of a workbook; None for its only sheet."""
-    bag: BagOptions = NO_BAG_OPTIONS
-    """Topics and samples of a recording."""
-    frame: Any = None
-    """Data frame that is read in place of a file."""
-
-
-@dataclass(frozen=True, slots=True)
-class Header:
-    """Names that a file gives its columns."""
-
-    names: tuple[str, ...]
-    line: int | None
-    """1-based line of the names; None where the file has no lines."""
-    dialect: TableDialect = PLAIN
-    """Form of the table, where it is not the documented one."""
-    cell_units: Mapping[int, str] = field(default_factory=dict)
-    """Units behind the numbers of the cells, by the index of the column."""
-
-
-@dataclass(frozen=True, slots=True)
-class TableBody:
-    """Rows below the header."""
-
-    numbers: Array
-    """``(C, N)`` columns of numbers; NaN where a problem was logged."""
-    texts: tuple[NDArray[np.str_], ...]
-    """Columns of text, ``(N,)`` each."""
-    lines: NDArray[np.int64]
-    """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
-    gaps: tuple[int, ...] = ()
-    """Lines of the rows that were left out because a value is missing."""
-
-    def without(self, gaps: Collection[int]) -> TableBody:
-        """Return the rows that are not on the lines ``gaps``."""
-        if not gaps:
-            return self
-        complete = ~np.isin(self.lines, list(gaps))
-        texts = tuple(column[complete] for column in self.texts)
-        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)))
+from robacc.io.problem_log import ProblemLog
+from robacc.io.table_cells import CellReader
+from robacc.io.table_parts import MAX_TEXT, Header, TableBody, TableOptions
 
 
 class TableReader:
@@ -92,9 +35,7 @@ class TableReader:
         self.log = ProblemLog(file)
         self.options = options or TableOptions()
         self._dialect = PLAIN
-        self._gaps: set[int] = set()
-        self._grouped = False
-        """Whether a number had separators of thousands."""
+        self._cells = CellReader(PLAIN, {}, self.options.skip_gaps, self.log)
         self._widths: list[tuple[int, int]] = []
         """Line and number of fields of each row that does not fit the header."""
         self._reader = LineReader(stream, self.log)
@@ -159,7 +100,7 @@ class TableReader:
         encoding = self._reader.encoding
         if self._reader.not_utf8:
             encoding = "Windows-1252"
-        grouped = "separators of thousands" if self._grouped else ""
+        grouped = "separators of thousands" if self._cells.has_grouped else ""
         units = f"units in the cells: {', '.join(dict.fromkeys(self._units.values()))}" if self._units else ""
         parts = [self._dialect.description(), grouped, "" if encoding == "UTF-8" else encoding, units]
         return ", ".join(part for part in parts if part)
@@ -167,6 +108,7 @@ class TableReader:
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
         store = GrowingColumns(len(numbers))
+        self._cells = CellReader(self._dialect, self._units, self.options.skip_gaps, self.log)
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
         columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
         for block in self._remaining():
@@ -181,7 +123,7 @@ class TableReader:
             for problem in self._reader.not_utf8 if self.options.is_known is None else self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
         body = TableBody(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
-        return body.without(self._gaps)
+        return body.without(self._cells.gaps)
 
     def _remaining(self) -> Iterator[Block]:
         if self._pending is not None and self._pending.lines:
@@ -257,8 +199,8 @@ class TableReader:
             fields = self._fields(number, line)
             if fields is None:
                 continue
-            values.append([self._number(self._bare(fields[i], number, i), number, self._names[i]) for i in numbers])
-            columns.append([self._text(fields[i], number, self._names[i]) for i in texts])
+            values.append([self._cells.number(fields[i], number, i, self._names[i]) for i in numbers])
+            columns.append([self._cells.text(fields[i], number, self._names[i]) for i in texts])
             lines.append(number)
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
         arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
@@ -274,7 +216,7 @@ class TableReader:
         if n_fields == expected and any(fields):
             return fields
         if self.options.skip_gaps and n_fields < expected:
-            self._gaps.add(number)
+            self._cells.gaps.add(number)
         elif not any(fields):
             self.log.add("every field of the row is empty", number, fix="delete the line")
         else:
@@ -295,45 +237,3 @@ class TableReader:
                 fix = "give each column one name, with the same separator as in the rows"
             fields = "field" if width == 1 else "fields"
             self.log.add(f"found {width} {fields}{more}, expected {expected} as in the header", number, fix=fix)
-
-    def _bare(self, field: str, line: int, index: int) -> str:
-        """Return a cell without its unit; log a unit that is not the column's."""
-        if index not in self._units or not any(sign.isdigit() for sign in field):
-            return field
-        expected, (number, unit) = self._units[index], split_cell(field)
-        if unit is not None and unit != expected:
-            fix = "export the column in one unit"
-            self.log.add(f"found {clip(field)}, but the first cell is in {expected}", line, self._names[index], fix)
-        elif unit is None and number_of(number, self._dialect.decimal_comma) is not None:
-            fix = f"export every cell with its unit, or none and {expected} in the column's name"
-            self.log.add(f"found {clip(field)} without the unit {expected}", line, self._names[index], fix)
-        return number
-
-    def _number(self, field: str, line: int, column: str) -> float:
-        if self.options.skip_gaps and field.lower() in GAPS:
-            self._gaps.add(line)
-            return math.nan
-        if not field:
-            self.log.add("the value is missing, expected a number", line, column, _SKIP)
-            return math.nan
-        value = number_of(field, self._dialect.decimal_comma)
-        if value is None:
-            fix = _SKIP if field.lower() in GAPS else advice(field, column, self._dialect.decimal_comma)
-            self.log.add(f"found {clip(field)}, expected a number", line, column, fix)
-            return math.nan
-        self._grouped |= is_grouped(field, self._dialect.decimal_comma)
-        if not math.isfinite(value):
-            fix = _SKIP if field.lower() in GAPS else None
-            self.log.add(f"found {clip(field)}, expected a finite number", line, column, fix)
-            return math.nan
-        return value
-
-    def _text(self, field: str, line: int, column: str) -> str:
-        if not field:
-            self.log.add("the value is missing, expected text", line, column)
-        elif len(field) > MAX_TEXT:
-            self.log.add(f"the text has {len(field)} characters, expected at most {MAX_TEXT}", line, column)
-        return field[:MAX_TEXT]
-
-
-_SKIP = "give `skip_gaps` to leave out rows with a missing value"

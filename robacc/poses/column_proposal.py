@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from robacc.io.open_table import open_table
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import Header, TableOptions
+from robacc.io.table_parts import Header, TableOptions
 from robacc.poses.column_map import OPEN
 from robacc.poses.columns import JOINT_COLUMN, Column, Names, is_documented, parse_column, with_cell_unit
 from robacc.poses.foreign_columns import ForeignColumns, find_columns

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import Header
+from robacc.io.table_parts import Header
 from robacc.poses.headings import TIME_KEYS
 
 Kind = Literal["length", "angle", "joint", "ratio", "number", "text"]

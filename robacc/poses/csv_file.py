@@ -12,7 +12,7 @@ from robacc.errors import Counted
 from robacc.geometry import Array
 from robacc.io.open_table import Table, open_table
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import TableBody
+from robacc.io.table_parts import TableBody
 from robacc.measurements import Measurements
 from robacc.poses.close_poses import with_repetitions
 from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS, TEXTS

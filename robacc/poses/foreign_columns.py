@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import Header
+from robacc.io.table_parts import Header
 from robacc.poses.columns import AXES, FIXED_KINDS, FOREIGN_UNITS, SIGMAS, UNITS, Column, Kind, Names
 from robacc.poses.headings import TIME_KEYS, Heading, Meaning, heading_of, is_of_ros, meaning_of
 from robacc.poses.reading import Reading

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from robacc.errors import InputError, Problem
 from robacc.io.dialect import TableDialect
-from robacc.io.table import Header
+from robacc.io.table_parts import Header
 
 _TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _UNIT_LENGTH = 1e-3

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from robacc.io.dialect import PLAIN
 from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table import Header
+from robacc.io.table_parts import Header
 from robacc.poses.columns import (
     AXES,
     JOINT_COLUMN,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.open_table import Table
 from robacc.io.problem_log import ProblemLog
-from robacc.io.table import Header, TableBody
+from robacc.io.table_parts import Header, TableBody
 
 _ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*(?P<column>[0-4])[\])]*")
 _ORTHONORMAL = 1e-3

@@ -13,7 +13,7 @@ from robacc.poses.angles import CONVENTIONS
 from robacc.poses.columns import FOREIGN_UNITS, UNITS, is_documented
 
 if TYPE_CHECKING:
-    from robacc.io.table import TableOptions
+    from robacc.io.table_parts import TableOptions
 
 _UNIT_WORDS = {"inch": "in", "°": "deg", "µm": "um"}
 
@@ -169,7 +169,7 @@ def reading_of(path: str | os.PathLike[str]) -> Reading:
 
 def table_options(path: str | os.PathLike[str]) -> TableOptions:
     """Return how the table at a path is to be read, with the statements that the path carries."""
-    from robacc.io.table import TableOptions
+    from robacc.io.table_parts import TableOptions
 
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None

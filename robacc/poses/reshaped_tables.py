@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 from robacc.io.open_table import Table
 from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table import Header, TableBody
+from robacc.io.table_parts import Header, TableBody
 from robacc.poses.columns import AXES
 from robacc.poses.headings import axis_and_label, heading_of, is_point_name
 from robacc.poses.matrix_columns import MatrixTable

@@ -69,6 +69,10 @@ def test_what_is_written_is_read_back(read: Reader, data: Measurements) -> None:
     back = read(text, units_check=False)
     for name in EXACT:
         expected, values = getattr(data, name), getattr(back, name)
+        if name == "pose" and expected is None and values is not None:
+            # Joints that differ by less than readings do are visits of one pose, and a warning says so.
+            assert any("repeat" in warning for warning in back.warnings)
+            continue
         assert (expected is None) == (values is None), name
         if expected is not None:
             np.testing.assert_array_equal(values, expected, err_msg=name)

@@ -14,7 +14,7 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.known_robot import KnownRobot
 from robacc.poses.plausibility import central_range, check_scale
 from robacc.robots.assembly import build_chain
-from robacc.robots.description import Robot
+from robacc.robots.description import Joint, Mimic, Robot
 
 _MOST_RATIO = 3.0
 _LEAST_EXCESS = 0.1
@@ -70,7 +70,15 @@ def joints_of(robot: Robot) -> KnownRobot:
         joint_types=[joint.type for joint in robot.variables],
         limits=[joint.limits for joint in robot.variables],
         branches=branch_columns(robot),
+        outside={rule.master: _rule_text(joint, rule) for joint in robot.variables if (rule := joint.outside)},
     )
+
+
+def _rule_text(joint: Joint, rule: Mimic) -> str:
+    """Return how a joint variable follows a joint outside the chain, in SI units."""
+    offset = f" {'-' if rule.offset < 0 else '+'} {abs(rule.offset):g}" if rule.offset else ""
+    unit = "m" if joint.type == "prismatic" else "rad"
+    return f"{joint.name} = {rule.multiplier:g} * {rule.master}{offset} ({unit})"
 
 
 def branch_columns(robot: Robot) -> tuple[BranchColumn, ...]:

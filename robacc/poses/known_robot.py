@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 from robacc.geometry import Array
@@ -30,6 +30,8 @@ class KnownRobot:
     ``any``: several targets are valid although the robot has one tool, as columns ``x1 … z2`` too."""
     branches: Sequence[BranchColumn] = ()
     """Joints beside the chain that move mass; each stands at its position where it has no column."""
+    outside: Mapping[str, str] = field(default_factory=dict)
+    """Joints outside the chain that a joint variable follows, and the rule by which it does."""
     orientation_at: OrientationAt | None = None
     """Nominal orientations of the robot, which show the convention of ambiguous angles."""
 

@@ -20,6 +20,7 @@ from robacc.poses.columns import (
     Column,
     Names,
     parse_column,
+    split_unit,
     time_column,
     with_cell_unit,
 )
@@ -112,7 +113,7 @@ def read_layout(
         if name and count > 1:
             log.add("the column is a duplicate", header.line, clip(name), "keep one of them")
     columns = {key: _with_stated_unit(column, reading) for key, column in columns.items()}
-    complete = _Completeness(columns, unknown, names, log, header.line, attained, commands)
+    complete = _Completeness(columns, unknown, names, log, header.line, attained, commands, robot.outside)
     if reading.columns is not None or not (header.dialect is not PLAIN or complete.lacks_a_pose()):
         return complete.layout()
     return _foreign_layout(header, columns, names, reading, complete)
@@ -186,6 +187,8 @@ class _Completeness:
     line: int | None
     attained: bool
     commands: bool
+    outside: Mapping[str, str]
+    """Rules of joint variables that follow a joint outside the chain, by the name of that joint."""
 
     def lacks_a_pose(self) -> bool:
         """Return whether the attained position or any command is missing, so that other names may stand for them."""
@@ -227,9 +230,14 @@ class _Completeness:
         self.log.add(message + text, self.line, fix=fix + self._ignored())
 
     def _ignored(self) -> str:
-        """Return the names of the file that are not used, for the end of a fix."""
+        """Return the names of the file that are not used, for the end of a fix, and rules that replace some of them."""
         ignored = [name for name in self.unknown if name]
-        return f" (unknown in this file: {listing(ignored)})" if ignored else ""
+        rules = "".join(
+            f"; {clip(name)} is outside the robot's chain, so write the column {rule}"
+            for name in ignored
+            if (rule := self.outside.get(name) or self.outside.get(split_unit(name)[0]))
+        )
+        return f" (unknown in this file: {listing(ignored)}){rules}" if ignored else ""
 
     def _orientation(self, prefix: str) -> tuple[str, ...] | None:
         """Return the keys of the file's representation of an orientation; log a second or incomplete one."""

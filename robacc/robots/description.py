@@ -65,6 +65,8 @@ class Joint:
     """True for a joint without a motor: it moves by its coupling alone."""
     link: str | None = None
     """Name of the link that this joint moves; None where the description has no name."""
+    outside: Mimic | None = field(default=None, compare=False)
+    """Rule by which a joint variable of a URDF follows a joint outside the chain; None: it moves by itself."""
 
     @property
     def is_variable(self) -> bool:

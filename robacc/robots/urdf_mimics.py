@@ -116,7 +116,7 @@ def _with_outside_masters(joints: Sequence[Joint]) -> list[Joint]:
             result.append(replace(joint, mimic=None))
         elif rule.master not in leaders:
             leaders[rule.master] = joint.name, rule
-            result.append(replace(joint, mimic=None))
+            result.append(replace(joint, mimic=None, outside=rule))
         else:
             leader, first = leaders[rule.master]
             ratio = rule.multiplier / first.multiplier

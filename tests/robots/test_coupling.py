@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError
 from robacc.robots.arm import Arm
 from robacc.robots.assembly import build_chain
@@ -177,3 +179,14 @@ def test_followers_of_a_joint_outside_the_chain_move_together() -> None:
     position = build_chain(robot).forward(np.array([[a]])).translation[:, 0]
     expected = [0.1 * np.cos(a) + 0.1 * np.cos(a + b), 0.1 + 0.1 * np.sin(a) + 0.1 * np.sin(a + b), 0]
     np.testing.assert_allclose(position, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["lead", "lead_deg"])
+def test_a_column_of_a_joint_outside_the_chain_is_answered_by_the_rule(tmp_path: Path, name: str) -> None:
+    """A lifting column logs the joint that its two stages follow; only the first stage may have a column."""
+    robot = parse_urdf(HAND, "hand.urdf", None, "tip")
+    poses = tmp_path / "poses.csv"
+    poses.write_text(f"{name},x,y,z\n0.1,0.1,0.1,0.0\n")
+    with pytest.raises(InputError) as caught:
+        read_robot_poses(poses, robot)
+    assert f"{name!r} is outside the robot's chain, so write the column a = 2 * lead + 0.1 (rad)" in str(caught.value)

@@ -60,6 +60,15 @@ def size(value: float | str, dimension: Dimension, name: str) -> float:
     return quantity[0]
 
 
+def optional_size(value: float | str | None, dimension: Dimension, name: str) -> float | None:
+    """Return a size in m or rad as :func:`size` does; None for None.
+
+    Raises:
+        UsageError: As :func:`size`.
+    """
+    return None if value is None else size(value, dimension, name)
+
+
 def significant(value: float) -> float:
     """Return the number rounded to :data:`SIGNIFICANT_DIGITS`; -0.0 becomes 0.0, NaN and infinities stay."""
     return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0

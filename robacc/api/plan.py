@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, ClassVar
@@ -13,6 +12,7 @@ from typing import Any, ClassVar
 from robacc.api.inputs import PosesSource, StrPath
 from robacc.api.model_use import use_model
 from robacc.api.plan_inputs import (
+    check_plan_arguments,
     checked_payloads,
     load_already,
     load_candidates,
@@ -22,15 +22,15 @@ from robacc.api.plan_inputs import (
     robot_to_plan_for,
     sight_of,
 )
-from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of, options_of
+from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.branches_at_rest import at_rest_warning
-from robacc.planning.campaign import PURPOSES, CampaignPlan, CampaignSettings, Purpose
+from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose
 from robacc.planning.constraints import Constraints, length, parse_box, parse_half_space
-from robacc.planning.design import CRITERIA, Criterion
+from robacc.planning.design import Criterion
 from robacc.planning.planner import plan_campaign
-from robacc.quantities import size
+from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
 
 
@@ -228,18 +228,7 @@ def plan(
         True
     """
     arguments = locals()
-    check_choice("purpose", purpose, PURPOSES)
-    check_choice("criterion", criterion, CRITERIA)
-    for name, value, low, high in (
-        ("poses", 1 if poses is None else poses, 1, 2000),
-        ("margin", margin, 0.0, 0.45),
-        ("check_every", check_every, 0, 10_000),
-        ("repeats", repeats or 0, 0, 2000),
-        ("validation", validation, 0, 2000),
-        ("seed", seed, 0, math.inf),
-        ("max_condition", 2.0 if max_condition is None else max_condition, 1.0, math.inf),
-    ):
-        check_range(name, value, low, high)
+    check_plan_arguments(arguments)
     arm, records = robot_to_plan_for(robot, model, base_link, tip_link)
     # A drift and other facts of the model's own campaign do not come again.
     use = use_model(arm, None, campaign="drop")
@@ -266,18 +255,16 @@ def plan(
             collisions=load_collisions(robot, base_link, tip_link) if collisions else None,
         ),
         region=None if region is None else parse_box(region, "region"),
-        noise=None if noise is None else size(noise, "length", "`noise`"),
-        noise_orientation=None
-        if noise_orientation is None
-        else size(noise_orientation, "angle", "`noise_orientation`") or None,
-        repeatability=None if repeatability is None else size(repeatability, "length", "`repeatability`"),
+        noise=optional_size(noise, "length", "`noise`"),
+        noise_orientation=optional_size(noise_orientation, "angle", "`noise_orientation`") or None,
+        repeatability=optional_size(repeatability, "length", "`repeatability`"),
         unexplained=size(unexplained, "length", "`unexplained`"),
         check_every=check_every,
         repeats=repeats,
         validation=validation,
-        target=None if target_error is None else size(target_error, "length", "`target_error`"),
+        target=optional_size(target_error, "length", "`target_error`"),
         demands=demands,
-        expected=None if expected is None else size(expected, "length", "`expected`"),
+        expected=optional_size(expected, "length", "`expected`"),
         n_candidates=n_candidates,
         payloads=checked_payloads(payload),
         seed=seed,
@@ -285,11 +272,14 @@ def plan(
     body = plan_campaign(arm, settings, candidates=loaded_candidates, task=loaded_task, already=measured)
     body = dataclasses.replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *use.warnings))
     inputs = (*records, *candidate_records, *task_records, *measured_records, *demand_records)
+    return Planned.of(body, Provenance(_recorded(options_of(plan, arguments)), inputs, seed))
+
+
+def _recorded(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options for the record of the call: files by their names, and no objects."""
     files = {"model", "candidates", "task", "already", "gate", "scale"}
-    options = options_of(plan, arguments)
-    named = {
+    return {
         name: os.path.basename(os.fspath(value)) if name in files and isinstance(value, str | os.PathLike) else value
         for name, value in options.items()
         if not isinstance(value, Measurements | Robot)
     }
-    return Planned.of(body, Provenance(named, inputs, seed))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
-from typing import cast
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 from robacc.api.inputs import (
     PosesSource,
@@ -18,16 +18,17 @@ from robacc.api.inputs import (
     record_of,
     require_poses,
 )
-from robacc.api.result import check_range
+from robacc.api.result import check_choice, check_range
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.acceptance import AcceptanceStatistic, Demand
 from robacc.planning.branches_at_rest import check_at_rest
-from robacc.planning.campaign import CampaignSettings
+from robacc.planning.campaign import PURPOSES, CampaignSettings
 from robacc.planning.collisions import LinkCollisions, link_collisions
 from robacc.planning.constraints import Sight, parse_distance, parse_vector
+from robacc.planning.design import CRITERIA
 from robacc.planning.link_shapes import read_link_shapes
 from robacc.quantities import size
 from robacc.robots.description import Robot
@@ -174,3 +175,24 @@ def checked_payloads(payloads: Sequence[float]) -> tuple[float, ...]:
         listed = ", ".join(f"{mass:g}" for mass in masses)
         raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
     return tuple(masses)
+
+
+def check_plan_arguments(arguments: Mapping[str, Any]) -> None:
+    """Check the words and numbers of a call of :func:`~robacc.api.plan.plan`.
+
+    Raises:
+        UsageError: A word is unknown, or a number is outside its range.
+    """
+    check_choice("purpose", arguments["purpose"], PURPOSES)
+    check_choice("criterion", arguments["criterion"], CRITERIA)
+    for name, low, high in (
+        ("poses", 1, 2000),
+        ("margin", 0.0, 0.45),
+        ("check_every", 0, 10_000),
+        ("repeats", 0, 2000),
+        ("validation", 0, 2000),
+        ("seed", 0, math.inf),
+        ("max_condition", 1.0, math.inf),
+    ):
+        if arguments[name] is not None:
+            check_range(name, arguments[name], low, high)

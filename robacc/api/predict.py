@@ -36,7 +36,7 @@ from robacc.prediction.coverage import Coverage, coverage
 from robacc.prediction.model_fit import model_fit
 from robacc.prediction.parameters import NORMAL, uncertain_parameters
 from robacc.prediction.predicting import Prediction, predict_accuracy, step_limits
-from robacc.quantities import size
+from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
@@ -264,8 +264,8 @@ def _noise(noise: str | Noise | None) -> Noise:
         raise UsageError(f"`noise`: expected a length and perhaps an angle, as in 0.02mm,0.01deg, found {noise!r}")
     position, rotation = (*sizes, None)[:2]
     return (
-        None if position is None else size(position, "length", "`noise`"),
-        None if rotation is None else size(rotation, "angle", "`noise`"),
+        optional_size(position, "length", "`noise`"),
+        optional_size(rotation, "angle", "`noise`"),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.gravity_direction import gravity_direction
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.leverage import high_leverage
 from robacc.fitting.mass_uncertainty import with_mass_uncertainty
@@ -110,6 +112,9 @@ def calibrate(
     mistakes = check_data(robot, data)
     options = options or Options()
     plan = CalibrationPlan(robot, requests, priors or {}, shrink)
+    direction = gravity_direction(Model.of(robot, plan.fixed(data)), data)
+    robot = direction.model.arm.robot
+    plan = dataclasses.replace(plan, robot=robot)
     progress("fitting", 0, n_folds + 1)
     found = plan.search(data)
     final = final_fit(plan, (*plan.fixed(data), *(() if found is None else found.effects)), data, options)
@@ -142,6 +147,7 @@ def calibrate(
         n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(places(data).max()) + 1),
         warnings=(
             *mistakes,
+            *([] if direction.warning is None else [direction.warning]),
             *places_warning(data),
             *few_places_warning(final.fit, data),
             *fit_warnings(final.fit, data, comparison.after, noise, holdout),

@@ -15,9 +15,9 @@ import numpy as np
 from robacc.effects import effect_class
 from robacc.errors import UsageError
 from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.gravity_direction import direction_text, fit_frames
 from robacc.fitting.parameters import FittedParameter, parameters
-from robacc.fitting.solver import fit
 from robacc.geometry import Poses, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
@@ -38,7 +38,7 @@ class Alignment:
     parameters: tuple[FittedParameter, ...]
     """Coordinates of the fitted frames: x, y, z (m), roll, pitch, yaw (rad)."""
     notes: tuple[str, ...]
-    """Coefficients that are not identifiable on the poses, one sentence each."""
+    """Coefficients that are not identifiable on the poses, and gravity if the measuring frame is not level."""
     commanded: Poses | None = None
     """Registered commanded poses, where these are columns of the file; None where the robot predicts them."""
 
@@ -53,6 +53,8 @@ def align(robot: Robot, data: Measurements, frames: Sequence[str]) -> Alignment:
     fitted = registration_fit(robot, data, frames)
     effects = tuple(effect.name for effect in fitted.model.free)
     notes = tuple(dropped.why for dropped in fitted.dropped)
+    if direction := direction_text(robot.gravity, fitted.model.arm.robot.gravity):
+        notes = (*notes, direction)
     return Alignment(apply_fit(fitted), effects, int(fitted.identifiability.columns.size), parameters(fitted), notes)
 
 
@@ -61,7 +63,7 @@ def registration_fit(robot: Robot, data: Measurements, frames: Sequence[str]) ->
     check_frames(frames)
     arm = Arm.of(robot)
     effects = [effect_class(name).default(arm, data) for name in ALIGNABLE if name in frames]
-    return fit(Model.of(robot, effects), data, Options())
+    return fit_frames(Model.of(robot, effects), data)
 
 
 def align_commands(data: Measurements, frames: Sequence[str]) -> Alignment:

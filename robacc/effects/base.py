@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import abc
 import difflib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
@@ -236,6 +237,10 @@ class Effect(abc.ABC):
     def relaxing_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
         """Return the drivers of ``validity`` beyond whose range the prior takes the effect back to zero."""
         return ()
+
+    def fading_length(self, arm: Arm, driver: str) -> float:
+        """Return how far beyond its range a relaxing driver takes the effect to 0.6 of its value, SI."""
+        return math.inf
 
     def period(self, arm: Arm, driver: str) -> float | None:
         """Return the change of a driver after which the effect repeats itself; None if it does not."""

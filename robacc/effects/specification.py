@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
-from robacc.effects.validity import Periods, Validity, clip_drivers, is_outside, read_validity
+from robacc.effects.validity import (
+    Periods,
+    Validity,
+    clip_drivers,
+    driver_values,
+    is_outside,
+    range_excess,
+    read_validity,
+)
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -57,6 +66,26 @@ def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validit
     if not validity:
         return data
     return clip_drivers(arm, data, *_limits(effect, arm, validity, effect.held_drivers(arm, validity)))
+
+
+def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> tuple[Term, ...]:
+    """Return the terms of an effect, less and less of them the farther a relaxing driver is beyond its range."""
+    terms = effect.terms(arm, data)
+    limits, periods = _limits(effect, arm, validity, effect.relaxing_drivers(arm, validity))
+    share = np.ones(data.n)
+    for name, (low, high) in limits.items():
+        values = driver_values(arm, data, name)
+        if values is not None:
+            excess = range_excess(values, low, high, periods.get(name))
+            share *= np.exp(-0.5 * np.square(excess / effect.fading_length(arm, name)))
+    if np.all(share == 1.0):
+        return terms
+
+    def scaled(term: Term) -> Term:
+        parts = (dataclasses.replace(part, factor=part.factor * share) for part in term.parts)
+        return dataclasses.replace(term, parts=tuple(parts))
+
+    return tuple(map(scaled, terms))
 
 
 def _limits(effect: Effect, arm: Arm, validity: Validity, names: Sequence[str]) -> tuple[Validity, Periods]:

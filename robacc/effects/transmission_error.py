@@ -12,11 +12,16 @@ import numpy as np
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import joint_driver
+from robacc.effects.gear_ratio import GearRatio
+from robacc.effects.joint_correction import JointCorrection
 from robacc.effects.orders import ONE_TURN, ORDER_STEP, SAME_ORDER, common_period, exact_period
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+
+_SHORT = 0.5 * math.pi
+"""rad: range over which poses do not tell a trend from the slow waves of a profile."""
 
 
 @register
@@ -70,6 +75,10 @@ class TransmissionError(Effect):
         """Return the joint of a profile that repeats itself after a turn."""
         return tuple(name for name in validity if self.shrunk and self.period(arm, name))
 
+    def fading_length(self, arm: Arm, driver: str) -> float:
+        """Return a quarter of a period of the finest order: so far the poses say something of a profile."""
+        return 0.5 * math.pi / max(self.orders)
+
     def period(self, arm: Arm, driver: str) -> float | None:
         """Return the turn of the joint after which the orders repeat themselves."""
         return exact_period(self.orders, arm.joint(driver).gear_ratio)
@@ -97,15 +106,24 @@ class TransmissionError(Effect):
     def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
         """Return whether it is ``other``, or a profile of the joint that ``other`` is a part of.
 
-        Over more than one turn, whole orders cannot describe the orders between them, so those stay candidates.
+        A correction of the joint by its own variable is a part too, and so is a trend over a short range: two functions
+        of the same variable would take large values of opposite sign, which a trend keeps beyond the range. Over more
+        than one turn, whole orders cannot describe the orders between them, so those stay candidates.
         """
         if self.key() == other.key():
             return True
-        if not self.shrunk or not isinstance(other, TransmissionError) or self.joints != other.joints:
+        is_narrow = ranges.get(self.joints[0], math.inf) <= ONE_TURN
+        if not self.shrunk or self.joints != other.joints:
+            return False
+        if isinstance(other, JointCorrection):
+            return is_narrow and set(other.drivers) <= {"own", *self.joints}
+        if isinstance(other, GearRatio):
+            return ranges.get(self.joints[0], math.inf) <= _SHORT
+        if not isinstance(other, TransmissionError):
             return False
         if max(other.orders) > max(self.orders):
             return False
-        return ranges.get(self.joints[0], math.inf) <= ONE_TURN or set(other.orders) <= set(self.orders)
+        return is_narrow or set(other.orders) <= set(self.orders)
 
     def is_profile(self) -> bool:
         """Return whether it is the joint's whole profile."""
@@ -114,6 +132,8 @@ class TransmissionError(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms a joint and order."""
         q = commanded(data, self.name)
+        # The orders of a profile together are as large as a single order usually is.
+        typical = 1e-4 / (math.sqrt(len(self.orders)) if self.shrunk else 1.0)
         terms = []
         for joint in self.joints:
             motion, angle = arm.axis_motion(joint), q[arm.number(joint)]
@@ -122,7 +142,7 @@ class TransmissionError(Effect):
             for order, of_order in zip(self.orders, waves, strict=True):
                 for kind, wave in zip(("cos", "sin"), of_order, strict=True):
                     name = f"{self.name}.{joint}.{kind}{order:.6g}"
-                    terms.append(Term(name, "rad", 1e-4, (Part(motion, wave),), group))
+                    terms.append(Term(name, "rad", typical, (Part(motion, wave),), group))
         return tuple(terms)
 
     def settings(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from robacc.chain import TOOL, Scalar
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.specification import Known, held_at_ends, known_effects
+from robacc.effects.specification import Known, faded, held_at_ends, known_effects
 from robacc.effects.validity import Validity, united
 from robacc.errors import UsageError
 from robacc.geometry import Poses
@@ -45,11 +45,12 @@ class Model:
         """Return the model with more free effects."""
         return dataclasses.replace(self, free=(*self.free, *effects))
 
-    def bind(self, data: Measurements, validity: Sequence[Validity] | None = None) -> BoundModel:
+    def bind(self, data: Measurements, validity: Sequence[Validity] | None = None, *, fades: bool = True) -> BoundModel:
         """Evaluate every regressor for these poses.
 
-        A known effect is held at the ends of its validity range. A free one is held only if ``validity`` gives the
-        range that each was fitted on; a known effect that is free too then has the range of both.
+        A known effect is held at the ends of its validity range, or returns to zero beyond it. A free one does so only
+        if ``validity`` gives the range that each was fitted on; a known effect that is free too then has the range of
+        both. Without ``fades`` no free effect returns to zero: its coefficients' uncertainty does not.
 
         Raises:
             UsageError: The poses lack a column that an effect needs, or do not fit the arm.
@@ -60,12 +61,13 @@ class Model:
         fixed: list[Term] = []
         values: list[float] = []
         for known in self.known:
-            terms = known.effect.terms(self.arm, self._clip_drivers(known, data, validity))
+            limit = self._range_of(known, validity)
+            terms = faded(known.effect, self.arm, held_at_ends(known.effect, self.arm, data, limit), limit)
             fixed.extend(terms)
             values.extend(known.values.get(term.name, 0.0) for term in terms)
         limits = validity if validity is not None else ({},) * len(self.free)
         free = [
-            effect.terms(self.arm, held_at_ends(effect, self.arm, data, limit))
+            faded(effect, self.arm, held_at_ends(effect, self.arm, data, limit), limit if fades else {})
             for effect, limit in zip(self.free, limits, strict=True)
         ]
         nominal = _with_targets(self.arm, self.arm.chain.scalars(q), data)
@@ -79,14 +81,12 @@ class Model:
             tuple(i for i, terms in enumerate(free) for _ in terms),
         )
 
-    def _clip_drivers(self, known: Known, data: Measurements, validity: Sequence[Validity] | None) -> Measurements:
-        """Return the poses that a known effect is evaluated at."""
+    def _range_of(self, known: Known, validity: Sequence[Validity] | None) -> Validity:
+        """Return the ranges beyond which a known effect is held or returns to zero; empty for one that is fitted."""
         number = next((i for i, effect in enumerate(self.free) if effect.key() == known.effect.key()), None)
         if number is None:
-            return known.clip_drivers(self.arm, data)
-        if validity is None:
-            return data
-        return held_at_ends(known.effect, self.arm, data, united(known.validity, validity[number]))
+            return known.validity
+        return {} if validity is None else united(known.validity, validity[number])
 
 
 def predict(robot: Robot, data: Measurements) -> Poses:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,7 +144,13 @@ def _growth(share: Array) -> Array:
 
 
 def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
-    """Return the mean square (m^2) of the displacement that an effect, held at its range, makes at these poses."""
+    """Return the mean square (m^2) of the displacement that an effect makes at these poses.
+
+    It is held at its range, but does not return to zero: what it may be there is as large as it is within its range.
+    """
+    relaxing = known.effect.relaxing_drivers(arm, known.validity)
+    validity = {driver: limits for driver, limits in known.validity.items() if driver not in relaxing}
+    known = dataclasses.replace(known, validity=validity)
     rows = np.unique(np.linspace(0, data.n - 1, min(data.n, 200)).astype(int))
     poses = data.subset(rows)
     with_effect = Model(arm, (known,)).bind(poses).poses(np.zeros(0)).translation

@@ -169,7 +169,7 @@ def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Po
         data: Poses with their circumstances.
     """
     ranges = {known.effect.key(): known.validity for known in model.known}
-    bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in model.free])
+    bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in model.free], fades=False)
     numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
     coefficients_of_fit = _occurrences(fit.coefficients)
     known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]

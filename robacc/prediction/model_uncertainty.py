@@ -7,7 +7,7 @@ The error of the calibrated arm against its model has the covariance
 with J the Jacobian of the pose to the fitted coefficients and C their covariance, J_q that to the joints and S the
 variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation. X is
 what effects add beyond the ranges that they were fitted on (:mod:`robacc.prediction.extrapolation`,
-:mod:`robacc.prediction.relaxation`).
+:mod:`robacc.prediction.fading`).
 
 Effects of the measurement (a scale of the instrument, a drift of its frame) move measured poses, not the arm. On
 measured poses their columns cancel errors of the arm's coefficients, so J has none of them where the arm's pose counts.
@@ -28,8 +28,8 @@ from robacc.geometry import Array, Poses, compose, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.prediction.extrapolation import extrapolation, extrapolation_columns
+from robacc.prediction.fading import fading_columns
 from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.relaxation import relaxation_columns
 from robacc.robots.description import Robot
 
 SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
@@ -94,9 +94,9 @@ def _blocks(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> 
     beyond = extrapolation(sources.model, data)
     coefficients = _propagated(sources.jacobian, sources.covariance)
     beyond = np.zeros_like(coefficients) if beyond is None else beyond
-    relaxed = sources.relaxed(fit, data)
-    if relaxed is not None:
-        beyond = beyond + np.einsum("ikn,jkn->ijn", relaxed, relaxed, optimize=True)
+    faded = fading_columns(sources.model, data, data)
+    if faded is not None:
+        beyond = beyond + np.einsum("ikn,jkn->ijn", faded, faded, optimize=True)
     return (coefficients, sources.scatter, _turned(fit.unexplained, sources.rotation), beyond), sources.rotation
 
 
@@ -124,12 +124,8 @@ class PoseSources:
         values, vectors = np.linalg.eigh(self.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         columns = factor * np.einsum("ipn,pk->ikn", self.jacobian, root, optimize=True)
-        beyond = (extrapolation_columns(self.model, self.data, sample), self.relaxed(fit, sample))
+        beyond = (extrapolation_columns(self.model, self.data, sample), fading_columns(self.model, self.data, sample))
         return np.concatenate((columns, *(part for part in beyond if part is not None)), axis=1)
-
-    def relaxed(self, fit: ModelFit, sample: Measurements) -> Array | None:
-        """Return columns ``(6, K, n)`` that profiles add beyond their ranges; None if they add none at ``sample``."""
-        return relaxation_columns(self.model, fit.coefficients, fit.covariance, self.data, sample)
 
 
 def independent_covariance(fit: ModelFit, sources: PoseSources, data: Measurements) -> Array:

@@ -1,4 +1,4 @@
-"""Profiles beyond their ranges: the prior's mean and covariance, and what is added to the latter."""
+"""Profiles beyond their ranges: they fade to the prior's mean, and their variance grows to that of the prior."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.validity import outside_validity
-from robacc.prediction import relaxation
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import model_uncertainty
 from robacc.robots.description import Robot
@@ -76,9 +75,9 @@ def poses(second: np.ndarray) -> Measurements:
     return Measurements(np.zeros((3, len(second))), q=q)
 
 
-def joint_variance(second: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def joint_variance(second: np.ndarray, covariance: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
     """Variance of the second joint's error that the library states, from that of the orientation (a turn of 1)."""
-    robot, record = fitted(np.zeros(covariance.shape[0]), covariance)
+    robot, record = fitted(np.zeros(covariance.shape[0]) if values is None else values, covariance)
     uncertainty = model_uncertainty(robot, record, poses(second), measured=True)
     return np.einsum("iin->n", uncertainty.orientation)
 
@@ -87,20 +86,22 @@ TRAINED = np.random.default_rng(1).uniform(LOW, HIGH, 150)
 PLACES = np.array([-1.9, -1.1, LOW, -0.3, HIGH, 0.65, 0.8, 1.4, 0.2 + 2 * np.pi])
 
 
-def test_the_variance_is_that_of_the_posterior_and_of_the_change_since_the_end() -> None:
-    covariance = posterior(TRAINED)
-    here, end = basis(PLACES), basis(np.where(PLACES > 6, 0.2, np.clip(PLACES, LOW, HIGH)))
+def test_the_variance_is_that_of_the_posterior_and_of_what_fades() -> None:
+    covariance, values = posterior(TRAINED), STD * np.random.default_rng(5).normal(size=2 * len(ORDERS))
+    here = basis(PLACES)
     expected = np.einsum("np,pq,nq->n", here, covariance, here)
-    expected += relaxation.DOUBT * np.einsum("np,pq,nq->n", here - end, covariance, here - end)
     np.testing.assert_allclose(joint_variance(PLACES, covariance), expected, rtol=1e-9)
-    # Far from the range the posterior is the prior, of all orders, and the change since the end has about its variance.
+    beyond = np.maximum(np.maximum(LOW - PLACES, PLACES - HIGH), 0.0) * (PLACES < 6)
+    share = np.exp(-0.5 * np.square(beyond / (0.5 * np.pi / ORDERS[-1])))
+    expected += np.square((1.0 - share) * (here @ values))
+    np.testing.assert_allclose(joint_variance(PLACES, covariance, values), expected, rtol=1e-9)
+    # Far from the range the posterior is the prior, of all orders.
     prior = len(ORDERS) * STD**2
-    assert expected[0] == pytest.approx((1.0 + relaxation.DOUBT) * prior, rel=0.1)
+    assert joint_variance(PLACES, covariance)[0] == pytest.approx(prior, rel=0.1)
     assert expected[3] < 0.05 * prior
 
 
-def test_errors_of_profiles_of_the_prior_have_the_posterior_variance(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(relaxation, "DOUBT", 0.0)
+def test_errors_of_profiles_of_the_prior_have_the_posterior_variance() -> None:
     random = np.random.default_rng(8)
     design, covariance, n = basis(TRAINED), posterior(TRAINED), 4000
     truth = STD * random.normal(size=(n, design.shape[1]))
@@ -111,19 +112,41 @@ def test_errors_of_profiles_of_the_prior_have_the_posterior_variance(monkeypatch
     np.testing.assert_allclose(np.mean(error**2, axis=0), joint_variance(PLACES, covariance), rtol=0.11)
 
 
-def test_the_profile_is_not_held_at_its_end() -> None:
+@pytest.mark.parametrize("beyond", [0.0, 0.02, 0.1, 0.5])
+def test_the_profile_fades_within_a_quarter_of_its_finest_period(beyond: float) -> None:
     values = STD * np.random.default_rng(2).normal(size=2 * len(ORDERS))
     robot, _ = fitted(values, posterior(TRAINED))
-    data = poses(np.array([HIGH + 0.5]))
-    assert data.q is not None
+    angle = np.array([LOW - beyond])
+    data = poses(angle)
     still = dataclasses.replace(robot, effects=())
-    with_profile, without = predict(robot, data), predict(still, data)
-    turned = np.linalg.norm(log_between(with_profile.rotation, without.rotation))
-    assert turned == pytest.approx(abs(float((basis(np.array([HIGH + 0.5])) @ values)[0])), rel=1e-6)
+    turned = np.linalg.norm(log_between(predict(robot, data).rotation, predict(still, data).rotation))
+    quarter = 2.0 * np.pi / ORDERS[-1] / 4.0
+    expected = abs(float((basis(angle) @ values)[0])) * np.exp(-0.5 * (beyond / quarter) ** 2)
+    assert turned == pytest.approx(expected, rel=1e-6, abs=1e-12)
     outside = outside_validity(robot, data)
     assert outside is not None
-    assert outside.std_max > 0.0
-    assert not outside.ranges[0].is_held
+    assert (outside.std_max > 0.0) is (beyond > 0.016)
+    assert all(not item.is_held for item in outside.ranges)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.5])
+def test_bounds_hold_for_profiles_that_fade(slope: float) -> None:
+    """Whether all orders are as large as each other, as the prior says, or low ones larger, as on real gears."""
+    random = np.random.default_rng(9)
+    design, covariance, n = basis(TRAINED), posterior(TRAINED), 300
+    beyond = np.maximum(np.maximum(LOW - PLACES, PLACES - HIGH), 0.0) * (PLACES < 6)
+    share = np.exp(-0.5 * np.square(beyond / (0.5 * np.pi / ORDERS[-1])))
+    sizes = np.repeat(np.array(ORDERS) ** -slope, 2)
+    held = np.zeros(len(PLACES))
+    for _ in range(n):
+        truth = STD * sizes / np.sqrt(np.mean(sizes**2)) * random.normal(size=sizes.size)
+        measured = design @ truth + NOISE * random.normal(size=len(TRAINED))
+        estimate = covariance @ design.T @ measured / NOISE**2
+        error = share * (basis(PLACES) @ estimate) - basis(PLACES) @ truth
+        held += np.abs(error) < 1.96 * np.sqrt(joint_variance(PLACES, covariance, estimate))
+    # Three standard errors of 95 % of 300 are 3.8 %.
+    assert (held / n).min() > 0.91
+    assert 0.935 < (held / n).mean() < 0.985
 
 
 def test_a_gear_that_does_not_repeat_itself_is_held() -> None:

@@ -98,6 +98,16 @@ class JointWarmup(Effect):
             for joint in self.joints
         )
 
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return the time constant, and the time until the joint is warm."""
+        minutes = self.time_constant / 60
+        return (
+            f"the time constant is {minutes:.3g} min, and 95 % of the shift is over after {3 * minutes:.3g} min; warm "
+            "the arm up before you measure or use it"
+        )
+
     def settings(self) -> dict[str, Any]:
         """Return the time constant, and the time from which it counts."""
         return {"time_constant_s": self.time_constant, "origin_s": self.origin}

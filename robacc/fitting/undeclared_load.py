@@ -82,8 +82,8 @@ class UndeclaredLoad:
         joints = ", ".join(self.joints)
         if not self.is_named:
             return (
-                f"the torques of {joints} do not tell a load on one link from errors of the masses in the robot file "
-                f"of about {100 * self.mass_error:.0f} %"
+                f"by the torques of {joints}, a load on one link is not distinguishable from errors of about "
+                f"{100 * self.mass_error:.0f} % of the masses in the robot file"
             )
         texts = [
             f"{_kg(place.mass)} kg {'more' if place.mass > 0 else 'less'} on the link of {place.link} "

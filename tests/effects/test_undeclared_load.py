@@ -115,7 +115,7 @@ def test_no_load_is_named_where_the_masses_of_the_file_are_wrong(seed: int, monk
     data = loaded(80, seed, NOISE, 0, 0.0, np.zeros(3))
     load = judged(data)
     assert not load.is_named
-    assert "do not tell" in load.statement
+    assert "is not distinguishable from errors" in load.statement
 
 
 def test_without_uncertain_masses_nothing_is_judged() -> None:

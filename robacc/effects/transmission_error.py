@@ -13,7 +13,6 @@ import numpy as np
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import joint_driver
 from robacc.effects.gear_ratio import GearRatio
-from robacc.effects.joint_correction import JointCorrection
 from robacc.effects.orders import ONE_TURN, ORDER_STEP, SAME_ORDER, common_period, exact_period
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
@@ -115,6 +114,9 @@ class TransmissionError(Effect):
         is_narrow = ranges.get(self.joints[0], math.inf) <= ONE_TURN
         if not self.shrunk or self.joints != other.joints:
             return False
+        # Imported here: at the head of the file it would come before this effect in the catalogue.
+        from robacc.effects.joint_correction import JointCorrection
+
         if isinstance(other, JointCorrection):
             return is_narrow and set(other.drivers) <= {"own", *self.joints}
         if isinstance(other, GearRatio):

@@ -64,8 +64,8 @@ def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int
         yield from _finding(number, finding, _baseline_rms(result), width)
     if result.findings:
         note = (
-            "of the residual: share of the baseline's mean square error on held-out poses that the effect removes "
-            "if it is added last; shares need not add up to 100 %; ± is one standard error"
+            "% of the residual: share of the baseline's mean square error on held-out poses that the effect removes "
+            "if it is added last (shares need not add up to 100 %); ±: one standard error"
         )
         yield from (TextLine(line.text, "dim") for line in wrapped(note, width))
     for text in deflection(result.deflection):

@@ -41,7 +41,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.confirmation import reproduced, with_held_out_gain, withdrawn_warning
+from robacc.tracing.confirmation import reproduced, with_held_out_gain
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.equal_votes import with_equal_votes
@@ -197,7 +197,7 @@ def trace(
             *_warnings_of_fits(declared, final, noise, data),
             *([no_held_out_warning(data)] if validation is None else []),
             *([] if holdout is None else _holdout_warnings(moved, stages.after)),
-            *withdrawn_warning(withdrawn),
+            *withdrawn,
             *([] if rounding is None else [rounding.warning]),
             *([] if correlated is None else [correlated.warning]),
         ),

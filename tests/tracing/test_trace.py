@@ -21,6 +21,7 @@ from robacc.geometry import rotation_about
 from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
+from robacc.modelling.observation import residuals
 from robacc.render.text.trace import at_tool
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
@@ -480,8 +481,33 @@ def test_what_a_withdrawn_finding_made_significant_goes_with_it(monkeypatch: pyt
     whole = dataclasses.replace(loop, effects=effects, final=final)
     kept, _, withdrawn = with_held_out_gain(whole, validated(effects), data, None, 5, 0)
     assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
-    assert withdrawn == (str(idle[0]),)
+    assert [warning.endswith(f": {idle[0]}") for warning in withdrawn] == [True]
     assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[1]))]
+
+
+@pytest.mark.parametrize(("size", "stays"), [(2e-4, True), (2e-2, False)])
+def test_a_finding_that_others_cancel_is_withdrawn(monkeypatch: pytest.MonkeyPatch, size: float, stays: bool) -> None:
+    """It moves the poses by millimetres, of which held-out poses gain micrometres."""
+    robot = arm("puma560").robot
+    data = measured("puma560", entry("gear_ratio", "j3", 2e-4))
+    model = Model.of(robot, build(parse_requests(DECLARED), arm("puma560"), data))
+    loop = search(model, data)
+    (effect,) = loop.effects
+    theta = np.where(np.array(loop.final.names) == "gear_ratio.j3", size, loop.final.theta)
+    after = np.random.default_rng(4).normal(scale=NOISE, size=loop.final.residual.shape)
+
+    def validated(kept: Sequence[Effect]) -> CrossValidation:
+        choices = FoldChoices(({effect.key(): (effect,) for effect in kept},) * 5, (frozenset(kept),) * 5)
+        return CrossValidation(3.0 * after, after, {effect.key(): 1.2 * after for effect in kept}, choices)
+
+    monkeypatch.setattr(
+        "robacc.tracing.confirmation.cross_validate", lambda kept, *others, **options: validated(kept.effects)
+    )
+    residual = residuals(data, loop.final.model.bind(data).poses(theta))
+    changed = dataclasses.replace(loop, final=dataclasses.replace(loop.final, theta=theta, residual=residual))
+    kept, _, warnings = with_held_out_gain(changed, validated(loop.effects), data, None, 5, 0)
+    assert bool(kept.effects) is stays
+    assert any("other effects cancel it" in warning and str(effect) in warning for warning in warnings) is not stays
 
 
 @pytest.mark.slow

@@ -234,12 +234,12 @@ class Effect(abc.ABC):
         """
         return () if self.extrapolates else tuple(validity)
 
-    def relaxing_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the drivers of ``validity`` beyond whose range the prior takes the effect back to zero."""
+    def fading_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+        """Return the drivers of ``validity`` beyond whose range the effect fades to zero, the mean of its prior."""
         return ()
 
     def fading_length(self, arm: Arm, driver: str) -> float:
-        """Return how far beyond its range a relaxing driver takes the effect to 0.6 of its value, SI."""
+        """Return how far beyond its range a fading driver takes the effect to 0.6 of its value, SI."""
         return math.inf
 
     def period(self, arm: Arm, driver: str) -> float | None:

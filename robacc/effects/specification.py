@@ -56,9 +56,9 @@ class Known:
         """Return the ranges of the drivers that the effect does not extrapolate, and their periods."""
         return _limits(self.effect, arm, self.validity, self.effect.held_drivers(arm, self.validity))
 
-    def relaxing_limits(self, arm: Arm) -> tuple[Validity, Periods]:
-        """Return the ranges of the drivers beyond which the effect returns to zero, and their periods."""
-        return _limits(self.effect, arm, self.validity, self.effect.relaxing_drivers(arm, self.validity))
+    def fading_limits(self, arm: Arm) -> tuple[Validity, Periods]:
+        """Return the ranges of the drivers beyond which the effect fades, and their periods."""
+        return _limits(self.effect, arm, self.validity, self.effect.fading_drivers(arm, self.validity))
 
 
 def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:
@@ -69,9 +69,9 @@ def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validit
 
 
 def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> tuple[Term, ...]:
-    """Return the terms of an effect, less and less of them the farther a relaxing driver is beyond its range."""
+    """Return the terms of an effect, less and less of them the farther a fading driver is beyond its range."""
     terms = effect.terms(arm, data)
-    limits, periods = _limits(effect, arm, validity, effect.relaxing_drivers(arm, validity))
+    limits, periods = _limits(effect, arm, validity, effect.fading_drivers(arm, validity))
     share = np.ones(data.n)
     for name, (low, high) in limits.items():
         values = driver_values(arm, data, name)

@@ -70,7 +70,7 @@ class TransmissionError(Effect):
         partial = tuple(name for name, (low, high) in validity.items() if high - low < common_period(self.orders))
         return tuple(name for name in partial if not (self.shrunk and self.period(arm, name)))
 
-    def relaxing_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
+    def fading_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
         """Return the joint of a profile that repeats itself after a turn."""
         return tuple(name for name in validity if self.shrunk and self.period(arm, name))
 

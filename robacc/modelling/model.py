@@ -48,9 +48,9 @@ class Model:
     def bind(self, data: Measurements, validity: Sequence[Validity] | None = None, *, fades: bool = True) -> BoundModel:
         """Evaluate every regressor for these poses.
 
-        A known effect is held at the ends of its validity range, or returns to zero beyond it. A free one does so only
+        A known effect is held at the ends of its validity range, or fades to zero beyond it. A free one does so only
         if ``validity`` gives the range that each was fitted on; a known effect that is free too then has the range of
-        both. Without ``fades`` no free effect returns to zero: its coefficients' uncertainty does not.
+        both. Without ``fades`` no free effect fades: its coefficients' uncertainty does not.
 
         Raises:
             UsageError: The poses lack a column that an effect needs, or do not fit the arm.
@@ -82,7 +82,7 @@ class Model:
         )
 
     def _range_of(self, known: Known, validity: Sequence[Validity] | None) -> Validity:
-        """Return the ranges beyond which a known effect is held or returns to zero; empty for one that is fitted."""
+        """Return the ranges beyond which a known effect is held or fades; empty for one that is fitted."""
         number = next((i for i, effect in enumerate(self.free) if effect.key() == known.effect.key()), None)
         if number is None:
             return known.validity

@@ -96,7 +96,7 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
     for effect in known:
         share = np.zeros(data.n)
         held_drivers = effect.effect.held_drivers(arm, effect.validity)
-        uncertain_drivers = (*held_drivers, *effect.effect.relaxing_drivers(arm, effect.validity))
+        uncertain_drivers = (*held_drivers, *effect.effect.fading_drivers(arm, effect.validity))
         for driver, (low, high) in effect.validity.items():
             values = driver_values(arm, data, driver)
             if values is None:
@@ -146,10 +146,10 @@ def _growth(share: Array) -> Array:
 def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
     """Return the mean square (m^2) of the displacement that an effect makes at these poses.
 
-    It is held at its range, but does not return to zero: what it may be there is as large as it is within its range.
+    It is held at its range, but does not fade: what it may be there is as large as it is within its range.
     """
-    relaxing = known.effect.relaxing_drivers(arm, known.validity)
-    validity = {driver: limits for driver, limits in known.validity.items() if driver not in relaxing}
+    fading = known.effect.fading_drivers(arm, known.validity)
+    validity = {driver: limits for driver, limits in known.validity.items() if driver not in fading}
     known = dataclasses.replace(known, validity=validity)
     rows = np.unique(np.linspace(0, data.n - 1, min(data.n, 200)).astype(int))
     poses = data.subset(rows)

@@ -31,7 +31,7 @@ def fading_columns(model: Model, data: Measurements, sample: Measurements) -> Ar
 
 def _column_of(known: Known, model: Model, data: Measurements, sample: Measurements) -> Array | None:
     """Return what fading takes from an effect ``(6, n)``; None if it does not fade, or no pose is beyond its range."""
-    limits, periods = known.relaxing_limits(model.arm)
+    limits, periods = known.fading_limits(model.arm)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
         return None
     complete = known.effect.terms(model.arm, data)

@@ -200,9 +200,11 @@ class _Without(Conditioned):
     """A model without some columns of ``larger``, described by the directions that it lacks."""
 
     def __init__(self, larger: Conditioned, rows: slice) -> None:
-        _, sizes, directions = np.linalg.svd(larger.root[rows], full_matrices=False)
+        # Orthogonal factorisation always ends; LAPACK's divide-and-conquer SVD did not on some blocks of 72 columns.
+        directions, triangle = np.linalg.qr(larger.root[rows].T)
+        sizes = np.abs(np.diag(triangle))
         self._larger = larger
-        self._lacking = directions[sizes > 1e-9 * max(sizes.max(initial=0.0), 1e-300)]
+        self._lacking = directions.T[sizes > 1e-9 * max(sizes.max(initial=0.0), 1e-300)]
         self._restored_residual = self._lacking @ larger.explained
         root = larger.root - (larger.root @ self._lacking.T) @ self._lacking
         root[rows] = 0.0

@@ -44,10 +44,6 @@ class Known:
     validity: Validity = field(default_factory=dict)
     """Range of each driver over the poses that the values were fitted to; empty if unknown."""
 
-    def clip_drivers(self, arm: Arm, data: Measurements) -> Measurements:
-        """Return the poses with the drivers that the effect does not extrapolate held at the ends of their ranges."""
-        return held_at_ends(self.effect, arm, data, self.validity)
-
     def is_held_at(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
         """Return ``(N,)`` the mask of poses where a driver of the effect is held at the end of its range."""
         return is_outside(arm, data, *self.held_limits(arm))

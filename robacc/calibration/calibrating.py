@@ -21,7 +21,7 @@ from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.gravity_direction import gravity_direction
+from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.leverage import high_leverage
 from robacc.fitting.mass_uncertainty import with_mass_uncertainty
@@ -112,8 +112,8 @@ def calibrate(
     mistakes = check_data(robot, data)
     options = options or Options()
     plan = CalibrationPlan(robot, requests, priors or {}, shrink)
-    direction = gravity_direction(Model.of(robot, plan.fixed(data)), data)
-    robot = direction.model.arm.robot
+    stated = robot.gravity
+    robot = with_gravity_direction(Model.of(robot, plan.fixed(data)), data).arm.robot
     plan = dataclasses.replace(plan, robot=robot)
     progress("fitting", 0, n_folds + 1)
     found = plan.search(data)
@@ -147,7 +147,7 @@ def calibrate(
         n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(places(data).max()) + 1),
         warnings=(
             *mistakes,
-            *([] if direction.warning is None else [direction.warning]),
+            *gravity_warning(stated, robot.gravity),
             *places_warning(data),
             *few_places_warning(final.fit, data),
             *fit_warnings(final.fit, data, comparison.after, noise, holdout),

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -35,16 +34,7 @@ _PER_COMPONENT = 0.07
 of a physics engine reach 0.05 by errors that are not white noise, and 0.1 or more by springs."""
 
 
-@dataclass(frozen=True, slots=True)
-class GravityDirection:
-    """Model with the direction of gravity that the poses show."""
-
-    model: Model
-    warning: str | None
-    """That it is not the direction of the robot file, and what to state; None if it is."""
-
-
-def gravity_direction(model: Model, data: Measurements) -> GravityDirection:
+def with_gravity_direction(model: Model, data: Measurements) -> Model:
     """Return the model with gravity along the base where the deflections show that the measuring frame is not level.
 
     Springs at all joints are fitted beside the free effects with gravity as the robot file states it in the measuring
@@ -60,7 +50,7 @@ def gravity_direction(model: Model, data: Measurements) -> GravityDirection:
     others = list(_other_directions(robot, turned))
     first = _with_springs(robot.gravity, model, data, None) if others else None
     if first is None:
-        return GravityDirection(model, None)
+        return model
     # Rows that one direction leaves out as outliers and another does not would decide otherwise.
     kept = data.subset(np.flatnonzero(first.inliers))
     stated = _with_springs(robot.gravity, model, kept, first)
@@ -68,9 +58,9 @@ def gravity_direction(model: Model, data: Measurements) -> GravityDirection:
     worth = [(_worth(stated, one), other) for one, other in fits if one is not None and stated is not None]
     best = max(worth, default=(0.0, robot.gravity), key=lambda entry: entry[0])
     if best[0] < _decisive(kept):
-        return GravityDirection(model, None)
+        return model
     arm = Arm.of(dataclasses.replace(robot, gravity=best[1]))
-    return GravityDirection(dataclasses.replace(model, arm=arm), direction_text(robot.gravity, best[1]))
+    return dataclasses.replace(model, arm=arm)
 
 
 def _decisive(data: Measurements) -> float:
@@ -79,7 +69,7 @@ def _decisive(data: Measurements) -> float:
 
 
 def fit_frames(model: Model, data: Measurements) -> Fit:
-    """Return the fit of base, tool or both of a model with known effects, with gravity as :func:`gravity_direction`.
+    """Return the fit of base, tool or both of a model with known effects, with gravity as the poses show it.
 
     Raises:
         InputError: There are too few poses.
@@ -153,14 +143,14 @@ def _cost_of_signs(one: Fit) -> float:
     return cost
 
 
-def direction_text(stated: Vector, shown: Vector) -> str | None:
-    """Return that gravity is not as the robot file states it, and what to do; None if it is."""
+def gravity_warning(stated: Vector, shown: Vector) -> tuple[str, ...]:
+    """Return that gravity is not as the robot file states it, and what to do; empty if it is."""
     if stated == shown:
-        return None
+        return ()
     angle = math.degrees(_angle(np.array(stated), np.array(shown)))
     numbers = ", ".join(f"{value:.3g}" for value in shown)
     return (
         f"the measuring frame is not level: the deflections of the arm show gravity {angle:.3g} degrees from the "
         f"direction in the robot file; gravity: [{numbers}] is used instead, so state it in the robot file, or level "
-        "the measuring frame"
+        "the measuring frame",
     )

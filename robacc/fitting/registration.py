@@ -16,7 +16,7 @@ from robacc.effects import effect_class
 from robacc.errors import UsageError
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.gravity_direction import direction_text, fit_frames
+from robacc.fitting.gravity_direction import fit_frames, gravity_warning
 from robacc.fitting.parameters import FittedParameter, parameters
 from robacc.geometry import Poses, rpy_from_rotation
 from robacc.measurements import Measurements
@@ -52,9 +52,8 @@ def align(robot: Robot, data: Measurements, frames: Sequence[str]) -> Alignment:
     """
     fitted = registration_fit(robot, data, frames)
     effects = tuple(effect.name for effect in fitted.model.free)
-    notes = tuple(dropped.why for dropped in fitted.dropped)
-    if direction := direction_text(robot.gravity, fitted.model.arm.robot.gravity):
-        notes = (*notes, direction)
+    dropped = (coefficient.why for coefficient in fitted.dropped)
+    notes = (*dropped, *gravity_warning(robot.gravity, fitted.model.arm.robot.gravity))
     return Alignment(apply_fit(fitted), effects, int(fitted.identifiability.columns.size), parameters(fitted), notes)
 
 

@@ -21,7 +21,7 @@ from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.gravity_direction import gravity_direction
+from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
@@ -128,8 +128,8 @@ def trace(
         UsageError: the data lack a quantity that a declared effect needs.
     """
     mistakes = check_data(model.arm.robot, data)
-    direction = gravity_direction(model, data)
-    model = direction.model
+    stated = model.arm.robot.gravity
+    model = with_gravity_direction(model, data)
     first_search = search(
         model,
         data,
@@ -193,7 +193,7 @@ def trace(
         next_poses=_advice(search_result, findings, data, noise.noise.position, seed),
         warnings=(
             *mistakes,
-            *([] if direction.warning is None else [direction.warning]),
+            *gravity_warning(stated, model.arm.robot.gravity),
             *_warnings_of_fits(declared, final, noise, data),
             *([no_held_out_warning(data)] if validation is None else []),
             *([] if holdout is None else _holdout_warnings(moved, stages.after)),

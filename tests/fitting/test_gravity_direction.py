@@ -7,7 +7,7 @@ import pytest
 from independent_arm import DECLARED, DH, Matrix, link_frames, measured, robot, run, target
 
 from robacc.effects.request import build, parse_requests
-from robacc.fitting.gravity_direction import gravity_direction
+from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.registration import align
 from robacc.geometry import rotation_from_rpy
 from robacc.measurements import Measurements
@@ -45,8 +45,8 @@ def campaign(tilt: Matrix, gravity: Matrix, springs: Matrix = SPRINGS, n: int = 
 
 def found(data: Measurements) -> tuple[Matrix, str | None]:
     model = Model(ARM, free=build(parse_requests(DECLARED), ARM, data))
-    direction = gravity_direction(model, data)
-    return np.array(direction.model.arm.robot.gravity), direction.warning
+    shown = with_gravity_direction(model, data).arm.robot.gravity
+    return np.array(shown), next(iter(gravity_warning(ARM.robot.gravity, shown)), None)
 
 
 @pytest.mark.parametrize(

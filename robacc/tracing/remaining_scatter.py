@@ -1,8 +1,10 @@
-"""Scatter of the joints that remains where findings of a search are withdrawn.
+"""Scatter of the joints in the fits of a search, and what remains of it where findings are withdrawn.
 
-A finding may have explained scatter by chance. Without it, the scatter is estimated anew, and the findings that remain
-are tested again beside it. Where no finding remains and the scatter is contradicted
-(:mod:`robacc.fitting.scatter_check`), the baseline is fitted without it.
+Scatter is estimated beside the findings. The baseline lacks them, so its errors are not scatter alone: where they
+contradict it (:mod:`robacc.fitting.scatter_check`), the baseline is fitted with equal weights, as a calibration is.
+
+A finding may have explained scatter by chance. Where it is withdrawn, the scatter is estimated anew, and the findings
+that remain are tested again beside it.
 """
 
 from __future__ import annotations
@@ -11,14 +13,49 @@ import dataclasses
 
 import numpy as np
 
-from robacc.fitting.fit_repeatability import settle_scatter
+from robacc.fitting.fit_repeatability import settle_scatter, with_scatter
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.repeatability import MANY_COEFFICIENTS
+from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
 from robacc.fitting.scatter_check import contradicts_scatter
 from robacc.measurements import Measurements
 from robacc.tracing.linearised_candidates import linearise
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_of, refit
+
+
+def with_scatter_in_fits(result: SearchResult, data: Measurements) -> SearchResult:
+    """Return a search with fits weighted by the joints' scatter; a baseline that contradicts it has equal weights.
+
+    Profiles of joints are chosen without scatter, because they would be chosen many times otherwise; they are fitted
+    beside what remains of it.
+    """
+    components = result.components
+    if components is None:
+        return result
+    options = result.options if result.options.scatter is not None else with_scatter(result.options, components)
+    final = result.final if result.final.scatter is not None else _refitted(result.final, data, options)
+    declared = _baseline(result.declared, data, options, components)
+    if result.effects:
+        return dataclasses.replace(result, declared=declared, final=final, options=options)
+    if declared.scatter is None:
+        return _without_scatter(result, declared, data)
+    return result
+
+
+def _baseline(like: Fit, data: Measurements, options: Options, components: Components) -> Fit:
+    """Return the baseline weighted by the joints' scatter, or with equal weights if its errors contradict it."""
+    plain = _refitted(like, data, _unweighted(options))
+    weighted = _refitted(like, data, options)
+    return plain if contradicts_scatter(plain, weighted, components, data) else weighted
+
+
+def _unweighted(options: Options) -> Options:
+    """Return the options of a fit with equal weights."""
+    return dataclasses.replace(options, scatter=None, misfit=None)
+
+
+def _refitted(fitted: Fit, data: Measurements, options: Options) -> Fit:
+    return refit(fitted, fitted.model.free, data, options)
 
 
 def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Measurements) -> SearchResult:
@@ -31,24 +68,16 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
     """
     if after.effects == before.effects or after.final.theta.size > MANY_COEFFICIENTS:
         return after
-
-    def refitted(fitted: Fit, options: Options) -> Fit:
-        return refit(fitted, fitted.model.free, data, options)
-
     options, components = settle_scatter(
-        after.final, data, after.options, lambda options: refitted(after.final, options)
+        after.final, data, after.options, lambda options: _refitted(after.final, data, options)
     )
     if components is None:
         return after
-    declared = refitted(after.declared, options)
+    declared = _baseline(after.declared, data, options, components)
     effects = after.effects
-    if not effects:
-        plain = dataclasses.replace(after.options, scatter=None, misfit=None)
-        unweighted = refitted(after.declared, plain)
-        if contradicts_scatter(unweighted, declared, components, data):
-            # What remains is an error that no candidate explains, not scatter: weights by it would only hide it.
-            return _without_scatter(after, unweighted, plain, data)
-    final = refitted(after.final, options) if effects else declared
+    if not effects and declared.scatter is None:
+        return _without_scatter(dataclasses.replace(after, components=components), declared, data)
+    final = _refitted(after.final, data, options) if effects else declared
     model_effects, rows = declared.model.free, np.ones(data.n, dtype=bool)
     candidates = linearise(final, data, (*model_effects, *frames_of(effects)))
     selection = candidates.selection(rows, [effect for effect in effects if not effect.is_frame])
@@ -73,8 +102,11 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
     return with_remaining_scatter(result, dataclasses.replace(result, effects=kept, final=lacking), data)
 
 
-def _without_scatter(after: SearchResult, declared: Fit, options: Options, data: Measurements) -> SearchResult:
-    """Return a search without findings whose baseline ``declared`` is fitted with equal weights."""
+def _without_scatter(after: SearchResult, declared: Fit, data: Measurements) -> SearchResult:
+    """Return a search without findings whose baseline ``declared`` is fitted with equal weights.
+
+    What remains is an error that no candidate explains, not scatter: weights by it would only hide it.
+    """
     candidates = linearise(declared, data, declared.model.free)
     return dataclasses.replace(
         after,
@@ -83,6 +115,5 @@ def _without_scatter(after: SearchResult, declared: Fit, options: Options, data:
         candidates=candidates,
         final_candidates=candidates,
         selection=candidates.selection(np.ones(data.n, dtype=bool)),
-        options=options,
-        components=None,
+        options=_unweighted(after.options),
     )

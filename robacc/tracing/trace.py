@@ -19,7 +19,7 @@ from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
-from robacc.fitting.fit_repeatability import Repeatability, repeatability_of
+from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
@@ -49,7 +49,7 @@ from robacc.tracing.findings import Finding, describe_finding
 from robacc.tracing.loop import SearchResult, search
 from robacc.tracing.refitting import SEARCH, frames_first, refit
 from robacc.tracing.remaining_error import Unexplained, remaining_error
-from robacc.tracing.remaining_scatter import with_remaining_scatter
+from robacc.tracing.remaining_scatter import with_remaining_scatter, with_scatter_in_fits
 from robacc.tracing.selection import SelectionStep
 from robacc.tracing.verdict import Verdict, assumption_of, explained_share, verdict_of
 
@@ -137,6 +137,7 @@ def trace(
         empirical=empirical,
         progress=lambda count, n_findings: progress(_search_label(count, n_findings), 0, n_folds + 1),
     )
+    first_search = with_scatter_in_fits(first_search, data)
     search_result, validation = _confirmed(first_search, data, holdout, n_folds, seed, empirical, progress)
     moved = None if holdout is None else moved_frames(first_search.declared, holdout)
     frames = None if holdout is None or moved is None else held_out_frames(first_search.declared, holdout)
@@ -157,9 +158,7 @@ def trace(
         describe_finding(search_result, effect, final, coefficients, validation, data)
         for effect in search_result.effects
     )
-    repeatability = (
-        None if search_result.components is None else repeatability_of(final, search_result.components, data)
-    )
+    repeatability = _repeatability(search_result, final, data)
     rounding = evident_rounding(final, data)
     unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding)
     ends = None if validation is None else (validation.before, validation.after)
@@ -248,16 +247,32 @@ def _final_fits(search_result: SearchResult, data: Measurements) -> tuple[Fit, F
     Elastic effects are in the form that the data support; the choice is returned too. A fit with shrunk blocks is not
     repeated.
     """
-    scatter, misfit = search_result.options.scatter, search_result.options.misfit
-    converged = dataclasses.replace(Options(), scatter=scatter, misfit=misfit)
-    declared, form = choose_form(search_result.declared, search_result.declared.model, data, converged)
+    declared, form = choose_form(
+        search_result.declared, search_result.declared.model, data, _converged(search_result.declared)
+    )
     if not search_result.effects:
         return declared, declared, form
     if search_result.final.group_stds:
         return declared, search_result.final, None
     model = search_result.declared.model.with_free(*frames_first(search_result.effects))
+    converged = _converged(search_result.final)
     final, form = choose_form(refit(search_result.final, model.free, data, converged), model, data, converged)
     return declared, final, form
+
+
+def _converged(fitted: Fit) -> Options:
+    """Return the options of a fit to full convergence, weighted as ``fitted`` is."""
+    if fitted.scatter is None:
+        return Options()
+    return dataclasses.replace(Options(), scatter=fitted.scatter, misfit=fitted.misfit)
+
+
+def _repeatability(search_result: SearchResult, final: Fit, data: Measurements) -> Repeatability | None:
+    """Return the scatter of the joints, apart from an error that no effect explains; None if it is not significant."""
+    if search_result.components is None:
+        return None
+    repeatability = repeatability_of(final, search_result.components, data)
+    return repeatability if final.scatter is not None else measured_alone(repeatability)
 
 
 def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measurements) -> tuple[str, ...]:

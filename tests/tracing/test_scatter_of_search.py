@@ -11,6 +11,8 @@ import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
+from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.repeatability import Components
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
@@ -19,7 +21,7 @@ from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing import loop
 from robacc.tracing.confirmation import _with_effects
 from robacc.tracing.loop import search
-from robacc.tracing.remaining_scatter import with_remaining_scatter
+from robacc.tracing.remaining_scatter import with_remaining_scatter, with_scatter_in_fits
 
 SCATTER, NOISE = 1e-4, 2e-5
 CANDIDATES = ("transmission_error", "joint_correction", "gear_ratio")
@@ -78,3 +80,43 @@ def test_scatter_is_not_explained_by_effects(monkeypatch: pytest.MonkeyPatch) ->
     assert clean.options.scatter is not None
     assert clean.final.misfit[0] == pytest.approx(NOISE, rel=0.2)
     assert clean.selection.chosen == []
+
+
+def irregular(q: np.ndarray) -> np.ndarray:
+    """Return joint angles that the gears of joints 2 and 3 turn to: errors of some 0.3 mrad in 36 orders."""
+    rng, actual, orders = np.random.default_rng(3), q.copy(), np.arange(1, 37)
+    for joint in (1, 2):
+        size = 3e-4 / np.sqrt(orders.size) * rng.standard_normal((2, orders.size))
+        angle = orders[:, None] * q[joint]
+        actual[joint] += size[0] @ np.cos(angle) + size[1] @ np.sin(angle)
+    return actual
+
+
+def test_profiles_are_fitted_beside_scatter_and_the_baseline_is_not() -> None:
+    robot = dataclasses.replace(arm("irb1600").robot, effects=())
+    poses = simulate(robot, Plan(150, seed=5, noise_position=0.0, orientation=False)).data
+    visited = poses.subset(np.repeat(np.arange(150), 2))
+    elsewhere = simulate(robot, Plan(300, seed=6, noise_position=0.0, orientation=False)).data
+    assert visited.q is not None
+    assert elsewhere.q is not None
+    rng = np.random.default_rng(3)
+    scattered = irregular(visited.q) + SCATTER * rng.standard_normal(visited.q.shape)
+    position = predict(robot, dataclasses.replace(visited, q=scattered)).translation
+    data = dataclasses.replace(visited, position=position + NOISE * rng.standard_normal(position.shape))
+    truth = predict(robot, dataclasses.replace(elsewhere, q=irregular(elsewhere.q))).translation
+
+    def error(fitted: Fit) -> float:
+        predicted = predict(apply_fit(fitted), elsewhere).translation
+        return float(np.sqrt(np.mean(np.sum(np.square(predicted - truth), axis=0))))
+
+    start = Model.of(robot)
+    free = build(parse_requests("base_frame,tool_frame,joint_offset"), start.arm, data)
+    result = search(Model(start.arm, start.known, free), data, only=("transmission_error",))
+    assert [effect.joints for effect in result.effects] == [("j2",), ("j3",)]
+    assert result.final.scatter is None
+    fitted = with_scatter_in_fits(result, data)
+    assert fitted.final.scatter is not None
+    # On eight sets the error on other poses was 16 to 26 % lower.
+    assert error(fitted.final) < 0.9 * error(result.final)
+    # The baseline lacks the profiles: its errors are not scatter.
+    assert fitted.declared.scatter is None

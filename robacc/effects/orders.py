@@ -36,6 +36,14 @@ def common_period(orders: Sequence[float]) -> float:
     return 2.0 * math.pi / float(spacing[spacing > 0].min())
 
 
+def are_separable(first: float, second: float, angle_range: float) -> bool:
+    """Return whether poses over a range of a joint (rad) separate two orders: a quarter period of their beat or more.
+
+    Over less, two waves of opposite phase and any size fit as well as small ones.
+    """
+    return abs(first - second) * angle_range >= 0.5 * math.pi
+
+
 def exact_period(orders: Sequence[float], gear_ratio: float | None) -> float | None:
     """Return the turn of a joint (rad) after which a sum of these orders repeats itself; None if there is none.
 

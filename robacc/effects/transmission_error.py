@@ -13,7 +13,7 @@ import numpy as np
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import joint_driver
 from robacc.effects.gear_ratio import GearRatio
-from robacc.effects.orders import ONE_TURN, ORDER_STEP, SAME_ORDER, common_period, exact_period
+from robacc.effects.orders import ONE_TURN, ORDER_STEP, SAME_ORDER, are_separable, common_period, exact_period
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -103,7 +103,7 @@ class TransmissionError(Effect):
         return any(abs(order - other_order) <= SAME_ORDER for order in self.orders for other_order in other.orders)
 
     def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
-        """Return whether it is ``other``, or a profile of the joint that ``other`` is a part of.
+        """Return whether it is ``other``, an order too near to it, or a profile of the joint that it is a part of.
 
         A correction of the joint by its own variable is a part too, and so is a trend over a short range: two functions
         of the same variable would take large values of opposite sign, which a trend keeps beyond the range. Over more
@@ -111,16 +111,20 @@ class TransmissionError(Effect):
         """
         if self.key() == other.key():
             return True
-        is_narrow = ranges.get(self.joints[0], math.inf) <= ONE_TURN
-        if not self.shrunk or self.joints != other.joints:
+        if self.joints != other.joints:
             return False
+        measured = ranges.get(self.joints[0], math.inf)
+        if not self.shrunk:
+            orders = other.orders if isinstance(other, TransmissionError) else ()
+            return len(self.orders) == len(orders) == 1 and not are_separable(self.orders[0], orders[0], measured)
+        is_narrow = measured <= ONE_TURN
         # Imported here: at the head of the file it would come before this effect in the catalogue.
         from robacc.effects.joint_correction import JointCorrection
 
         if isinstance(other, JointCorrection):
             return is_narrow and set(other.drivers) <= {"own", *self.joints}
         if isinstance(other, GearRatio):
-            return ranges.get(self.joints[0], math.inf) <= _SHORT
+            return measured <= _SHORT
         if not isinstance(other, TransmissionError):
             return False
         if max(other.orders) > max(self.orders):

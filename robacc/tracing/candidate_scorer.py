@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.periodic import of_order
+from robacc.effects.periodic import of_order, orders_of
 from robacc.geometry import Array
 from robacc.tracing.candidates import Batch, Candidate, OrderGrid
 from robacc.tracing.conditioned_columns import Conditioned, Family
@@ -140,20 +140,20 @@ class CandidateScorer:
         """Return all candidates beside ``present``, best first; of each joint's orders only the best."""
         keys = {finding.candidate.key for finding in present}
         profiles = [finding.candidate for finding in present if finding.candidate.is_block]
-        absent = keys.union(*(self._covered_by(profile) for profile in profiles))
+        orders = _single_orders(present)
+        absent = keys.union(*(self._covered_by(candidate) for candidate in (*profiles, *orders)))
         ranked: list[Ranked] = []
         for batch in self._batches:
             scores = batch.judge(conditioned)
             ranked.extend(Ranked(self.pool[i], scores, k) for k, i in enumerate(batch.members))
-        others = self._searched.best(conditioned)
+        others = self._searched.best(conditioned, lambda candidate: self._is_covered(candidate, orders))
         if with_blocks:
             others += self._rank_blocks(conditioned)
         competing = [entry for entry in ranked if entry.candidate.key not in absent]
         competing.extend(
             entry
             for entry in others
-            if entry.candidate.key not in keys
-            and not any(self.covers(profile, entry.candidate) for profile in profiles)
+            if entry.candidate.key not in keys and not self._is_covered(entry.candidate, profiles)
         )
         ordered = sorted_by_odds(competing)
         judged = [self._with_handicap(entry, conditioned) for entry in ordered[:_JUDGED]]
@@ -179,8 +179,10 @@ class CandidateScorer:
         """Return the best high order of each joint beside ``present``, best first."""
         if self._high_orders is None:
             self._high_orders = SearchedForms([self._orders(grid) for grid in self.high_grids])
-        keys = {finding.candidate.key for finding in present}
-        return sorted_by_odds(r for r in self._high_orders.best(conditioned) if r.candidate.key not in keys)
+        orders = _single_orders(present)
+        return sorted_by_odds(
+            self._high_orders.best(conditioned, lambda candidate: self._is_covered(candidate, orders))
+        )
 
     def rank_places(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
         """Return the best place of each form of an effect of the line of sight beside ``present``, best first."""
@@ -218,6 +220,10 @@ class CandidateScorer:
         if pair not in self._covered:
             self._covered[pair] = present.covers(other, self._ranges)
         return self._covered[pair]
+
+    def _is_covered(self, candidate: Candidate, by: Sequence[Candidate]) -> bool:
+        """Return whether a candidate in the model makes ``candidate`` redundant."""
+        return any(self.covers(present, candidate) for present in by)
 
     def _covered_by(self, present: Candidate) -> frozenset[tuple[object, ...]]:
         """Return the keys of the pool's candidates that a candidate in the model makes redundant."""
@@ -284,3 +290,9 @@ class CandidateScorer:
 def _steps_of(scan: StepScan, steps: StepFamily) -> SearchedForm:
     """Return the places of a step."""
     return SearchedForm(steps, lambda i: scan.candidate(int(steps.places[i])))
+
+
+def _single_orders(present: Sequence[Chosen]) -> list[Candidate]:
+    """Return the periodic errors of one order among the findings."""
+    candidates = (finding.candidate for finding in present)
+    return [candidate for candidate in candidates if len(orders_of(candidate.effect)) == 1]

@@ -127,7 +127,7 @@ def with_held_out_gain(
 def _most_cancelled(search_result: SearchResult, validation: CrossValidation, data: Measurements) -> Effect | None:
     """Return the finding that others cancel most, if it moves poses much farther than held-out poses gain by it."""
     overshoots = {
-        effect: _overshoot(search_result.final, effect, validation.without[effect.key()], validation.after, data)
+        effect: _overshoot(search_result.final, effect, validation, data)
         for effect in search_result.effects
         if effect.key() in validation.without and not effect.is_frame
     }
@@ -135,10 +135,11 @@ def _most_cancelled(search_result: SearchResult, validation: CrossValidation, da
     return worst if worst is not None and overshoots[worst] > _LARGEST_OVERSHOOT else None
 
 
-def _overshoot(final: Fit, effect: Effect, without: Array, after: Array, data: Measurements) -> float:
+def _overshoot(final: Fit, effect: Effect, validation: CrossValidation, data: Measurements) -> float:
     """Return how far an effect moves the poses over what held-out poses gain by it, both weighted by the noise.
 
-    It is 0 if the arm cannot be evaluated without the effect.
+    The gain counts up to the error of the baseline: two effects that cancel each other make it large for both. The
+    result is 0 if the arm cannot be evaluated without the effect.
     """
     number = next(i for i, free in enumerate(final.model.free) if free.key() == effect.key())
     theta = np.where(np.array(final.owners) == number, 0.0, final.theta)
@@ -147,7 +148,9 @@ def _overshoot(final: Fit, effect: Effect, without: Array, after: Array, data: M
     except RobaccError:
         return 0.0
     weight = np.square(final.weight * final.inliers)
-    gain = float(np.sum((np.square(without) - np.square(after)) * weight))
+    without = validation.without[effect.key()]
+    gain = float(np.sum((np.square(without) - np.square(validation.after)) * weight))
+    gain = min(gain, float(np.sum(np.square(validation.before) * weight)))
     moved_squares = float(np.sum(np.square(moved) * weight))
     return math.sqrt(moved_squares / gain) if gain > 0.0 else 0.0
 

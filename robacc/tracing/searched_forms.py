@@ -25,6 +25,15 @@ class SearchedForm:
     candidate: Callable[[int], Candidate]
     """Function that returns the candidate of a number from 0 to B - 1."""
 
+    def best_allowed(self, conditioned: Conditioned, is_excluded: Callable[[Candidate], bool]) -> Ranked | None:
+        """Return the best candidate that is not excluded, beside a model; None if all are."""
+        scores = self.family.judge(conditioned)
+        for number in np.argsort(-scores.evidence, kind="stable").tolist():
+            candidate = self.candidate(number)
+            if not is_excluded(candidate):
+                return Ranked(candidate, scores, number)
+        return None
+
 
 class _Union(Family):
     """Candidates of several families with equally many columns each."""
@@ -67,12 +76,18 @@ class SearchedForms:
             groups = tuple(slice(end - len(family.rhs), end) for end, family in zip(ends, families, strict=True))
             self._batches.append(_FormBatch(tuple(numbers), _Union(families), groups))
 
-    def best(self, conditioned: Conditioned) -> list[Ranked]:
-        """Return the best candidate of each form beside a model."""
+    def best(
+        self, conditioned: Conditioned, is_excluded: Callable[[Candidate], bool] = lambda candidate: False
+    ) -> list[Ranked]:
+        """Return the best candidate of each form beside a model, of those that are not excluded."""
         ranked: dict[int, Ranked] = {}
         for batch in self._batches:
             scores = batch.union.judge(conditioned, batch.groups)
             for number, group in zip(batch.numbers, batch.groups, strict=True):
                 best = int(np.argmax(scores.evidence[group]))
-                ranked[number] = Ranked(self._forms[number].candidate(best), scores, group.start + best)
-        return [ranked[number] for number in range(len(self._forms))]
+                entry = Ranked(self._forms[number].candidate(best), scores, group.start + best)
+                if not is_excluded(entry.candidate):
+                    ranked[number] = entry
+                elif (allowed := self._forms[number].best_allowed(conditioned, is_excluded)) is not None:
+                    ranked[number] = allowed
+        return [ranked[number] for number in sorted(ranked)]

@@ -235,11 +235,11 @@ class Effect(abc.ABC):
         return () if self.extrapolates else tuple(validity)
 
     def fading_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the drivers of ``validity`` beyond whose range the effect fades to zero, the mean of its prior."""
+        """Return the joints of ``validity`` beyond whose range the effect fades to its level at the end of it."""
         return ()
 
     def fading_length(self, arm: Arm, driver: str) -> float:
-        """Return how far beyond its range a fading driver takes the effect to 0.6 of its value, SI."""
+        """Return how far beyond its range a fading joint is where 0.6 of the effect is left, SI."""
         return math.inf
 
     def period(self, arm: Arm, driver: str) -> float | None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
+from robacc.effects.beyond_range import limits_of
 from robacc.effects.validity import (
     Periods,
     Validity,
-    clip_drivers,
-    driver_values,
     is_outside,
-    range_excess,
     read_validity,
 )
 from robacc.errors import InputError, Problem, UsageError
@@ -50,47 +47,11 @@ class Known:
 
     def held_limits(self, arm: Arm) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers that the effect does not extrapolate, and their periods."""
-        return _limits(self.effect, arm, self.validity, self.effect.held_drivers(arm, self.validity))
+        return limits_of(self.effect, arm, self.validity, self.effect.held_drivers(arm, self.validity))
 
     def fading_limits(self, arm: Arm) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers beyond which the effect fades, and their periods."""
-        return _limits(self.effect, arm, self.validity, self.effect.fading_drivers(arm, self.validity))
-
-
-def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:
-    """Return the poses with the drivers that ``effect`` does not extrapolate held at the ends of their ranges."""
-    if not validity:
-        return data
-    return clip_drivers(arm, data, *_limits(effect, arm, validity, effect.held_drivers(arm, validity)))
-
-
-def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> tuple[Term, ...]:
-    """Return the terms of an effect, less and less of them the farther a fading driver is beyond its range."""
-    terms = effect.terms(arm, data)
-    limits, periods = _limits(effect, arm, validity, effect.fading_drivers(arm, validity))
-    share = np.ones(data.n)
-    for name, (low, high) in limits.items():
-        values = driver_values(arm, data, name)
-        if values is not None:
-            excess = range_excess(values, low, high, periods.get(name))
-            share *= np.exp(-0.5 * np.square(excess / effect.fading_length(arm, name)))
-    if np.all(share == 1.0):
-        return terms
-
-    def scaled(term: Term) -> Term:
-        parts = (dataclasses.replace(part, factor=part.factor * share) for part in term.parts)
-        return dataclasses.replace(term, parts=tuple(parts))
-
-    return tuple(map(scaled, terms))
-
-
-def _limits(effect: Effect, arm: Arm, validity: Validity, names: Sequence[str]) -> tuple[Validity, Periods]:
-    """Return the ranges of some drivers, and the periods of those that have one."""
-    periods = {name: effect.period(arm, name) for name in names}
-    return (
-        {name: validity[name] for name in names},
-        {name: period for name, period in periods.items() if period is not None},
-    )
+        return limits_of(self.effect, arm, self.validity, self.effect.fading_drivers(arm, self.validity))
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:

@@ -14,7 +14,8 @@ import numpy as np
 
 from robacc.chain import TOOL, Scalar
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.specification import Known, faded, held_at_ends, known_effects
+from robacc.effects.beyond_range import faded, held_at_ends
+from robacc.effects.specification import Known, known_effects
 from robacc.effects.validity import Validity, united
 from robacc.errors import UsageError
 from robacc.geometry import Poses
@@ -48,7 +49,7 @@ class Model:
     def bind(self, data: Measurements, validity: Sequence[Validity] | None = None, *, fades: bool = True) -> BoundModel:
         """Evaluate every regressor for these poses.
 
-        A known effect is held at the ends of its validity range, or fades to zero beyond it. A free one does so only
+        A known effect is held at the ends of its validity range, or fades beyond it. A free one does so only
         if ``validity`` gives the range that each was fitted on; a known effect that is free too then has the range of
         both. Without ``fades`` no free effect fades: its coefficients' uncertainty does not.
 

@@ -1,15 +1,16 @@
 """Uncertainty that profiles add beyond the ranges that they were fitted on.
 
-Beyond its range a profile fades to zero, the mean of its prior, while the variance of its coefficients grows to that of
-the prior. What fading takes from the profile counts as a standard deviation besides: near the range the poses still say
-something of it.
+Beyond its range a profile fades to its level at the end of the range, while the variance of its coefficients grows to
+that of the prior. What fading takes from the profile counts as a standard deviation besides: near the range the poses
+still say something of it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from robacc.effects.specification import Known, faded
+from robacc.effects.beyond_range import faded
+from robacc.effects.specification import Known
 from robacc.effects.validity import is_outside
 from robacc.geometry import Array
 from robacc.measurements import Measurements

@@ -19,6 +19,9 @@ _GROSS = 0.01
 """Share of the spread of the poses above which a residual with fitted frames comes from a mistake in the data."""
 _LARGE_CONDITION = 1e3
 """Condition number of the scaled columns from which on a warning is given."""
+_FEW_NAMES = 3
+"""Coefficients that a warning of a large condition number names."""
+_MILLI = {"m": "mm", "rad": "mrad"}
 _FEW_VALUES = 2
 """Independent values for each coefficient, below which the errors of places are not known well enough: with 30 values
 for 27 coefficients 84 % of 95 % intervals hold the truth, with 75 for 27 92 %."""
@@ -84,13 +87,16 @@ def frames_warning(declared: Fit, data: Measurements) -> tuple[str, ...]:
 
 
 def condition_warning(fit: Fit) -> tuple[str, ...]:
-    """Return a warning if the condition number is large; else empty."""
+    """Return a warning that names the coefficients known least if the condition number is large; else empty."""
     condition = fit.identifiability.condition
     if condition <= _LARGE_CONDITION:
         return ()
+    stds = np.sqrt(np.diag(fit.covariance))
+    known_least = [i for i in np.argsort(-np.nan_to_num(stds))[:_FEW_NAMES] if fit.terms[i].unit in _MILLI]
+    listed = ", ".join(f"{fit.names[i]} (± {1e3 * stds[i]:.2g} {_MILLI[fit.terms[i].unit]})" for i in known_least)
     return (
-        f"condition number {condition:.3g}: some coefficients are weakly identifiable on these poses; measure more "
-        "poses, with more varied joint angles",
+        f"condition number {condition:.3g}: some coefficients are weakly identifiable on these poses, most of all "
+        f"{listed or 'combinations of them'}; measure more poses, with more varied joint angles and orientations",
     )
 
 

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.diagnostics.moved_frames import HeldOutFrames
 from robacc.effects.base import Effect
@@ -18,6 +17,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
 from robacc.tracing.cross_validation import CrossValidation, FoldChoices, cross_validate
+from robacc.tracing.held_out_gain import gain_score
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_first, refit
 from robacc.tracing.selection import Selection
@@ -153,26 +153,6 @@ def _overshoot(final: Fit, effect: Effect, validation: CrossValidation, data: Me
     gain = min(gain, float(np.sum(np.square(validation.before) * weight)))
     moved_squares = float(np.sum(np.square(moved) * weight))
     return math.sqrt(moved_squares / gain) if gain > 0.0 else 0.0
-
-
-def gain_score(without: Array, after: Array, place: NDArray[np.int64], weight: Array | None = None) -> float:
-    """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
-
-    Places are independent, not rows; ``place`` ``(N,)`` is the number of each row's. ``weight`` ``(M, N)`` are
-    reciprocal standard deviations of the components; where None, positions serial are judged, each as good as the
-    others.
-    """
-    if weight is None:
-        without, after, weight = without[:3], after[:3], np.ones_like(after[:3])
-    gain = np.sum((np.square(without) - np.square(after)) * np.square(weight), axis=0)
-    sums = np.bincount(np.unique(place, return_inverse=True)[1], weights=gain)
-    if sums.size < 2:
-        return 0.0
-    error = float(np.std(sums, ddof=1)) / np.sqrt(sums.size)
-    mean = float(np.mean(sums))
-    if error == 0.0:
-        return np.inf if mean > 0 else 0.0
-    return float(mean / error)
 
 
 def _with_effects(search_result: SearchResult, effects: tuple[Effect, ...], data: Measurements) -> SearchResult:

@@ -17,6 +17,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.choosing import choose
+from robacc.tracing.held_out_gain import gain_of
 from robacc.tracing.linearised_candidates import LinearisedCandidates, linearise
 from robacc.tracing.refitting import SEARCH, frames_first, frames_of, refit
 from robacc.tracing.selection import FALSE_ALARM, MOST_FINDINGS, Selection, SelectionStep
@@ -28,6 +29,8 @@ _SCATTER_ROUNDS = 3
 """Largest number of estimates of the scatter of the joints."""
 _LEAST_SHARE = 0.25
 """Least evidence for scatter alone, as a share of that for effects, for which a search starts with scatter too."""
+_CLEARLY_BETTER = 2.0
+"""Standard errors by which effects must predict held-out poses better than scatter with fewer effects, to be none."""
 _LEAST_WORTH = 5.0
 """Least evidence (log Bayes factor) of a step or a drift of the scale beside errors that wander (odds of 150 to 1)."""
 
@@ -293,6 +296,7 @@ def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_
 
     Where rows of a visit share scatter, a search without it explains it by many effects, and none is left to estimate.
     Beside scatter there are fewer; if there are not, what looks like scatter at the baseline is the effects themselves.
+    Nor is it scatter if the effects predict held-out poses.
     """
     other = state.beside_scatter()
     if other is None or other.components is None:
@@ -304,6 +308,6 @@ def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_
     if len(first.next.chosen) >= len(last.effects):
         return state, last, settled
     end, is_settled = other.settle_with_scatter(first)
-    if other.worth(end, state.first) <= worth:
+    if other.worth(end, state.first) <= worth or gain_of(last.fit, end.fit, state.data) > _CLEARLY_BETTER:
         return state, last, settled
     return other, end, is_settled

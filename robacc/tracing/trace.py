@@ -26,6 +26,7 @@ from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
 from robacc.fitting.places import places_warning
+from robacc.fitting.scatter_check import with_scatter_covariance
 from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
@@ -251,6 +252,10 @@ def _final_fits(search_result: SearchResult, data: Measurements) -> tuple[Fit, F
         search_result.declared, search_result.declared.model, data, _converged(search_result.declared)
     )
     if not search_result.effects:
+        components = search_result.components
+        if components is not None and declared.scatter is None:
+            # Errors that rows of a pose share are no scatter, but shared all the same.
+            declared = with_scatter_covariance(declared, components, data)
         return declared, declared, form
     if search_result.final.group_stds:
         return declared, search_result.final, None

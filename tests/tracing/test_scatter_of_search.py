@@ -14,6 +14,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.repeatability import Components
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import Frame
@@ -22,6 +23,7 @@ from robacc.tracing import loop
 from robacc.tracing.confirmation import _with_effects
 from robacc.tracing.loop import search
 from robacc.tracing.remaining_scatter import with_remaining_scatter, with_scatter_in_fits
+from robacc.tracing.trace import _final_fits
 
 SCATTER, NOISE = 1e-4, 2e-5
 CANDIDATES = ("transmission_error", "joint_correction", "gear_ratio")
@@ -120,3 +122,25 @@ def test_profiles_are_fitted_beside_scatter_and_the_baseline_is_not() -> None:
     assert error(fitted.final) < 0.9 * error(result.final)
     # The baseline lacks the profiles: its errors are not scatter.
     assert fitted.declared.scatter is None
+
+
+def test_intervals_of_an_unexplained_residual_allow_for_errors_that_rows_of_a_pose_share() -> None:
+    robot = dataclasses.replace(arm("irb1600").robot, effects=())
+    poses = simulate(robot, Plan(60, seed=5, noise_position=0.0, orientation=False)).data
+    visited = poses.subset(np.repeat(np.arange(60), 8))
+    assert visited.q is not None
+    position = predict(robot, dataclasses.replace(visited, q=irregular(visited.q))).translation
+    data = dataclasses.replace(visited, position=position + NOISE * np.random.default_rng(3).standard_normal((3, 480)))
+    start = Model.of(robot)
+    free = build(parse_requests("base_frame,tool_frame,joint_offset"), start.arm, data)
+    # No candidate explains the gears.
+    result = search(Model(start.arm, start.known, free), data, only=("frame_drift",))
+    assert result.effects == ()
+    assert result.components is not None
+    plain = fit(result.declared.model, data)
+    _, final, _ = _final_fits(dataclasses.replace(result, declared=plain, final=plain), data)
+    assert final.scatter is None
+    columns = final.identifiability.columns
+    wider = np.sqrt(np.diag(final.covariance)[columns] / np.diag(plain.covariance)[columns])
+    # Eight rows of a pose share its error: they say less than independent rows, by up to the root of eight.
+    assert 2.0 < np.median(wider) < 3.5

@@ -22,7 +22,7 @@ def gain_score(without: Array, after: Array, place: NDArray[np.int64], weight: A
     """Return the mean gain of held-out poses over its standard error: squared residuals without less those with.
 
     Places are independent, not rows; ``place`` ``(N,)`` is the number of each row's. ``weight`` ``(M, N)`` are
-    reciprocal standard deviations of the components; where None, positions serial are judged, each as good as the
+    reciprocal standard deviations of the components; where None, positions are judged, each as good as the
     others.
     """
     if weight is None:

@@ -30,7 +30,7 @@ _SCATTER_ROUNDS = 3
 _LEAST_SHARE = 0.25
 """Least evidence for scatter alone, as a share of that for effects, for which a search starts with scatter too."""
 _CLEARLY_BETTER = 2.0
-"""Standard errors by which effects must predict held-out poses better than scatter with fewer effects, to be none."""
+"""Standard errors by which effects must predict held-out poses better than fewer effects beside scatter do, to stay."""
 _LEAST_WORTH = 5.0
 """Least evidence (log Bayes factor) of a step or a drift of the scale beside errors that wander (odds of 150 to 1)."""
 
@@ -296,7 +296,7 @@ def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_
 
     Where rows of a visit share scatter, a search without it explains it by many effects, and none is left to estimate.
     Beside scatter there are fewer; if there are not, what looks like scatter at the baseline is the effects themselves.
-    Nor is it scatter if the effects predict held-out poses.
+    The effects also stay if they predict held-out poses clearly better, which scatter cannot.
     """
     other = state.beside_scatter()
     if other is None or other.components is None:

@@ -26,8 +26,7 @@ from robacc.tracing.refitting import frames_of, refit
 def with_scatter_in_fits(result: SearchResult, data: Measurements) -> SearchResult:
     """Return a search with fits weighted by the joints' scatter; a baseline that contradicts it has equal weights.
 
-    Profiles of joints are chosen without scatter, because they would be chosen many times otherwise; they are fitted
-    beside what remains of it.
+    Profiles of joints are chosen without scatter, which would take their place, and fitted beside what remains of it.
     """
     components = result.components
     if components is None:

@@ -98,12 +98,9 @@ class Selection:
     def _improved(self, finding: Chosen) -> Candidate:
         """Return a finding with its searched setting improved, unless another finding then covers it."""
         better = refined(self.scorer, self.scorer.condition(self.chosen, without=finding), finding)
-        others = (other.candidate for other in self.chosen if other is not finding)
-        if any(
-            self.scorer.covers(other, better) and not self.scorer.covers(other, finding.candidate) for other in others
-        ):
-            return finding.candidate
-        return better
+        others = [other.candidate for other in self.chosen if other is not finding]
+        others = [other for other in others if not self.scorer.covers(other, finding.candidate)]
+        return finding.candidate if any(self.scorer.covers(other, better) for other in others) else better
 
     def run(self, with_blocks: bool = False) -> None:
         """Add candidates until none is significant, with new tests of earlier findings after each step."""

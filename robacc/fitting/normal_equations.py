@@ -85,6 +85,10 @@ class NormalEquations:
     def _inverses(self) -> dict[bytes, Array]:
         return {}
 
+    def moved_to(self, theta: Array, cost: float) -> NormalEquations:
+        """Return the same linearisation at coefficients ``theta`` ``(K,)`` nearby, where the cost is ``cost``."""
+        return NormalEquations(theta, self.gram, self.gradient - self.gram @ (theta - self.theta), cost)
+
     def subset(self, columns: NDArray[np.int64]) -> NormalEquations:
         """Return the equations of some of the coefficients, the others fixed."""
         return NormalEquations(
@@ -208,13 +212,14 @@ class PoseEquations:
         triangle, gram = np.zeros((0, 0)), np.zeros((size + 1, size + 1))
         for index, white_block in enumerate(self._block_maps(white)):
             block = self._whitened(theta, white_block, index)
-            rows = block.flat.T
+            kept = np.append(np.searchsorted(block.places, free), block.places.size)
+            rows = block.flat[kept].T
             triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows)) if index else rows, mode="r"))
-            if self._factored:
+            if free.size < size:
                 gram += block.gram()
-        if not self._factored:
+        if free.size == size:
             gram = triangle.T @ triangle
-        return triangle[:, np.searchsorted(block.places, free)], self._normal(theta, gram)
+        return triangle[:, :-1], self._normal(theta, gram)
 
     def _normal(self, theta: Array, gram: Array) -> NormalEquations:
         """Build them from the Gram matrix of the Jacobian with the residual as its last column."""
@@ -229,7 +234,8 @@ class PoseEquations:
 
     def _linearised(self, theta: Array, index: int) -> tuple[Poses, Array]:
         """Return poses and the Jacobian ``(M, D + F, n)`` of the built columns, and of the motions of the others."""
-        columns = np.concatenate((self._built, len(self.terms) + np.arange(len(self._factored))))
+        motions = [len(self.terms) + i for i, _ in self._sought]
+        columns = np.concatenate((self._built, np.array(motions, dtype=np.int64)))
         if self._cache is not None and np.array_equal(self._cache[0], theta):
             cached, poses, jacobian = self._cache[1:]
             return poses, jacobian[:, np.searchsorted(cached, columns)] if cached.size > columns.size else jacobian
@@ -238,6 +244,12 @@ class PoseEquations:
         if len(self._slices) == 1:
             self._cache = theta, columns, poses, jacobian
         return poses, jacobian
+
+    @property
+    def _sought(self) -> list[tuple[int, NDArray[np.int64]]]:
+        """Place among the shared motions, and coefficients, of those whose columns are not built, if sought."""
+        sought = set(self.columns.tolist())
+        return [(i, numbers) for i, (_, numbers) in enumerate(self._factored) if sought.issuperset(numbers.tolist())]
 
     @property
     def _built(self) -> NDArray[np.int64]:
@@ -256,10 +268,11 @@ class PoseEquations:
         """Return the whitened linearisation of a block."""
         poses, jacobian = self._linearised(theta, index)
         residual = residuals(self._parts[index], poses)
-        built, count = self._built, len(self._factored)
+        profiles = [numbers for _, numbers in self._sought]
+        built, count = self._built, len(profiles)
         motions = jacobian[:, built.size :]
-        factors = [self._factors(numbers, index) for _, numbers in self._factored]
-        places = [np.searchsorted(self.columns, numbers) for _, numbers in self._factored]
+        factors = [self._factors(numbers, index) for numbers in profiles]
+        places = [np.searchsorted(self.columns, numbers) for numbers in profiles]
         if count and white.mixes_rows:
             # Rows that are whitened together mix their regressors, so every column is built.
             full = np.empty((self.rows, self.columns.size, residual.shape[1]))
@@ -272,9 +285,9 @@ class PoseEquations:
         rows[built.size] = residual
         rows[built.size + 1 :] = motions[:, :count].transpose(1, 0, 2)
         white.apply_inplace(rows)
-        profiles = tuple(_Profile(places[i], rows[built.size + 1 + i], factors[i]) for i in range(count))
+        products = tuple(_Profile(places[i], rows[built.size + 1 + i], factors[i]) for i in range(count))
         at = np.searchsorted(self.columns, built)
-        return _Block(poses, residual, at, rows[: built.size + 1], profiles)
+        return _Block(poses, residual, at, rows[: built.size + 1], products)
 
     def _factors(self, numbers: NDArray[np.int64], index: int) -> Array:
         """Return ``(Q, n)`` the regressors of coefficients of one motion."""

@@ -85,6 +85,8 @@ class _Solver:
         self.misfit = options.misfit or misfits.estimate(data, self.predicted.residual, self.inliers, (0.0, 0.0))
         self.columns = self.equations.joint_columns(model) if self._has_scatter else None
         self.weight = misfits.row_weights(data, self.misfit)
+        self._white: Whitening | None = None
+        """The latest whitening with scatter."""
         self.normal: NormalEquations | None = None
         """Linearisation at the present coefficients, weights and inliers; None if any has changed."""
         self.identifiability = self._identify()
@@ -100,7 +102,10 @@ class _Solver:
         weight = self.weight if inliers is None else self.weight * inliers
         if self.columns is None or self.options.scatter is None:
             return Whitening(weight)
-        return whitening(weight, self.columns, self.options.scatter, visit_numbers(self.data), self._sharing)
+        if self._white is None or not np.array_equal(self._white.weight, weight):
+            visits = visit_numbers(self.data)
+            self._white = whitening(weight, self.columns, self.options.scatter, visits, self._sharing)
+        return self._white
 
     @cached_property
     def _sharing(self) -> NDArray[np.int64]:
@@ -117,7 +122,11 @@ class _Solver:
         terms = self.equations.terms
         nominal = np.zeros(len(terms))
         free = [i for i, term in enumerate(terms) if term.group is None]
-        triangle, normal = self.equations.factorise(nominal, self._whitening(), np.array(free, dtype=np.int64))
+        at_nominal = np.array_equal(self.predicted.theta, nominal)
+        if not at_nominal:
+            self.equations.columns = np.array(free, dtype=np.int64)
+        independent = np.searchsorted(self.equations.columns, free)
+        triangle, normal = self.equations.factorise(nominal, self._whitening(), independent)
         names, units = [terms[i].name for i in free], [terms[i].unit for i in free]
         identified = identify(triangle, names, self.data.n, units)
         measured = self.equations.rows * self.data.n
@@ -129,7 +138,7 @@ class _Solver:
         shrunk = [i for i, term in enumerate(terms) if term.group is not None]
         columns = np.array(sorted([free[i] for i in identified.columns] + shrunk), dtype=np.int64)
         self.equations.columns = columns
-        if np.array_equal(self.predicted.theta, nominal):
+        if at_nominal and self.inliers.all():
             self.normal = normal.subset(columns)
         return dataclasses.replace(identified, columns=columns)
 
@@ -196,8 +205,11 @@ class _Solver:
         self.predicted = minimum.predicted
         self.steps += minimum.steps
         self.converged = minimum.converged
-        self.normal = None
-        return minimum.normal
+        linear, columns = minimum.normal, self.equations.columns
+        theta = self.predicted.theta[columns]
+        squares = float(np.sum(np.square(white.apply(self.predicted.residual))))
+        self.normal = linear.moved_to(theta, squares)
+        return linear
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
         """Estimate the misfit again; return whether it changed significantly."""
@@ -206,7 +218,7 @@ class _Solver:
         previous = self.misfit
         used = self._effective(linear)
         self.misfit = misfits.estimate(self.data, self.predicted.residual, self.inliers, used)
-        self.weight = misfits.row_weights(self.data, self.misfit)
+        self.weight, self.normal = misfits.row_weights(self.data, self.misfit), None
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
 
     def _effective(self, linear: NormalEquations) -> tuple[float, float]:
@@ -237,6 +249,7 @@ class _Solver:
         changed = not np.array_equal(inliers, self.inliers)
         self.inliers = inliers
         if changed:
+            self.normal = None
             # Outliers may have taken a group's standard deviation to zero, which the fixed point does not leave.
             self.priors = self._priors()
         return changed

@@ -4,10 +4,6 @@ Rows are whitened by ``weight`` ``(M, N)``, reciprocal standard deviations, zero
 residuals are r = log(R_measured R_predicted^T), whose exact derivative is -J_l^-1(-r) dphi. As r is an eigenvector of
 J_l(r) to eigenvalue 1 and a pose's three orientations have one weight, the gradient is the same without that factor;
 the normal matrix changes by the order of r^2, which Gauss-Newton neglects anyway. So rows dphi are used unchanged.
-
-A joint's profile has many coefficients, whose columns are all the column of one motion times regressors over the poses.
-They are not built: with c and d whitened columns of two motions, f and g regressors, the product of two such columns is
-the sum over the poses of (c . d) f g.
 """
 
 from __future__ import annotations
@@ -24,6 +20,7 @@ from robacc.chain import BLOCK
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.joint_offset import JointOffset
 from robacc.fitting.linear_algebra import posterior
+from robacc.fitting.linearised_rows import LinearisedRows, WhitenedRows
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
@@ -101,59 +98,6 @@ class NormalEquations:
         return float(self.cost - 2.0 * step @ self.gradient + step @ self.gram @ step)
 
 
-@dataclass(frozen=True, slots=True)
-class _Profile:
-    """Coefficients whose columns are the whitened ``column`` ``(M, n)`` of a motion times ``factors`` ``(Q, n)``."""
-
-    places: NDArray[np.int64]
-    """``(Q,)`` indices among the sought coefficients."""
-    column: Array
-    factors: Array
-
-
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """Whitened linearisation of a block of poses."""
-
-    poses: Poses
-    residual: Array
-    """``(M, n)``, not whitened."""
-    places: NDArray[np.int64]
-    """``(D,)`` indices of the built columns among the sought coefficients."""
-    rows: Array
-    """``(D + 1, M, n)`` built columns, and the residual."""
-    profiles: tuple[_Profile, ...]
-
-    @property
-    def flat(self) -> Array:
-        """Return ``(D + 1, M n)`` built columns and the residual."""
-        return self.rows.reshape(self.rows.shape[0], -1)
-
-    def gram(self) -> Array:
-        """Return ``(K + 1, K + 1)`` the Gram matrix of all columns and the residual."""
-        flat = self.flat
-        built: Array = flat @ flat.T
-        if not self.profiles:
-            return built
-        size = self.places.size + sum(profile.places.size for profile in self.profiles)
-        result = np.empty((size + 1, size + 1))
-        at = np.append(self.places, size)
-        result[np.ix_(at, at)] = built
-        for i, profile in enumerate(self.profiles):
-            cross = np.einsum("kmn,mn->kn", self.rows, profile.column) @ profile.factors.T
-            result[np.ix_(at, profile.places)], result[np.ix_(profile.places, at)] = cross, cross.T
-            scaled = profile.factors * np.sqrt(np.einsum("mn,mn->n", profile.column, profile.column))
-            result[np.ix_(profile.places, profile.places)] = scaled @ scaled.T
-            for other in self.profiles[:i]:
-                scaled = profile.factors * np.einsum("mn,mn->n", profile.column, other.column)
-                cross = scaled @ other.factors.T
-                result[np.ix_(profile.places, other.places)], result[np.ix_(other.places, profile.places)] = (
-                    cross,
-                    cross.T,
-                )
-        return result
-
-
 class PoseEquations:
     """A model and measured poses, in blocks; the Jacobian of a single block is cached while coefficients stay."""
 
@@ -196,10 +140,11 @@ class PoseEquations:
         gram = np.zeros((size + 1, size + 1))
         predicted, residual_blocks = [], []
         for index, white_block in enumerate(self._block_maps(white)):
-            block = self._whitened(theta, white_block, index)
-            predicted.append(block.poses)
-            residual_blocks.append(block.residual)
-            gram += block.gram()
+            poses, residual, parts = self._whitened(theta, white_block, index)
+            predicted.append(poses)
+            residual_blocks.append(residual)
+            for rows in parts:
+                gram += rows.gram()
         return PredictedPoses(theta, tuple(predicted), _concatenated(residual_blocks)), self._normal(theta, gram)
 
     def factorise(self, theta: Array, white: Whitening, free: NDArray[np.int64]) -> tuple[Array, NormalEquations]:
@@ -209,14 +154,13 @@ class PoseEquations:
         the columns among the sought coefficients; none is of a group.
         """
         size = self.columns.size
-        triangle, gram = np.zeros((0, 0)), np.zeros((size + 1, size + 1))
+        triangle, gram = np.zeros((0, free.size + 1)), np.zeros((size + 1, size + 1))
         for index, white_block in enumerate(self._block_maps(white)):
-            block = self._whitened(theta, white_block, index)
-            kept = np.append(np.searchsorted(block.places, free), block.places.size)
-            rows = block.flat[kept].T
-            triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows)) if index else rows, mode="r"))
-            if free.size < size:
-                gram += block.gram()
+            for rows in self._whitened(theta, white_block, index)[2]:
+                kept = np.append(np.searchsorted(rows.places, free), rows.places.size)
+                triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows.flat[kept].T)), mode="r"))
+                if free.size < size:
+                    gram += rows.gram()
         if free.size == size:
             gram = triangle.T @ triangle
         return triangle[:, :-1], self._normal(theta, gram)
@@ -238,7 +182,10 @@ class PoseEquations:
         columns = np.concatenate((self._built, np.array(motions, dtype=np.int64)))
         if self._cache is not None and np.array_equal(self._cache[0], theta):
             cached, poses, jacobian = self._cache[1:]
-            return poses, jacobian[:, np.searchsorted(cached, columns)] if cached.size > columns.size else jacobian
+            if np.array_equal(cached, columns):
+                return poses, jacobian
+            if np.isin(columns, cached).all():
+                return poses, jacobian[:, np.searchsorted(cached, columns)]
         poses, jacobian = self._bound[index].linearise(self._with_motions(theta), columns)
         jacobian = jacobian[: self.rows]
         if len(self._slices) == 1:
@@ -264,30 +211,19 @@ class PoseEquations:
             return [white]
         return [white.subset(np.arange(block.start, block.stop)) for block in self._slices]
 
-    def _whitened(self, theta: Array, white: Whitening, index: int) -> _Block:
-        """Return the whitened linearisation of a block."""
+    def _whitened(self, theta: Array, white: Whitening, index: int) -> tuple[Poses, Array, list[WhitenedRows]]:
+        """Return the poses of a block, its residual ``(M, n)`` and the whitened linearisation of its rows."""
         poses, jacobian = self._linearised(theta, index)
         residual = residuals(self._parts[index], poses)
         profiles = [numbers for _, numbers in self._sought]
-        built, count = self._built, len(profiles)
-        motions = jacobian[:, built.size :]
-        factors = [self._factors(numbers, index) for numbers in profiles]
-        places = [np.searchsorted(self.columns, numbers) for numbers in profiles]
-        if count and white.mixes_rows:
-            # Rows that are whitened together mix their regressors, so every column is built.
-            full = np.empty((self.rows, self.columns.size, residual.shape[1]))
-            full[:, np.searchsorted(self.columns, built)] = jacobian[:, : built.size]
-            for i in range(count):
-                full[:, places[i]] = motions[:, i, None] * factors[i]
-            jacobian, built, count = full, self.columns, 0
-        rows = np.empty((built.size + 1 + count, self.rows, residual.shape[1]))
-        rows[: built.size] = jacobian[:, : built.size].transpose(1, 0, 2)
-        rows[built.size] = residual
-        rows[built.size + 1 :] = motions[:, :count].transpose(1, 0, 2)
-        white.apply_inplace(rows)
-        products = tuple(_Profile(places[i], rows[built.size + 1 + i], factors[i]) for i in range(count))
-        at = np.searchsorted(self.columns, built)
-        return _Block(poses, residual, at, rows[: built.size + 1], products)
+        columns, motions = np.split(jacobian, [self._built.size], axis=1)
+        places = tuple(np.searchsorted(self.columns, numbers) for numbers in profiles)
+        factors = tuple(self._factors(numbers, index) for numbers in profiles)
+        built = np.searchsorted(self.columns, self._built)
+        linearised = LinearisedRows(built, columns, residual, places, motions, factors)
+        if not profiles or not white.mixes_rows:
+            return poses, residual, [linearised.whitened(white)]
+        return poses, residual, [linearised.subset(rows).whitened(part) for rows, part in white.parts]
 
     def _factors(self, numbers: NDArray[np.int64], index: int) -> Array:
         """Return ``(Q, n)`` the regressors of coefficients of one motion."""

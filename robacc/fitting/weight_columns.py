@@ -24,9 +24,6 @@ from robacc.gravity.loads import own_weight, unit_loads
 from robacc.measurements import Measurements
 from robacc.modelling.observation import observed_jacobian, residuals
 
-_LEAST_NEW = 1e-9
-"""Share of the largest singular value below which a direction of the other coefficients counts as none."""
-
 
 @dataclass(frozen=True, eq=False)
 class WeightColumns:
@@ -86,6 +83,6 @@ def _without(others: Array, precision: Array, columns: Array) -> Array:
     lengths = np.where(lengths > 0, lengths, 1.0)
     complete = np.vstack((others / lengths, np.diag(np.sqrt(precision) / lengths)))
     padded = np.vstack((columns, np.zeros((len(precision), columns.shape[1]))))
-    directions, sizes, _ = np.linalg.svd(complete, full_matrices=False)
-    directions = directions[:, sizes > _LEAST_NEW * sizes.max(initial=0.0)]
+    # Identified columns are independent, and so are columns with a prior.
+    directions = np.linalg.qr(complete)[0]
     return np.asarray(padded - directions @ (directions.T @ padded))

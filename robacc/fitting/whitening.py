@@ -116,7 +116,23 @@ class Whitening:
     @property
     def mixes_rows(self) -> bool:
         """Whether rows are whitened together."""
-        return self.pose_errors is not None or any(block.rows.shape[1] > 1 for block in self.blocks)
+        return bool(self._together.any())
+
+    @cached_property
+    def _together(self) -> NDArray[np.bool_]:
+        """``(N,)`` mask of the rows that are whitened together with others."""
+        together = np.zeros(self.weight.shape[1], dtype=bool)
+        for numbers in [block.rows for block in self.blocks if block.rows.shape[1] > 1]:
+            together[numbers] = True
+        if self.pose_errors is not None:
+            together |= (np.bincount(self.pose_errors.poses) > 1)[self.pose_errors.poses]
+        return together
+
+    @cached_property
+    def parts(self) -> tuple[tuple[NDArray[np.int64], Whitening], ...]:
+        """Return the rows that are whitened one by one and those that are whitened together, each with its map."""
+        parts = [np.flatnonzero(mask) for mask in (~self._together, self._together)]
+        return tuple((rows, self.subset(rows)) for rows in parts if rows.size)
 
     @property
     def log_determinant(self) -> float:

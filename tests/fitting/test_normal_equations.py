@@ -72,10 +72,12 @@ def test_the_gradient_is_that_of_the_cost_for_orientations_far_off() -> None:
         assert slope == pytest.approx(normal.gradient[i], rel=1e-6, abs=1e-9 * normal.cost / step[i])
 
 
-@pytest.mark.parametrize("visit_rows", [None, 1, 2])
+@pytest.mark.parametrize(
+    ("visit_rows", "pose_std"), [(None, 0.0), (1, 0.0), (2, 0.0), (1, 1e-4), ("some twice", 0.0), ("some twice", 1e-4)]
+)
 @pytest.mark.parametrize("block", [4096, 14])
 def test_profiles_are_summed_as_their_built_columns(
-    visit_rows: int | None, block: int, monkeypatch: pytest.MonkeyPatch
+    visit_rows: int | str | None, pose_std: float, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", block)
     data = measured(28)
@@ -92,8 +94,12 @@ def test_profiles_are_summed_as_their_built_columns(
     theta = rng.normal(scale=1e-6, size=len(equations.terms))
     white = Whitening(weights(equations, data.n))
     if visit_rows is not None:
-        scatter = Scatter(np.full(6, 1e-4), np.zeros(6))
-        visits = np.arange(data.n) // visit_rows
+        scatter = Scatter(np.full(6, 1e-4), np.full(6, pose_std))
+        # Of the first half two rows each belong together, and those of the second half to nothing.
+        visits = np.arange(data.n)
+        visits[: data.n // 2] //= 2
+        if isinstance(visit_rows, int):
+            visits = np.arange(data.n) // visit_rows
         white = whitening(white.weight, equations.joint_columns(Model.of(robot)), scatter, visits, visits)
     predicted, normal = equations.linearise(theta, white)
     _, jacobian = Model.of(robot, free).bind(data).linearise(theta)
@@ -108,6 +114,34 @@ def test_profiles_are_summed_as_their_built_columns(
     part = triangle / scale[constants]
     np.testing.assert_allclose(part.T @ part, expected[np.ix_(constants, constants)], rtol=0, atol=1e-12)
     np.testing.assert_allclose(factorised.gram / scale / scale[:, None], expected, rtol=0, atol=1e-12)
+
+
+def test_more_columns_follow_fewer_at_the_same_coefficients() -> None:
+    data = measured(20)
+    free = (REGISTRY["base_frame"].default(arm("puma560"), data), profile("j2", tuple(map(float, range(1, 8)))))
+    few, whole = (PoseEquations(Model.of(arm("puma560").robot, free), data) for _ in range(2))
+    theta, white = np.zeros(len(few.terms)), Whitening(weights(few, data.n))
+    few.columns = np.arange(6)
+    part = few.factorise(theta, white, np.arange(6))[1].gram
+    few.columns = whole.columns
+    complete = whole.linearise(theta, white)[1].gram
+    np.testing.assert_allclose(part, complete[:6, :6], rtol=0, atol=1e-12 * complete[:6, :6].max())
+    np.testing.assert_array_equal(few.linearise(theta, white)[1].gram, complete)
+
+
+def test_a_linearisation_serves_at_coefficients_nearby() -> None:
+    data = measured()
+    equations = PoseEquations(model(data, "base_frame", "joint_offset"), data)
+    white = Whitening(weights(equations, data.n))
+    near = np.full(len(equations.terms), 1e-7)
+    _, here = equations.linearise(np.zeros(near.size), white)
+    _, there = equations.linearise(near, white)
+    moved = here.moved_to(near, there.cost)
+    scale = np.sqrt(np.diag(there.gram))
+    # To first order: what remains is the curvature, a share of 1e-7 of the columns.
+    np.testing.assert_allclose(moved.gradient / scale, there.gradient / scale, rtol=0, atol=1e-5 * np.sqrt(there.cost))
+    np.testing.assert_array_equal(moved.theta, near)
+    assert moved.expected_cost(near) == there.cost
 
 
 @pytest.mark.parametrize("orientation", ORIENTATION)

@@ -38,12 +38,16 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
         InputError: There are too few poses.
     """
     unshrunk, deflection = plan.unshrunk(effects, data, options)
-    scattered_options, components = settle_scatter(
-        unshrunk, data, options, lambda scattered: plan.unshrunk(effects, data, scattered)[0]
-    )
+    weighted = unshrunk, deflection
+
+    def refitted(scattered: Options) -> Fit:
+        nonlocal weighted
+        weighted = plan.unshrunk(effects, data, scattered, weighted[0])
+        return weighted[0]
+
+    scattered_options, components, _ = settle_scatter(unshrunk, data, options, refitted)
     warnings: list[str] = []
     if components is not None:
-        weighted = plan.unshrunk(effects, data, scattered_options)
         if contradicts_scatter(unshrunk, weighted[0], components, data):
             unshrunk = with_scatter_covariance(unshrunk, components, data)
             warnings.append(NO_SCATTER)

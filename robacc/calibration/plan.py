@@ -20,6 +20,7 @@ from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.loop import SearchResult, search
+from robacc.tracing.refitting import refit
 
 _CONSTANTS = ("joint_offset", "link_geometry")
 """Effects whose coefficients all have a nominal value in the robot file."""
@@ -66,14 +67,15 @@ class CalibrationPlan:
         return self.shrunk(self.unshrunk(effects, data, options)[0], data, options)[0]
 
     def unshrunk(
-        self, effects: tuple[Effect, ...], data: Measurements, options: Options
+        self, effects: tuple[Effect, ...], data: Measurements, options: Options, near: Fit | None = None
     ) -> tuple[Fit, DeflectionChoice | None]:
         """Return the fit of all effects, with the torque model of elastic effects that the data support.
 
-        Without explicit priors, idle rotations are removed.
+        Without explicit priors, idle rotations are removed. ``near`` is a fit of the same effects to start from.
         """
         model, options = Model.of(self.robot, effects), self.with_priors(options, effects, data)
-        chosen, model, deflection = choose_deflection(fit(model, data, options), model, data, options)
+        fitted = fit(model, data, options) if near is None else refit(near, effects, data, options)
+        chosen, model, deflection = choose_deflection(fitted, model, data, options)
         if self.priors:
             return chosen, deflection
         return without_idle_rotations(chosen, model, data, options), deflection

@@ -119,22 +119,23 @@ def scatter_evidence(components: Components, data: Measurements) -> float:
 
 def settle_scatter(
     fitted: Fit, data: Measurements, options: Options, refit: Callable[[Options], Fit]
-) -> tuple[Options, Components | None]:
-    """Return options with the joints' scatter estimated beside the fit, and the scatter; None if it is not significant.
+) -> tuple[Options, Components | None, Fit]:
+    """Return options with the joints' scatter estimated beside the fit, the scatter, and the fit with these options.
 
-    ``refit`` fits again with given options: scatter and coefficients are estimated in turn until they agree.
+    ``refit`` fits again with given options: scatter and coefficients are estimated in turn until they agree. The
+    scatter is None if it is not significant.
     """
     components = None
     for _ in range(_ROUNDS):
         estimated = significant_components(fitted, data)
         if estimated is None:
-            return options, components
+            return options, components, fitted
         components = estimated
         if is_same(options, components):
-            return options, components
+            return options, components, fitted
         options = with_scatter(options, components)
         fitted = refit(options)
-    return options, components
+    return options, components, fitted
 
 
 def with_scatter(options: Options, components: Components) -> Options:

@@ -67,7 +67,7 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
     """
     if after.effects == before.effects or after.final.theta.size > MANY_COEFFICIENTS:
         return after
-    options, components = settle_scatter(
+    options, components, final = settle_scatter(
         after.final, data, after.options, lambda options: _refitted(after.final, data, options)
     )
     if components is None:
@@ -76,7 +76,8 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
     effects = after.effects
     if not effects and declared.scatter is None:
         return _without_scatter(dataclasses.replace(after, components=components), declared, data)
-    final = _refitted(after.final, data, options) if effects else declared
+    if not effects:
+        final = declared
     model_effects, rows = declared.model.free, np.ones(data.n, dtype=bool)
     candidates = linearise(final, data, (*model_effects, *frames_of(effects)))
     selection = candidates.selection(rows, [effect for effect in effects if not effect.is_frame])

@@ -102,7 +102,7 @@ def test_errors_that_poses_of_a_place_share_widen_the_intervals() -> None:
         def refit(options: Options, model: Model = model, data: Measurements = data) -> Fit:
             return fit(model, data, options)
 
-        options, components = settle_scatter(plain, data, Options(), refit)
+        options, components, _ = settle_scatter(plain, data, Options(), refit)
         assert components is not None
         assert components.scatter.pose_std.any()
         for shared, answer in ((False, plain), (True, refit(options))):

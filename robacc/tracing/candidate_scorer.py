@@ -81,6 +81,7 @@ class CandidateScorer:
     _ranges: dict[str, float] = field(default_factory=dict)
     _covered: dict[tuple[tuple[object, ...], tuple[object, ...]], bool] = field(default_factory=dict)
     _covered_keys: dict[tuple[object, ...], frozenset[tuple[object, ...]]] = field(default_factory=dict)
+    _covered_forms: dict[tuple[tuple[object, ...], SearchedForm], bool] = field(default_factory=dict)
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -146,7 +147,11 @@ class CandidateScorer:
         for batch in self._batches:
             scores = batch.judge(conditioned)
             ranked.extend(Ranked(self.pool[i], scores, k) for k, i in enumerate(batch.members))
-        others = self._searched.best(conditioned, lambda candidate: self._is_covered(candidate, orders))
+        others = self._searched.best(
+            conditioned,
+            lambda candidate: self._is_covered(candidate, orders),
+            lambda form: any(self._covers_form(profile, form) for profile in profiles),
+        )
         if with_blocks:
             others += self._rank_blocks(conditioned)
         competing = [entry for entry in ranked if entry.candidate.key not in absent]
@@ -230,6 +235,15 @@ class CandidateScorer:
         if present.key not in self._covered_keys:
             self._covered_keys[present.key] = frozenset(c.key for c in self.pool if self.covers(present, c))
         return self._covered_keys[present.key]
+
+    def _covers_form(self, present: Candidate, form: SearchedForm) -> bool:
+        """Return whether a candidate in the model makes all candidates of a form redundant."""
+        pair = present.key, form
+        if pair not in self._covered_forms:
+            self._covered_forms[pair] = all(
+                self.covers(present, form.candidate(number)) for number in range(len(form.family.rhs))
+            )
+        return self._covered_forms[pair]
 
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
         if len(self._block_families) != len(self.blocks):

@@ -77,11 +77,19 @@ class SearchedForms:
             self._batches.append(_FormBatch(tuple(numbers), _Union(families), groups))
 
     def best(
-        self, conditioned: Conditioned, is_excluded: Callable[[Candidate], bool] = lambda candidate: False
+        self,
+        conditioned: Conditioned,
+        is_excluded: Callable[[Candidate], bool] = lambda candidate: False,
+        is_absent: Callable[[SearchedForm], bool] = lambda form: False,
     ) -> list[Ranked]:
-        """Return the best candidate of each form beside a model, of those that are not excluded."""
+        """Return the best candidate of each form beside a model, of those that are not excluded.
+
+        Forms that are scored together are left out if all of them are absent.
+        """
         ranked: dict[int, Ranked] = {}
         for batch in self._batches:
+            if all(is_absent(self._forms[number]) for number in batch.numbers):
+                continue
             scores = batch.union.judge(conditioned, batch.groups)
             for number, group in zip(batch.numbers, batch.groups, strict=True):
                 best = int(np.argmax(scores.evidence[group]))

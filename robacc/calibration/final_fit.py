@@ -12,6 +12,7 @@ from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repe
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.sparse_prior import ShrunkKind
+from robacc.fitting.uncertain_scatter import with_uncertain_scatter
 from robacc.measurements import Measurements
 
 
@@ -54,7 +55,8 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
         else:
             options, (unshrunk, deflection) = scattered_options, weighted
     correlated = correlated_errors(unshrunk, data)
-    chosen, shrunk = plan.shrunk(with_correlated_errors(unshrunk, correlated), data, options)
+    with_errors = with_uncertain_scatter(with_correlated_errors(unshrunk, correlated), data)
+    chosen, shrunk = plan.shrunk(with_errors, data, options)
     repeatability = None if components is None else repeatability_of(chosen, components, data)
     if warnings:
         repeatability = measured_alone(repeatability)

@@ -30,6 +30,9 @@ _FEWEST = 20
 """Smallest number of visits for which scatter is estimated."""
 _ROUNDS = 3
 """Largest number of estimates of the scatter."""
+_KEPT_VISITS = 3
+"""Visits of each commanded pose that are kept before poses are left out: they give half as many values for the errors
+that visits share as for the scatter from visit to visit."""
 _SAME = 0.1
 """Largest relative difference of two estimates that count as equal."""
 
@@ -81,27 +84,33 @@ def measured_alone(repeatability: Repeatability | None) -> Repeatability | None:
 
 def components_of(fit: Fit, data: Measurements) -> Components | None:
     """Estimate the joints' scatter and the noise from the residual of a fit; None if there are too few visits."""
+    if data.q is None or np.unique(visit_numbers(data)[fit.inliers]).size < _FEWEST:
+        return None
+    return estimate(mixed_model(fit, data)[1], fit.scatter)
+
+
+def mixed_model(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], MixedModel]:
+    """Return the numbers of coefficients that are estimated beside the scatter, and the residuals of a fit with them.
+
+    Many rows are thinned.
+    """
     columns, precision = fit.identifiability.columns, fit.precision
     if columns.size > MANY_COEFFICIENTS:
         # Profiles use few degrees of freedom, because their coefficients are shrunk; they stay as fitted.
         columns, precision = columns[precision == 0.0], precision[precision == 0.0]
     rows = _thinned(data, np.flatnonzero(fit.inliers))
     part = data.subset(rows)
-    visits, poses = visit_numbers(part), places(part)
-    if part.q is None or np.unique(visits).size < _FEWEST:
-        return None
     components = fit.residual.shape[0]
     _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)
-    model = MixedModel(
+    return columns, MixedModel(
         residual=fit.residual[:, rows],
         design=jacobian[:components],
         prior_precision=precision,
         columns=joint_columns(fit.model, part)[:components],
         known_var=known_variance(part, components),
-        visits=visits,
-        poses=poses,
+        visits=visit_numbers(part),
+        poses=places(part),
     )
-    return estimate(model, fit.scatter)
 
 
 def significant_components(fit: Fit, data: Measurements) -> Components | None:
@@ -153,15 +162,40 @@ def is_same(options: Options, components: Components) -> bool:
 
 
 def _thinned(data: Measurements, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rows, or the rows of random commanded poses, about :data:`MOST_ROWS` in all."""
+    """Return the rows, or about :data:`MOST_ROWS` of them: whole visits, of all commanded poses if they are few.
+
+    Errors that visits of a pose share show in as many values as there are poses, however often each is visited. So
+    visits of a pose are left out first, at random, down to :data:`_KEPT_VISITS`, and only then random poses.
+    """
     if rows.size <= MOST_ROWS:
         return rows
+    generator = np.random.default_rng(0)
     groups = data.groups()[rows]
-    rank = np.random.default_rng(0).permutation(int(groups.max()) + 1)[groups]
-    order = np.argsort(rank, kind="stable")
-    last = rank[order[MOST_ROWS - 1]]
+    rank = generator.permutation(int(groups.max()) + 1)[groups]
+    order = _visit_order(visit_numbers(data)[rows], groups, generator)
+    sizes = np.bincount(order)
+    enough = int(np.searchsorted(np.cumsum(sizes), MOST_ROWS, side="right"))
+    rows, rank = (part[order < max(enough, _KEPT_VISITS)] for part in (rows, rank))
+    if rows.size <= MOST_ROWS:
+        return rows
+    last = rank[np.argsort(rank, kind="stable")[MOST_ROWS - 1]]
     chosen: NDArray[np.int64] = rows[rank < last]
     return chosen if chosen.size else rows[rank <= last]
+
+
+def _visit_order(
+    visits: NDArray[np.int64], groups: NDArray[np.int64], generator: np.random.Generator
+) -> NDArray[np.int64]:
+    """Return ``(N,)`` the place of each row's visit in a random order of the visits of its commanded pose, from 0."""
+    _, first, number = np.unique(visits, return_index=True, return_inverse=True)
+    pose = groups[first]
+    shuffled = generator.permutation(first.size)
+    order = shuffled[np.argsort(pose[shuffled], kind="stable")]
+    begins = np.flatnonzero(np.diff(pose[order], prepend=-1))
+    place = np.empty(first.size, dtype=np.int64)
+    place[order] = np.arange(first.size) - np.repeat(begins, np.diff(begins, append=first.size))
+    result: NDArray[np.int64] = place[number]
+    return result
 
 
 def known_variance(data: Measurements, components: int) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.places import places
 from robacc.fitting.registration import ALIGNABLE
+from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
 
 _MAX_NAMES = 10
@@ -23,8 +24,7 @@ _FEW_NAMES = 3
 """Coefficients that a warning of a large condition number names."""
 _MILLI = {"m": "mm", "rad": "mrad"}
 _FEW_VALUES = 2
-"""Independent values for each coefficient, below which the errors of places are not known well enough: with 30 values
-for 27 coefficients 84 % of 95 % intervals hold the truth, with 75 for 27 92 %."""
+"""Independent values for each coefficient, below which the errors of places are known roughly."""
 _SURE = 0.999
 """Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
 _SMALL = 0.7
@@ -46,12 +46,15 @@ def few_places_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
     if fit.scatter is None or not fit.scatter.pose_std.any():
         return ()
     n_places = int(np.unique(places(data)[fit.inliers]).size)
-    values, coefficients = fit.residual.shape[0] * n_places, fit.identifiability.columns.size
+    targets = int(np.bincount(visit_numbers(data)).max())
+    values = min(fit.residual.shape[0] * targets, fit.scatter.pose_std.size) * n_places
+    coefficients = fit.identifiability.columns.size
     if values >= _FEW_VALUES * coefficients:
         return ()
     return (
         f"visits of a pose, or of poses close together, share an error; {n_places} places give {values} independent "
-        f"values for {coefficients} coefficients, so standard errors are too small: measure at other poses",
+        f"values for {coefficients} coefficients, so this error is known roughly, and standard errors are "
+        "larger for it: measure at other poses",
     )
 
 

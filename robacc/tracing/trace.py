@@ -27,6 +27,7 @@ from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
 from robacc.fitting.places import places_warning
 from robacc.fitting.scatter_check import with_scatter_covariance
+from robacc.fitting.uncertain_scatter import with_uncertain_scatter
 from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
@@ -151,6 +152,7 @@ def trace(
         choices = None if validation is None else validation.choices
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     declared, final, form = _final_fits(search_result, data)
+    final = with_uncertain_scatter(final, data)
     noise = lack_of_fit(final, data)
     correlated = correlated_errors(final, data)
     with_masses = with_mass_uncertainty(with_correlated_errors(final, correlated), data)

@@ -10,6 +10,7 @@ import numpy as np
 
 from robacc.chain import BASE
 from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.effects.term import LEAST_OF_CONSTANT
 from robacc.geometry import Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -25,7 +26,8 @@ def frame_terms(arm: Arm, owner: int, prefix: str, factor: float | np.ndarray = 
     terms = []
     for label, motion in FRAME_LABELS.items():
         unit = "m" if label in "xyz" else "rad"
-        terms.append(Term(f"{prefix}.{label}", unit, 1e-3, (Part(arm.chain.index(owner, motion), factor),)))
+        part = Part(arm.chain.index(owner, motion), factor)
+        terms.append(Term(f"{prefix}.{label}", unit, 1e-3, (part,), least_part=LEAST_OF_CONSTANT))
     return tuple(terms)
 
 

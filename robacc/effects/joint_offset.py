@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, register
 from robacc.effects.driver import joint_driver
+from robacc.effects.term import LEAST_OF_CONSTANT
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -54,6 +55,7 @@ class JointOffset(Effect):
                 "rad" if arm.is_revolute(joint) else "m",
                 1e-3,
                 (Part(arm.axis_motion(joint)),),
+                least_part=LEAST_OF_CONSTANT,
             )
             for joint in self.joints
         )

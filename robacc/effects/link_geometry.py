@@ -10,6 +10,7 @@ from typing import Any
 from robacc.effects.base import About, Effect, Part, Term, register
 from robacc.effects.base_frame import FRAME_LABELS, moved_frame
 from robacc.effects.joint_offset import with_parameters
+from robacc.effects.term import LEAST_OF_CONSTANT
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Robot
@@ -86,7 +87,8 @@ class LinkGeometry(Effect):
             for label in self._labels(arm, joint):
                 motion = arm.motion(joint, FRAME_LABELS[label] if is_urdf else label)
                 unit = arm.chain.motions[motion].unit
-                terms.append(Term(f"{self.name}.{joint}.{label}", unit, 1e-3, (Part(motion),)))
+                name = f"{self.name}.{joint}.{label}"
+                terms.append(Term(name, unit, 1e-3, (Part(motion),), least_part=LEAST_OF_CONSTANT))
         # Hayati's rotations last: a rotation is identifiable only if the table's own numbers cannot describe it.
         return tuple(sorted(terms, key=lambda term: term.label == "beta"))
 

@@ -9,6 +9,10 @@ from robacc.gravity.loads import Load
 
 SCALE_OF_INSTRUMENT = -1
 """Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
+LEAST_OF_CONSTANT = 1e-3
+"""Least independent part of the column of a length or angle of the arm. Its other lengths and angles are wrong by about
+1 mm and 1 mrad, so that the column itself is known to this share only: what is told apart by less is told apart by the
+errors of the model. With a tool that stays vertical within 0.5 mrad, its height above the flange is such a length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,8 @@ class Term:
     """Terms of one group share a Gaussian prior of zero mean; its standard deviation is estimated from the data."""
     weight: float = 1.0
     """Prior standard deviation relative to the group's."""
+    least_part: float = 0.0
+    """Share of its column that must be independent of other columns for the coefficient to be identifiable."""
 
     @property
     def label(self) -> str:

@@ -30,8 +30,8 @@ _TRIM = 6.0
 _ALTERNATIONS = 50
 _SETTLED = 1e-9
 """Decrease of the cost, as a share, at which the alternation ends."""
-_OPEN = 1e-10
-"""Share of the largest singular value below which a direction is not identifiable."""
+_LEAST_TURN = 1e-2
+"""rad: turns of the last link about the others' mean below which a target's place along an axis stays as it is."""
 _LEAST_POSITION_VAR = 1e-4
 """m^2; least weight of orientations, which decide if all positions are close together."""
 _RELUCTANCE = 1e-3
@@ -131,7 +131,7 @@ def _linear_offsets(
     for target in range(count):
         rows = np.flatnonzero(index == target)
         matrix[rows, :, 3 + 3 * target : 6 + 3 * target] = _RELUCTANCE * np.moveaxis(arm.rotation[:, :, rows], 2, 0)
-    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), rhs.T.ravel(), rcond=_OPEN)
+    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), rhs.T.ravel(), rcond=_LEAST_TURN * _RELUCTANCE)
     residual = matrix.reshape(-1, 3 + 3 * count) @ solution - rhs.T.ravel()
     offsets = [tool.translation + _RELUCTANCE * solution[3 + 3 * i : 6 + 3 * i] for i, tool in enumerate(tools)]
     return rotation @ solution[:3], offsets, float(residual @ residual)

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.effects.term import Term
 from robacc.geometry import Array
 
 DEPENDENT = 3e-5
@@ -83,11 +84,16 @@ class Identifiability:
 
 
 def identify(
-    triangle: Array, names: Sequence[str], n_poses: int, units: Sequence[str] | None = None
+    triangle: Array,
+    names: Sequence[str],
+    n_poses: int,
+    units: Sequence[str] | None = None,
+    least_parts: Sequence[float] | None = None,
 ) -> Identifiability:
     """Decide from ``triangle`` ``(R, P)``, any matrix with the Gram matrix of the whitened Jacobian (its R factor).
 
-    If ``units`` are given, the length of a column is compared with columns of the same unit only.
+    If ``units`` are given, the length of a column is compared with columns of the same unit only. ``least_parts`` are
+    the shares of columns that must be independent, where these are above :data:`DEPENDENT`.
 
     Modified Gram-Schmidt in the order of the columns: an independent column takes its direction out of all that follow.
     Its factor is as exact as Householder's (Bjorck 1967), and the directions of dependent columns never enter.
@@ -106,7 +112,7 @@ def identify(
     for column in np.flatnonzero(nonzero).tolist():
         vector = remaining[:, column]
         size = float(np.sqrt(vector @ vector))
-        if size <= DEPENDENT:
+        if size <= (DEPENDENT if least_parts is None else max(DEPENDENT, least_parts[column])):
             dependent.append((column, len(columns)))
             continue
         direction = vector / size
@@ -118,6 +124,12 @@ def identify(
     partners = _partners(root, factor, dependent, [names[i] for i in columns])
     dropped = tuple(Dropped(names[i], partners.get(i, ())) for i in range(len(names)) if i not in set(columns))
     return Identifiability(np.array(columns, dtype=np.int64), dropped, root, n_poses)
+
+
+def identify_terms(triangle: Array, terms: Sequence[Term], n_poses: int) -> Identifiability:
+    """Decide as :func:`identify`, by the names, units and least independent parts of ``terms``."""
+    names, units = [term.name for term in terms], [term.unit for term in terms]
+    return identify(triangle, names, n_poses, units, [term.least_part for term in terms])
 
 
 def _partners(

@@ -18,7 +18,7 @@ from robacc.fitting import misfit as misfits
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gauss_newton import minimise
-from robacc.fitting.identifiability import Identifiability, identify
+from robacc.fitting.identifiability import Identifiability, identify_terms
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.places import places
@@ -127,8 +127,8 @@ class _Solver:
             self.equations.columns = np.array(free, dtype=np.int64)
         independent = np.searchsorted(self.equations.columns, free)
         triangle, normal = self.equations.factorise(nominal, self._whitening(), independent)
-        names, units = [terms[i].name for i in free], [terms[i].unit for i in free]
-        identified = identify(triangle, names, self.data.n, units)
+        sought = [terms[i] for i in free]
+        identified = identify_terms(triangle, sought, self.data.n)
         measured = self.equations.rows * self.data.n
         if identified.columns.size >= measured and terms:
             raise InputError(

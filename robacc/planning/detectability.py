@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import REGISTRY, Term
-from robacc.fitting.identifiability import identify
+from robacc.fitting.identifiability import identify_terms
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -143,7 +143,7 @@ def _columns(
     free = flat[:, :count]
     triangle = np.asarray(np.linalg.qr(free, mode="r"))
     terms = bound.terms
-    identified = identify(triangle, [term.name for term in terms], data.n, [term.unit for term in terms])
+    identified = identify_terms(triangle, terms, data.n)
     return free[:, identified.columns], flat[:, count:], places
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.effects.specification import every_column
-from robacc.fitting.identifiability import Dropped, identify
+from robacc.fitting.identifiability import Dropped, identify_terms
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.shrinkage import PSEUDO_CONSTANTS
 from robacc.fitting.tolerances import tolerance_priors
@@ -147,7 +147,7 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     step = max(1, rows.shape[1] // _IDENTIFIED_ON)
     flat = rows[:, ::step].reshape(-1, rows.shape[2])
     triangle = np.asarray(np.linalg.qr(flat, mode="r"))
-    identified = identify(triangle, [term.name for term in terms], flat.shape[0], [term.unit for term in terms])
+    identified = identify_terms(triangle, terms, flat.shape[0])
     columns = identified.columns
     tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
     kinds = _kinds(model)

@@ -11,8 +11,8 @@ SCALE_OF_INSTRUMENT = -1
 """Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
 LEAST_OF_CONSTANT = 1e-3
 """Least independent part of the column of a length or angle of the arm. Its other lengths and angles are wrong by about
-1 mm and 1 mrad, so that the column itself is known to this share only: what is told apart by less is told apart by the
-errors of the model. With a tool that stays vertical within 0.5 mrad, its height above the flange is such a length."""
+1 mm and 1 mrad, so that the column itself is known to this share only; a smaller independent part is an error of the
+model. With a tool that stays vertical within 0.5 mrad, its height above the flange is such a length."""
 
 
 @dataclass(frozen=True, slots=True)

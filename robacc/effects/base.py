@@ -234,6 +234,10 @@ class Effect(abc.ABC):
         """
         return () if self.extrapolates else tuple(validity)
 
+    def within(self, validity: Validity) -> Effect:
+        """Return the effect with torques beyond ``validity`` held at its ends; by default they are not."""
+        return self
+
     def fading_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
         """Return the joints of ``validity`` beyond whose range the effect fades to its level at the end of it."""
         return ()

@@ -44,6 +44,7 @@ def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> t
     What remains is the effect's level at that end of the range, its mean there over :data:`_LEVEL_LENGTHS` fading
     lengths: beyond the range, slow waves of a profile are still as they were, and fine ones are unknown.
     """
+    effect = effect.within(validity)
     terms = effect.terms(arm, data)
     limits, periods = limits_of(effect, arm, validity, effect.fading_drivers(arm, validity))
     for joint, (low, high) in limits.items():

@@ -13,6 +13,7 @@ from robacc.effects.driver import torque_driver
 from robacc.effects.orders import ORDER_STEP, SAME_ORDER
 from robacc.effects.periodic import searched_order
 from robacc.effects.torque_driven import TorqueDriven
+from robacc.effects.validity import torque_of
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -62,7 +63,7 @@ class ComplianceVariation(TorqueDriven):
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
         """Return the joints and their torques."""
-        return (*self.joints, *(f"torque_{joint}" for joint in self.joints))
+        return (*self.joints, *map(torque_of, self.joints))
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return a cosine and a sine for each order of each joint."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from robacc.effects.base import About, Effect, Part, Term, register
 from robacc.effects.torque_driven import TorqueDriven
+from robacc.effects.validity import Validity, torque_of
 from robacc.geometry import Array
 from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
@@ -17,6 +19,11 @@ from robacc.robots.arm import Arm
 
 _LEAST_TORQUE = 1e-3
 """N m below which gravity has no moment about a joint."""
+_LARGEST_COMPLIANCE = 5e-4
+"""rad/(N m), or m/N: ten times the largest usual compliance of a joint."""
+_BEYOND = 1.5
+"""Torque over the largest on the poses of the fit, up to which the law of the spring is used. On simulated arms poses
+that exceed that torque a little are predicted twice as well as with a deflection that is held at it."""
 _KNEES = np.geomspace(0.02, 4.0, 40)
 """Knees that a search tries, over the largest torque of gravity on the joint."""
 
@@ -34,6 +41,9 @@ class JointHardening(TorqueDriven):
     """Torque at which the coefficient is the deflection, N m (N for a prismatic joint)."""
     knee: float | None = None
     """Torque k x_knee of the spring without its cubic part at x_knee, N m; None for the cube of the torque."""
+
+    largest_torques: Mapping[str, float] = dataclasses.field(default_factory=dict, repr=False, compare=False)
+    """Largest torque on a joint, either way, beyond which the deflection is held; none while it is fitted."""
 
     name = "joint_hardening"
     about = About(
@@ -70,6 +80,18 @@ class JointHardening(TorqueDriven):
         if largest > _LEAST_TORQUE:
             yield from (JointHardening(self.joints, knee=float(f"{share * largest:.3g}")) for share in _KNEES)
 
+    def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
+        """Return the reason also if a small torque would deflect a joint as only a much softer one does."""
+        if self.knee is None:
+            for term, value in zip(terms, values, strict=True):
+                compliance = 3.0 * abs(value) / self.reference
+                if compliance > _LARGEST_COMPLIANCE:
+                    return (
+                        f"{term.name} = {value:.3g} {term.unit} at {self.reference:.3g} N m is implausible: the joint "
+                        f"would have a compliance of {compliance:.2g} {term.unit}/(N m)"
+                    )
+        return super().implausible(terms, values)
+
     def is_same_finding(self, other: Effect) -> bool:
         """Return whether ``other`` is the same at any reference torque and knee."""
         return isinstance(other, JointHardening) and self.joints == other.joints
@@ -82,13 +104,31 @@ class JointHardening(TorqueDriven):
         """Return the key without the reference, which depends on the poses, and without the knee."""
         return (self.name, self.joints)
 
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the joints, and the torques on them."""
+        return (*self.joints, *map(torque_of, self.joints))
+
+    def within(self, validity: Validity) -> Effect:
+        """Return the effect with its deflection held beyond :data:`_BEYOND` times the largest torques of ``validity``.
+
+        The cube of a torque that is ten times as large would be a thousand times as large.
+        """
+        largest = {
+            joint: _BEYOND * max(map(abs, validity[torque_of(joint)]))
+            for joint in self.joints
+            if torque_of(joint) in validity
+        }
+        return dataclasses.replace(self, largest_torques=largest) if largest else self
+
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term a joint."""
         torque = self.torques(arm, data)
         terms = []
         for joint in self.joints:
             unit, force = ("rad", "N m") if arm.is_revolute(joint) else ("m", "N")
-            part = Part(arm.axis_motion(joint), self._regressor(torque[arm.number(joint)]))
+            largest = self.largest_torques.get(joint, np.inf)
+            held = np.clip(torque[arm.number(joint)], -largest, largest)
+            part = Part(arm.axis_motion(joint), self._regressor(held))
             unit, typical = (unit, 1e-4) if self.knee is None else (f"{unit}/({force})", 1e-5)
             terms.append(Term(f"{self.name}.{joint}", unit, typical, (part,)))
         return tuple(terms)

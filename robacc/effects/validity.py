@@ -33,6 +33,11 @@ MARGIN = 0.01
 """Share of a driver's range by which a pose may exceed it and still count as inside."""
 
 
+def torque_of(joint: str) -> str:
+    """Return the name of the driver that is the torque about a joint."""
+    return f"{_TORQUE}{joint}"
+
+
 def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
     """Return ``(N,)`` the values of a driver, or None if the poses do not have it."""
     if name in _CIRCUMSTANCES:

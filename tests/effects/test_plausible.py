@@ -11,6 +11,7 @@ from arms import arm
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.joint_compliance import JointCompliance
+from robacc.effects.joint_hardening import JointHardening
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.solver import fit
 from robacc.modelling.model import Model
@@ -38,6 +39,17 @@ def test_usual_sizes_are_plausible_and_ten_thousand_times_that_is_not(name: str)
         reason = effect.implausible(terms, [1e4 * usual] * len(terms))
         assert reason is not None
         assert "implausible" in reason
+
+
+def test_a_joint_that_hardly_carries_a_load_does_not_harden_by_it() -> None:
+    one = Model.of(arm("puma560").robot).arm
+    data = simulate(arm("puma560").robot, Plan(20, seed=1, noise_position=1e-5, orientation=False)).data
+    for torque, is_plausible in ((80.0, True), (0.0019, False)):
+        effect = JointHardening(("j5",), torque)
+        reason = effect.implausible(effect.terms(one, data), [3.6e-4])
+        assert (reason is None) is is_plausible
+        if reason is not None:
+            assert reason.endswith("is implausible: the joint would have a compliance of 0.57 rad/(N m)")
 
 
 def test_a_negative_compliance_is_implausible_and_competes_with_a_handicap() -> None:

@@ -12,11 +12,13 @@ import robacc
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.frame_drift import FrameDrift
+from robacc.effects.joint_hardening import JointHardening
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.solver import fit
+from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
@@ -200,3 +202,27 @@ def test_every_command_counts_poses_outside_and_refuses_them_on_request() -> Non
             call(strict_range=True)
     inside = robacc.estimate(data.subset(np.abs(data.q[0]) < 0.5), robot=robot, strict_range=True)
     assert inside.document()["outside_validity"]["n_poses"] == 0
+
+
+@pytest.mark.parametrize("knee", [None, 20.0])
+def test_hardening_is_held_well_beyond_the_torques_that_were_seen(knee: float | None) -> None:
+    one = Arm.of(arm("puma560").robot)
+    wide = circumstances(one.robot, 200, 2)
+    torque = weight_torques(one, wide)[one.number("j2")]
+    few = np.flatnonzero(np.abs(torque) < 0.2 * np.abs(torque).max())
+    effect = JointHardening(("j2",), 50.0, knee)
+    validity = effect.validity(one, wide.subset(few))
+    low, high = torque[few].min(), torque[few].max()
+    assert validity["torque_j2"] == pytest.approx((low, high))
+    (free,), (held,) = effect.terms(one, wide), effect.within(validity).terms(one, wide)
+    inside = np.abs(torque) <= 1.5 * max(-low, high)
+    np.testing.assert_array_equal(held.parts[0].factor[inside], free.parts[0].factor[inside])
+    largest = np.abs(effect._regressor(np.array(1.5 * max(-low, high))))
+    assert np.abs(held.parts[0].factor).max() == pytest.approx(largest)
+    assert np.abs(free.parts[0].factor).max() > 8 * largest
+    # A model file keeps the range of the torque, and what it predicts keeps to it.
+    written = dataclasses.replace(one.robot, effects=(entry(effect, one.robot, wide.subset(few)),))
+    known = parse_robot(robot_to_yaml(written), "model.yaml")
+    bare = dataclasses.replace(one.robot, effects=())
+    moved = predict(known, wide).translation - predict(bare, wide).translation
+    assert np.linalg.norm(moved, axis=0).max() < 1.5 * 1e-4 * largest

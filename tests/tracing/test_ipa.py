@@ -10,6 +10,7 @@ from robacc.accuracy.estimation import estimate
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
 from robacc.poses.known_robot import KnownRobot
+from robacc.render.text.estimate import opening
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
 
@@ -26,6 +27,8 @@ def test_position_error_of_a_real_arm_after_registration(series: str, rms_mm: fl
     assert [note for note in result.alignment.notes if note.startswith("tool_frame.z is not distinguishable")][
         :notes
     ] == list(result.alignment.notes)
+    shown = "\n".join(line.text for line in opening(result, "poses.csv", "robot.yaml"))
+    assert ("11 parameters; not identifiable on these poses: tool_frame.z" in shown) is (notes == 1)
     # 10 %: the figure hangs a little on how orientation is weighed against position in the registration.
     assert result.position.rms * 1e3 == pytest.approx(rms_mm, rel=0.1)
     assert result.unaligned is not None

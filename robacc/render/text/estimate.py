@@ -75,7 +75,11 @@ def opening(result: EstimateResult, poses: str, robot: str | None) -> Iterator[T
 def _registration(result: EstimateResult) -> str:
     if result.alignment is None:
         return "not registered"
-    return f"registered: {' and '.join(result.alignment.effects)} fitted, {result.alignment.n_parameters} parameters"
+    alignment = result.alignment
+    text = f"registered: {' and '.join(alignment.effects)} fitted, {alignment.n_parameters} parameters"
+    # Without orientations a tool has no turns, which readers expect; a place that is not known they do not.
+    unknown = [entry.name for entry in alignment.parameters if entry.std is None and entry.unit == "m"]
+    return f"{text}; not identifiable on these poses: {', '.join(unknown)}" if unknown else text
 
 
 def _grade(result: EstimateResult, width: int) -> Iterator[TextLine]:

@@ -235,7 +235,7 @@ class Effect(abc.ABC):
         return () if self.extrapolates else tuple(validity)
 
     def within(self, validity: Validity) -> Effect:
-        """Return the effect with torques beyond ``validity`` held at its ends; by default they are not."""
+        """Return the effect as it is used on poses beyond ``validity``; an effect of the torque may limit that."""
         return self
 
     def fading_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:

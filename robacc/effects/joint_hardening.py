@@ -86,9 +86,10 @@ class JointHardening(TorqueDriven):
             for term, value in zip(terms, values, strict=True):
                 compliance = 3.0 * abs(value) / self.reference
                 if compliance > _LARGEST_COMPLIANCE:
+                    load, per_load = ("N m", "(N m)") if term.unit == "rad" else ("N", "N")
                     return (
-                        f"{term.name} = {value:.3g} {term.unit} at {self.reference:.3g} N m is implausible: the joint "
-                        f"would have a compliance of {compliance:.2g} {term.unit}/(N m)"
+                        f"{term.name} = {value:.3g} {term.unit} at {self.reference:.3g} {load} is implausible: the "
+                        f"joint would have a compliance of {compliance:.2g} {term.unit}/{per_load}"
                     )
         return super().implausible(terms, values)
 

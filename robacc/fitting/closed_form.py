@@ -31,7 +31,7 @@ _ALTERNATIONS = 50
 _SETTLED = 1e-9
 """Decrease of the cost, as a share, at which the alternation ends."""
 _LEAST_TURN = 1e-2
-"""rad: turns of the last link about the others' mean below which a target's place along an axis stays as it is."""
+"""rad: spread of the last link's turns below which a target's place along an axis stays as the robot file has it."""
 _LEAST_POSITION_VAR = 1e-4
 """m^2; least weight of orientations, which decide if all positions are close together."""
 _RELUCTANCE = 1e-3

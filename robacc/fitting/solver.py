@@ -127,8 +127,7 @@ class _Solver:
             self.equations.columns = np.array(free, dtype=np.int64)
         independent = np.searchsorted(self.equations.columns, free)
         triangle, normal = self.equations.factorise(nominal, self._whitening(), independent)
-        sought = [terms[i] for i in free]
-        identified = identify_terms(triangle, sought, self.data.n)
+        identified = identify_terms(triangle, [terms[i] for i in free], self.data.n)
         measured = self.equations.rows * self.data.n
         if identified.columns.size >= measured and terms:
             raise InputError(

@@ -38,7 +38,7 @@ class ResultDocument:
         for step in path.split("."):
             if isinstance(node, Mapping):
                 node = node.get(step)
-            elif isinstance(node, Sequence) and not isinstance(node, str) and step.isdigit():
+            elif isinstance(node, Sequence) and not isinstance(node, str) and step.isdecimal():
                 node = node[int(step)] if int(step) < len(node) else None
             else:
                 return None

@@ -31,7 +31,7 @@ _EXAMINED = 50
 
 def split_cell(text: str) -> tuple[str, str | None]:
     """Return a cell's number and the unit behind it; the text as it is and None where there is no known unit."""
-    if not text or text[-1].isdigit():
+    if not text or text[-1].isdecimal():
         return text, None
     match = _NUMBER_AND_UNIT.fullmatch(text)
     unit = UNIT_NAMES.get(match[2].strip().lower()) if match else None
@@ -45,6 +45,6 @@ def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
         if number == _EXAMINED:
             break
         for i, text in enumerate(row):
-            if i not in first and any(sign.isdigit() for sign in text):
+            if i not in first and any(sign.isdecimal() for sign in text):
                 first[i] = split_cell(text)[1]
     return {i: unit for i, unit in first.items() if unit is not None}

@@ -43,7 +43,7 @@ def advice(field: str, column: str, decimal_comma: bool) -> str | None:
         return "delete the repeated header row"
     if _WITH_UNIT.fullmatch(field):
         return "write the number alone, and the unit in the column's name"
-    if not decimal_comma and field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdigit():
+    if not decimal_comma and field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdecimal():
         if _THOUSANDS.fullmatch(field):
             return f"the comma may separate thousands: write {field.replace(',', '')} or {field.replace(',', '.')}"
         return "write decimals with a point, not a comma"

@@ -42,7 +42,7 @@ class CellReader:
 
     def _bare(self, cell: str, line: int, index: int, column: str) -> str:
         """Return a cell without its unit; log a unit that is not the column's."""
-        if index not in self.units or not any(sign.isdigit() for sign in cell):
+        if index not in self.units or not any(sign.isdecimal() for sign in cell):
             return cell
         expected, (number, unit) = self.units[index], split_cell(cell)
         if unit is not None and unit != expected:

@@ -214,7 +214,7 @@ class Source:
         if not isinstance(node, yaml.ScalarNode) or node.style:
             return text
         if _NUMBER.fullmatch(text) or _NOT_FINITE.fullmatch(text):
-            return int(text) if text.lstrip("+-").isdigit() else self.number(node, path)
+            return int(text) if text.lstrip("+-").isdecimal() else self.number(node, path)
         if node.tag == "tag:yaml.org,2002:bool":
             return text.lower() in ("true", "yes", "on")
         return None if is_null(node) else text

@@ -244,7 +244,7 @@ def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
 
 def _universal_robots(words: Sequence[str]) -> Meaning | None:
     """Return the meaning of a name of Universal Robots' data exchange: ``target_q_0``, ``target_TCP_pose_3``."""
-    if len(words) == 3 and words[0] in ("target", "actual") and words[1] == "q" and words[2].isdigit():
+    if len(words) == 3 and words[0] in ("target", "actual") and words[1] == "q" and words[2].isdecimal():
         return Meaning(f"q{words[2]}", words[0] == "target", "ur")
     if len(words) == 4 and tuple(words[:3]) == ("target", "tcp", "pose") and words[3] in "012345":
         return Meaning(("x", "y", "z", "rx", "ry", "rz")[int(words[3])], True, "ur", si=True)
@@ -256,7 +256,7 @@ def _joint(core: Sequence[str]) -> str | None:
     words = [word for word in core if word not in _FILLERS or word in _JOINT_WORDS]
     if len(words) == 3 and words[0] == "joint":  # /joint_states/j1/position
         words = words[1:]
-    if len(words) == 2 and words[0] in _JOINT_WORDS and words[1].isdigit() and len(words[1]) < 3:
+    if len(words) == 2 and words[0] in _JOINT_WORDS and words[1].isdecimal() and len(words[1]) < 3:
         return f"q{int(words[1])}"
     return None
 

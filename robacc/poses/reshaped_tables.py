@@ -295,4 +295,4 @@ def _target_of(label: str, names: Sequence[str]) -> str | None:
         for name, number in zip(names, numbers[1:], strict=True)
         if first is not None and number is not None and int(first[0]) == int(number[0])
     ]
-    return matches[0] if len(matches) == 1 and (label.isdigit() or matches[0].isdigit()) else None
+    return matches[0] if len(matches) == 1 and (label.isdecimal() or matches[0].isdecimal()) else None

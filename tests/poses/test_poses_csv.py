@@ -274,6 +274,12 @@ def test_the_same_words_are_numbers_as_for_numpy(
         assert values.startswith("2, y: ")
 
 
+@pytest.mark.parametrize("heading", ["q ¹", "q²", "actual q ₃", "joint ①"])
+def test_superscripts_and_circled_digits_number_no_joint(read: Reader, heading: str) -> None:
+    with contextlib.suppress(InputError):
+        assert np.isfinite(read(f"{heading},x,y,z\n1,2,3,4\n").position).all()
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)
 @given(noise=st.binary(max_size=80) | st.text(alphabet='qxyz123,.-\n\r"#;_ mdeg', max_size=120).map(str.encode))
 def test_any_bytes_are_read_or_refused(read: Reader, noise: bytes) -> None:

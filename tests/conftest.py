@@ -1,4 +1,8 @@
-"""What all tests share: linear algebra on one thread, as the command line runs it (see ``robacc.cli.main.main``)."""
+"""What all tests share.
+
+Linear algebra is on one thread, as the command line runs it (see ``robacc.cli.main.main``). Random examples are the same
+in every run; ``pytest --hypothesis-profile=default`` draws new ones.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from pose_files import Reader
@@ -14,6 +19,8 @@ if TYPE_CHECKING:
     from robacc.measurements import Measurements
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+settings.register_profile("repeatable", derandomize=True)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """What all tests share.
 
-Linear algebra is on one thread, as the command line runs it (see ``robacc.cli.main.main``). Random examples are the same
-in every run; ``pytest --hypothesis-profile=default`` draws new ones.
+Linear algebra is on one thread, as the command line runs it (see ``robacc.cli.main.main``). Random examples are the
+same in every run; ``pytest --hypothesis-profile=default`` draws new ones.
 """
 
 from __future__ import annotations

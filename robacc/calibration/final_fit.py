@@ -1,4 +1,4 @@
-"""Final fit of a calibration: scatter of the joints and correlated errors, then shrinkage to the nominal values."""
+"""Final fit of a calibration: scatter of the joints and standard errors, then shrinkage to the nominal values."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 from robacc.calibration.plan import CalibrationPlan
 from robacc.effects.base import Effect
-from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
 from robacc.fitting.deflection_model import DeflectionChoice
+from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.sparse_prior import ShrunkKind
-from robacc.fitting.uncertain_scatter import with_uncertain_scatter
 from robacc.measurements import Measurements
 
 
@@ -33,7 +32,7 @@ class FinalFit:
 
 
 def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurements, options: Options) -> FinalFit:
-    """Return the fit of ``effects`` whose standard errors allow for scatter of the joints and correlated errors.
+    """Return the fit of ``effects`` whose standard errors allow for scatter of the joints and the structure of errors.
 
     Raises:
         InputError: There are too few poses.
@@ -54,12 +53,9 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
             warnings.append(NO_SCATTER)
         else:
             options, (unshrunk, deflection) = scattered_options, weighted
-    correlated = correlated_errors(unshrunk, data)
-    with_errors = with_uncertain_scatter(with_correlated_errors(unshrunk, correlated), data)
+    with_errors, correlated = with_error_structure(unshrunk, data)
     chosen, shrunk = plan.shrunk(with_errors, data, options)
     repeatability = None if components is None else repeatability_of(chosen, components, data)
     if warnings:
         repeatability = measured_alone(repeatability)
-    if correlated is not None:
-        warnings.append(correlated.warning)
-    return FinalFit(chosen, options, shrunk, deflection, repeatability, tuple(warnings))
+    return FinalFit(chosen, options, shrunk, deflection, repeatability, (*warnings, *correlated))

@@ -22,15 +22,15 @@ R the covariance of the errors and P the precision of priors, and no variance be
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.fitting.coefficient_covariance import sandwich, with_covariance
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.linear_algebra import posterior, solved
+from robacc.fitting.linear_algebra import solved
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, MOST_ROWS
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
@@ -222,18 +222,17 @@ def correlated_errors(fit: Fit, data: Measurements) -> CorrelatedErrors | None:
     wanders, scale, gain = series.most_likely(times)
     if gain <= SIGNIFICANT:
         return None
-    meat = np.diag(fit.precision)
+    meat = np.zeros_like(fit.gram)
     part = rows.size / np.count_nonzero(fit.inliers)
     for values, wander in zip(whitened, wanders, strict=True):
         meat = meat + scale * _meat(_Kind.of(values[:-1], places), wander, interval, float(part))
-    inverse = posterior(fit.gram, fit.precision)
     largest = max(wanders, key=lambda wander: wander.amplitude)
     return CorrelatedErrors(
         share=largest.amplitude / (1.0 + largest.amplitude),
         time_constant=largest.tau,
         in_seconds=data.time is not None,
         gain=gain,
-        covariance=inverse @ meat @ inverse,
+        covariance=sandwich(fit.gram, meat, fit.precision),
     )
 
 
@@ -241,12 +240,7 @@ def with_correlated_errors(fit: Fit, errors: CorrelatedErrors | None) -> Fit:
     """Return the fit with standard errors that allow for the correlation; unchanged without one."""
     if errors is None:
         return fit
-    columns = fit.identifiability.columns
-    covariance = fit.covariance.copy()
-    usual = np.diag(covariance)[columns]
-    factor = np.sqrt(np.maximum(usual / np.maximum(np.diag(errors.covariance), 1e-300), 1.0))
-    covariance[np.ix_(columns, columns)] = errors.covariance * factor[:, None] * factor
-    return dataclasses.replace(fit, covariance=covariance)
+    return with_covariance(fit, errors.covariance)
 
 
 def _visits_in_time(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], Array]:

@@ -13,14 +13,12 @@ R the covariance of rows that share the error of a visit or a pose, as in :mod:`
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.fitting.coefficient_covariance import sandwich, with_covariance
 from robacc.fitting.fit_repeatability import known_variance
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.places import places
 from robacc.fitting.repeatability import Components
@@ -51,7 +49,7 @@ def difference_ratio(plain: Fit, weighted: Fit, components: Components, data: Me
     difference = plain.weight[:, rows] * (plain.residual[:, rows] - weighted.residual[:, rows])
     gram, meat = _gram_and_meat(plain, components, data, rows)
     columns = plain.identifiability.columns
-    v_plain = _sandwich(gram, meat, plain.precision)
+    v_plain = sandwich(gram, meat, plain.precision)
     v_weighted = np.zeros_like(gram)
     if weighted.names == plain.names:
         v_weighted = np.nan_to_num(weighted.covariance[np.ix_(columns, columns)])
@@ -63,16 +61,10 @@ def difference_ratio(plain: Fit, weighted: Fit, components: Components, data: Me
 
 def with_scatter_covariance(plain: Fit, components: Components, data: Measurements) -> Fit:
     """Return a fit with equal weights, with the covariance of its coefficients under the scatter."""
-    columns = plain.identifiability.columns
-    if not columns.size:
+    if not plain.identifiability.columns.size:
         return plain
     gram, meat = _gram_and_meat(plain, components, data, np.flatnonzero(plain.inliers))
-    covariance = plain.covariance.copy()
-    # The larger of both, coefficient by coefficient: neither claims more than the other.
-    scattered, usual = _sandwich(gram, meat, plain.precision), covariance[np.ix_(columns, columns)]
-    factor = np.sqrt(np.maximum(np.diag(usual) / np.maximum(np.diag(scattered), 1e-300), 1.0))
-    covariance[np.ix_(columns, columns)] = scattered * factor[:, None] * factor
-    return dataclasses.replace(plain, covariance=covariance)
+    return with_covariance(plain, sandwich(gram, meat, plain.precision))
 
 
 def _gram_and_meat(
@@ -97,9 +89,3 @@ def _gram_and_meat(
         sums = np.add.reduceat(shared[:, :, order], first, axis=2) * stds[:, None]
         meat += np.einsum("kjv,ljv->kl", sums, sums, optimize=True)
     return gram, meat
-
-
-def _sandwich(gram: Array, meat: Array, precision: Array) -> Array:
-    inverse = posterior(gram, precision)
-    result: Array = inverse @ (meat + np.diag(precision)) @ inverse
-    return result

@@ -20,11 +20,11 @@ without these, visits are the groups, and their scatter counts.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 
+from robacc.fitting.coefficient_covariance import with_factors
 from robacc.fitting.fit_repeatability import mixed_model
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.restricted_likelihood import MixedModel, RestrictedLikelihood, RowGroups, Variances
@@ -50,9 +50,7 @@ def with_uncertain_scatter(fit: Fit, data: Measurements) -> Fit:
     estimated, model = mixed_model(fit, data)
     factor = np.ones(columns.size)
     factor[np.searchsorted(columns, estimated)] = interval_factors(model, Variances(fit.scatter, fit.misfit))
-    covariance = fit.covariance.copy()
-    covariance[np.ix_(columns, columns)] *= factor[:, None] * factor
-    return dataclasses.replace(fit, covariance=covariance)
+    return with_factors(fit, factor)
 
 
 def interval_factors(model: MixedModel, variances: Variances) -> Array:

@@ -16,9 +16,9 @@ from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
+from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
@@ -27,7 +27,6 @@ from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
 from robacc.fitting.places import places_warning
 from robacc.fitting.scatter_check import with_scatter_covariance
-from robacc.fitting.uncertain_scatter import with_uncertain_scatter
 from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
@@ -152,10 +151,9 @@ def trace(
         choices = None if validation is None else validation.choices
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     declared, final, form = _final_fits(search_result, data)
-    final = with_uncertain_scatter(final, data)
+    final, correlated = with_error_structure(final, data)
     noise = lack_of_fit(final, data)
-    correlated = correlated_errors(final, data)
-    with_masses = with_mass_uncertainty(with_correlated_errors(final, correlated), data)
+    with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
     findings = tuple(
         describe_finding(search_result, effect, final, coefficients, validation, data)
@@ -201,7 +199,7 @@ def trace(
             *([] if holdout is None else _holdout_warnings(moved, stages.after)),
             *withdrawn,
             *([] if rounding is None else [rounding.warning]),
-            *([] if correlated is None else [correlated.warning]),
+            *correlated,
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,

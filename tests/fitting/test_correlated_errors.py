@@ -160,14 +160,14 @@ def test_rows_may_come_in_any_order() -> None:
 
 
 def test_calibrate_and_trace_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    import robacc.calibration.final_fit
+    import robacc.fitting.error_structure
 
     data, robot = measured(np.random.default_rng(6), 3.0), arm("puma560").robot
     traced = trace(data, robot=robot, declared=DECLARED)
     calibrated = calibrate(data, robot=robot, fit=DECLARED)
     for result in (traced, calibrated):
         assert sum("the remaining errors are correlated in time" in text for text in result.warnings) == 1
-    monkeypatch.setattr(robacc.calibration.final_fit, "correlated_errors", lambda *_: None)
+    monkeypatch.setattr(robacc.fitting.error_structure, "correlated_errors", lambda *_: None)
     without = calibrate(data, robot=robot, fit=DECLARED)
     wider = [a.std / b.std for a, b in zip(calibrated.parameters, without.parameters, strict=True) if a.std and b.std]
     assert min(wider) >= 1.0 - 1e-9

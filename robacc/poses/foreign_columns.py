@@ -26,6 +26,10 @@ _PREAMBLE_UNITS = re.compile(
 )
 
 
+_WITH_UNIT = ("length", "angle", "joint")
+"""Kinds of columns that need a unit."""
+
+
 @dataclass(slots=True)
 class ForeignColumns:
     """Columns with a meaning, and the statements about them."""
@@ -38,6 +42,8 @@ class ForeignColumns:
     remarks: list[str] = field(default_factory=list)
     without_unit: tuple[Column, ...] = ()
     """Lengths and angles whose unit is stated nowhere."""
+    wrong_unit: bool = False
+    """Whether a heading states a unit of another quantity."""
     unit_of_position: tuple[str, ...] = ()
     """Keys of uncertainties whose unit is taken to be that of the position."""
 
@@ -61,7 +67,9 @@ def find_columns(
     for key, candidate in chosen.items():
         column = _column(key, candidate, names, reading, units, log, header.line)
         result.columns[key] = column
-        if column.unit is None and column.kind in ("length", "angle", "joint"):
+        if candidate.heading.unit is not None:
+            result.wrong_unit |= column.unit is None and column.kind in _WITH_UNIT
+        elif column.unit is None and column.kind in _WITH_UNIT:
             nameless.append(column)
         if candidate.meaning.family:
             prefix = "cmd_" if key.startswith("cmd_") else ""

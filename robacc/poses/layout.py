@@ -56,6 +56,8 @@ class Layout:
     """Conventions that rx, ry, rz may belong to, by the prefix of the keys; without an entry they are documented."""
     without_unit: tuple[Column, ...] = ()
     """Columns of an export that need a unit and have none."""
+    wrong_unit: bool = False
+    """Whether a column of an export states a unit of another quantity."""
     unit_of_position: tuple[str, ...] = ()
     """Keys of uncertainties of an export whose unit is taken to be that of the position."""
 
@@ -165,6 +167,7 @@ def _foreign_layout(
         warnings=tuple(warnings),
         angles=result.angles,
         without_unit=result.without_unit,
+        wrong_unit=result.wrong_unit,
         unit_of_position=result.unit_of_position,
     )
 

@@ -39,6 +39,8 @@ class UnitChecks:
         if self.values.lines.size == 0:
             return frozenset()
         layout = self.values.layout
+        if layout.wrong_unit:
+            return frozenset(layout.joints())
         if layout.without_unit:
             return self._ask_units()
         self._ask_unit_of_sigma()

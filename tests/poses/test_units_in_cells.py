@@ -65,6 +65,15 @@ def test_a_unit_that_is_no_length_is_an_error(tmp_path: Path) -> None:
         robacc.read_poses(_file(tmp_path, "pose,q1,q2,x,y,z", *rows))
 
 
+def test_a_unit_of_another_quantity_is_the_only_problem_of_its_column(tmp_path: Path) -> None:
+    """Values that cannot be in SI units either are no second problem."""
+    for wrong, right in (("J1 [kg]", "J1 [deg]"), ("X [deg]", "X [mm]")):
+        header = "Point,J1 [deg],J2 [deg],X [mm],Y [mm],Z [mm]".replace(right, wrong)
+        with pytest.raises(InputError) as error:
+            robacc.read_poses(_file(tmp_path, header, "P1,20,30,500,100,200", "P2,30,40,400,200,210"))
+        assert [str(problem).count("expected a unit of") for problem in error.value.problems] == [1]
+
+
 def test_a_column_map_takes_the_units_of_the_cells(tmp_path: Path) -> None:
     path = _file(tmp_path, HEADER, *ROWS)
     columns = {"Point": "pose", "J1": "q1", "J2": "q2", "X": "x", "Y": "y", "Z": "z"}

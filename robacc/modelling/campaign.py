@@ -19,6 +19,11 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Campaign, Robot
 
+_PLACE = ("from_line", "from_time_s", "file")
+"""Settings of a step that say when it happened."""
+_EQUAL = 1e-6
+"""Share by which registered errors differ that are equal but for rounding: a step of the base moves all poses."""
+
 
 def resolve_campaign(
     robot: Robot, data: Measurements | None, digests: Collection[str], use: Literal["auto", "keep", "drop"]
@@ -26,7 +31,9 @@ def resolve_campaign(
     """Return the robot with the effects of its campaign if they apply, and a sentence about what was decided.
 
     ``drop`` also restores the frames before the campaign. ``auto`` keeps the frames, and keeps the effects if a digest
-    is that of the campaign's poses, or if measured ``data`` agree better with them than without, base registered.
+    is that of the campaign's poses, or if measured ``data`` agree better with them than without, base registered. Where
+    they do not, a step stays unless the data contradict it: other poses are measured after the campaign more often than
+    before its step, and their clock may start anew.
     """
     campaign = robot.campaign
     if campaign is None:
@@ -46,10 +53,17 @@ def resolve_campaign(
     start = f"the model's campaign effects ({names}) were fitted to other poses"
     if data is None or data.q is None:
         return robot, (f"{start} and are left out; `campaign` keep applies them",)
+    stepped = _after_steps(robot, campaign)
+    arms = (robot, with_effects) if stepped is None else (robot, with_effects, stepped)
     try:
-        errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in (robot, with_effects)]
+        errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in arms]
     except UsageError as error:
         return robot, (f"{start} and are left out: {error}",)
+    if stepped is not None and errors[2] <= (1.0 + _EQUAL) * min(errors[:2]):
+        return stepped, (
+            f"{start}; these poses are taken as measured after the step, whatever their time; `campaign` keep applies "
+            "the effects by time",
+        )
     change = f"from {errors[0] * 1e3:.3g} to {errors[1] * 1e3:.3g} mm"
     if errors[1] < errors[0]:
         return with_effects, (
@@ -115,6 +129,16 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
             effects=tuple(facts),
         ),
     )
+
+
+def _after_steps(robot: Robot, campaign: Campaign) -> Robot | None:
+    """Return the robot as the steps of its campaign left it, without other effects of it; None without a step."""
+    entries = [
+        {key: value for key, value in effect.items() if key not in _PLACE} | {"from_line": 1}
+        for effect in campaign.effects
+        if effect.get("effect") == "step"
+    ]
+    return dataclasses.replace(robot, effects=(*robot.effects, *entries)) if entries else None
 
 
 def _before(robot: Robot, campaign: Campaign) -> Robot:

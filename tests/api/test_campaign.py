@@ -128,3 +128,33 @@ def test_a_wrong_campaign_is_refused(campaign: Path, tmp_path: Path) -> None:
     (tmp_path / "wrong.yaml").write_text(text.replace("effect: frame_drift", "effect: frame_drft"))
     with pytest.raises(InputError, match=r"campaign.effects\[0\].*frame_drft"):
         read_robot(tmp_path / "wrong.yaml")
+
+
+@pytest.fixture(scope="module")
+def shifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with poses of a base that is pushed 0.4 mm after 600 s, with later poses, and with the fitted model."""
+    folder = tmp_path_factory.mktemp("shifted")
+    nominal = arm("puma560").robot
+    step = {"effect": "step", "part": "base", "from_time_s": 600.0, "values": {"x": 4e-4, "y": 0.0, "z": 0.0}}
+    stepping = dataclasses.replace(nominal, base=BASE, effects=(step,))
+    pushed = dataclasses.replace(nominal, base=dataclasses.replace(BASE, xyz=(0.3004, -0.2, 0.1)))
+    (folder / "nominal.yaml").write_text(robot_to_yaml(nominal))
+    for name, robot, n, seed in (("poses", stepping, 120, 1), ("held_out", stepping, 60, 2), ("later", pushed, 60, 3)):
+        (folder / f"{name}.csv").write_text(format_poses(measured(robot, n, seed)))
+    traced = robacc.trace(
+        folder / "poses.csv", robot=folder / "nominal.yaml", declared="base_frame,tool_frame", folds=2
+    )
+    assert [finding.effect for finding in traced.findings] == ["step"]
+    traced.write_model(folder / "model.yaml")
+    return folder
+
+
+def test_later_poses_whose_clock_starts_anew_are_taken_after_a_step(shifted: Path) -> None:
+    result = robacc.estimate(shifted / "later.csv", robot=shifted / "model.yaml")
+    assert result.position.rms < 6e-5
+    assert any("taken as measured after the step" in text for text in result.warnings)
+    assert rms(shifted, "later", campaign="keep") > 2e-4
+
+
+def test_held_out_poses_of_a_campaign_with_a_step_follow_their_times(shifted: Path) -> None:
+    assert rms(shifted, "held_out") < 6e-5

@@ -77,11 +77,18 @@ class DecisiveTest:
 
     @property
     def noncentrality_at_limit(self) -> float:
-        """Return the noncentrality over the poses at hand at which an effect is found with probability 1/2."""
+        """Return the noncentrality over the poses at hand at which an effect is found with probability 1/2.
+
+        It is infinite if no degree of freedom is left to test with.
+        """
+        if self.dof[1] <= 0.0:
+            return math.inf
         return needed_noncentrality(_EVEN_CHANCE, self.level, *self.dof) / self.factor
 
     def power(self, noncentrality: float) -> float:
         """Return the probability that an effect is found, from its noncentrality over the poses at hand."""
+        if self.dof[1] <= 0.0:
+            return 0.0
         return noncentral_f_sf(f_critical(self.level, *self.dof), *self.dof, self.factor * noncentrality)
 
 

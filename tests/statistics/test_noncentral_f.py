@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from scipy import stats
 
@@ -33,3 +34,22 @@ def test_the_needed_noncentrality_gives_the_power(power: float) -> None:
     level, dof1, dof2 = 2.5e-5, 2.0, 300.0
     needed = needed_noncentrality(power, level, dof1, dof2)
     assert stats.ncf.sf(stats.f.isf(level, dof1, dof2), dof1, dof2, needed) == pytest.approx(power, abs=1e-7)
+
+
+@pytest.mark.parametrize("dof2", [1.0, 2.0, 8.0, 100.0])
+def test_beyond_the_summed_mixture_the_tail_is_that_of_draws(dof2: float) -> None:
+    noncentrality = 3e4
+    generator = np.random.default_rng(1)
+    numerator = generator.noncentral_chisquare(2.0, noncentrality, 400_000) / 2.0
+    ratios = numerator / (generator.chisquare(dof2, 400_000) / dof2)
+    for x in np.quantile(ratios, (0.1, 0.5, 0.9)):
+        share = float(np.mean(ratios > x))
+        assert noncentral_f_sf(float(x), 2.0, dof2, noncentrality) == pytest.approx(share, abs=0.003)
+
+
+def test_few_degrees_of_freedom_need_no_long_sum() -> None:
+    """With one or two left, a small level needs noncentralities of 1e10: summed, this took hours."""
+    for dof2 in (1.0, 2.0):
+        needed = needed_noncentrality(0.5, 1e-8, 1.0, dof2)
+        critical = f_critical(1e-8, 1.0, dof2)
+        assert noncentral_f_sf(critical, 1.0, dof2, needed) == pytest.approx(0.5, abs=1e-6)

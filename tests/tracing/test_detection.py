@@ -13,6 +13,7 @@ from draws import KINDS, draw
 from scipy import stats
 from test_trace import DECLARED, NOISE, entry, measured
 
+import robacc
 from robacc.effects.base import effect_class
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import entry_of
@@ -107,6 +108,26 @@ def reported(
         gain += np.where(fold == number, without**2 - beside**2, 0.0)
     per_pose = gain.reshape(poses, 3).sum(axis=1)
     return recurs >= 3 and float(per_pose.mean()) > 1.0 * float(per_pose.std(ddof=1)) / math.sqrt(poses)
+
+
+def test_without_a_degree_of_freedom_nothing_is_found() -> None:
+    """As many coefficients as values: no test, and no division by zero."""
+    test = decisive_test(1, 1.0, -math.log(80.0))
+    assert test.dof[1] == 0.0
+    assert test.noncentrality_at_limit == math.inf
+    assert test.power(1e9) == 0.0
+
+
+@pytest.mark.parametrize("poses", [10, 11])
+def test_a_trace_of_few_poses_ends(poses: int) -> None:
+    """Two and five degrees of freedom are left beside the geometry."""
+    robot = arm("puma560").robot
+    q = np.random.default_rng(4).uniform(-1.5, 1.5, (6, poses))
+    position = predict(robot, Measurements(position=np.zeros((3, poses)), q=q)).translation
+    data = Measurements(position=position + 2e-5 * np.random.default_rng(5).standard_normal((3, poses)), q=q)
+    result = robacc.trace(data, robot=robot, declared="base_frame,tool_frame,joint_offset,link_geometry")
+    assert not result.findings
+    assert len(result.document()["detection_limits"]) > 20
 
 
 @pytest.mark.parametrize(("poses", "free", "rank"), [(40, 15, 1), (60, 30, 2)])

@@ -25,7 +25,7 @@ from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direc
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.leverage import high_leverage
 from robacc.fitting.mass_uncertainty import with_mass_uncertainty
-from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.noise import LackOfFit
 from robacc.fitting.parameters import (
     Correlation,
     FittedParameter,
@@ -124,7 +124,7 @@ def calibrate(
     registered = fit(Model.of(robot, frames), data, Options(robust=final.options.robust))
     held_out_residuals = hold_out(plan, found, final.options, data, how, effects, progress)
     comparison = before_and_after(robot, data, registered, final.fit, held_out_residuals, how)
-    noise = lack_of_fit(final.fit, data)
+    noise = final.noise
     with_masses = with_mass_uncertainty(final.fit, data)
     return Calibration(
         robot=apply_fit(final.fit),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 from robacc.calibration.plan import CalibrationPlan
@@ -10,6 +11,7 @@ from robacc.fitting.deflection_model import DeflectionChoice
 from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.measurements import Measurements
@@ -20,8 +22,9 @@ class FinalFit:
     """Fit of all effects to all calibration poses, and what was found beside it."""
 
     fit: Fit
+    noise: LackOfFit
     options: Options
-    """Options of the fit, with the scatter of the joints where it is significant."""
+    """Options of the fit, with the scatter of the joints and errors that poses share, where they are significant."""
     shrunk: tuple[ShrunkKind, ...]
     """Constants with shrinkage to the nominal values, by kind."""
     deflection: DeflectionChoice | None
@@ -53,9 +56,11 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
             warnings.append(NO_SCATTER)
         else:
             options, (unshrunk, deflection) = scattered_options, weighted
-    with_errors, correlated = with_error_structure(unshrunk, data)
-    chosen, shrunk = plan.shrunk(with_errors, data, options)
+    structured = with_error_structure(unshrunk, data)
+    options = dataclasses.replace(options, added=structured.added)
+    chosen, shrunk = plan.shrunk(structured.fit, data, options)
+    noise = lack_of_fit(chosen if structured.added is None else unshrunk, data)
     repeatability = None if components is None else repeatability_of(chosen, components, data)
     if warnings:
         repeatability = measured_alone(repeatability)
-    return FinalFit(chosen, options, shrunk, deflection, repeatability, (*warnings, *correlated))
+    return FinalFit(chosen, noise, options, shrunk, deflection, repeatability, (*warnings, *structured.warnings))

@@ -1,20 +1,43 @@
-"""Standard errors of coefficients beside errors as they are: correlated, unequal, with a scatter that is estimated."""
+"""Fit and standard errors beside errors as they are: shared by poses, correlated, unequal, beside uncertain scatter."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
+from robacc.fitting.coefficient_covariance import with_variances
 from robacc.fitting.correlated_errors import correlated_errors, with_correlated_errors
-from robacc.fitting.fit_result import Fit
+from robacc.fitting.fit_result import AddedVariance, Fit
+from robacc.fitting.shared_errors import with_shared_errors
 from robacc.fitting.uncertain_scatter import with_uncertain_scatter
 from robacc.fitting.unequal_errors import with_unequal_errors
 from robacc.measurements import Measurements
 
 
-def with_error_structure(fit: Fit, data: Measurements) -> tuple[Fit, tuple[str, ...]]:
-    """Return the fit with standard errors that allow for the structure of its errors, and a warning of correlated ones.
+@dataclass(frozen=True, slots=True)
+class StructuredFit:
+    """Fit that allows for the structure of its errors."""
+
+    fit: Fit
+    added: AddedVariance | None
+    """Variance that was added in its weights for errors that poses share; None if it is as fitted before."""
+    warnings: tuple[str, ...]
+    """Sentences for readers of the result."""
+
+
+def with_error_structure(fit: Fit, data: Measurements) -> StructuredFit:
+    """Return the fit with weights and standard errors that allow for the structure of its errors.
 
     Correlated and unequal errors give the larger of two variances; both are there without the uncertainty of the
-    scatter, which multiplies them.
+    scatter, which multiplies them. Errors that poses share lower the weights, and no variance becomes smaller.
     """
     correlated = correlated_errors(fit, data)
-    allowed = with_unequal_errors(with_correlated_errors(fit, correlated), data)
-    return with_uncertain_scatter(allowed, data), () if correlated is None else (correlated.warning,)
+    allowed = with_uncertain_scatter(with_unequal_errors(with_correlated_errors(fit, correlated), data), data)
+    warnings = () if correlated is None else (correlated.warning,)
+    beside = with_shared_errors(fit, data)
+    if beside is None:
+        return StructuredFit(allowed, None, warnings)
+    columns = beside.fit.identifiability.columns
+    usual = np.nan_to_num(np.diag(allowed.covariance)[columns])
+    return StructuredFit(with_variances(beside.fit, usual), beside.added, (*warnings, *beside.warnings))

@@ -20,6 +20,18 @@ from robacc.modelling.observation import Noise
 
 
 @dataclass(frozen=True, slots=True)
+class AddedVariance:
+    """Variance that errors which poses share add to that of noise and scatter, in the weights of a fit."""
+
+    factor: float
+    """Factor of the variances of noise and scatter, at least 1."""
+    position: float
+    """Standard deviation of further independent errors of each position component, m."""
+    orientation: float
+    """The same of each orientation component, rad."""
+
+
+@dataclass(frozen=True, slots=True)
 class Options:
     """Settings of a fit."""
 
@@ -43,6 +55,8 @@ class Options:
     """Prior standard deviations (m or rad) of kinds of constants to start from, by kind."""
     scatter: Scatter | None = None
     """Scatter of the joints, which rows of one visit share; none if None."""
+    added: AddedVariance | None = None
+    """Variance added in the weights for errors that poses share; none if None."""
     settled: float = 1e-3
     """Change of the misfits, as a share, at which the fit ends (ten times it for the groups' priors)."""
 
@@ -76,7 +90,7 @@ class Fit:
     """Map that gives the residuals of all rows unit covariance."""
     scatter: Scatter | None
     chi_square: float
-    """Sum of whitened squares over the inliers."""
+    """Sum of whitened squares over the inliers, without added variance."""
     degrees_of_freedom: float
     """Components of the inliers less effective coefficients."""
     steps: int

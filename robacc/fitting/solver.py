@@ -8,25 +8,21 @@ number of poses beyond the data and what is predicted for them.
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.fitting import misfit as misfits
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.fit_weights import FitWeights
 from robacc.fitting.gauss_newton import minimise
 from robacc.fitting.identifiability import Identifiability, identify_terms
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.outlier_pattern import outlier_pattern
-from robacc.fitting.places import places
 from robacc.fitting.shrinkage import Priors
-from robacc.fitting.visits import visit_numbers
 from robacc.fitting.weak_parameters import WEAK, badly_made, constant_kinds, std_at_nominal
-from robacc.fitting.whitening import Whitening, whitening
-from robacc.geometry import Array
+from robacc.fitting.whitening import Whitening
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
@@ -83,10 +79,8 @@ class _Solver:
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
         self.predicted = self.equations.predict(start, ahead=not start.any())
         self.misfit = options.misfit or misfits.estimate(data, self.predicted.residual, self.inliers, (0.0, 0.0))
-        self.columns = self.equations.joint_columns(model) if self._has_scatter else None
-        self.weight = misfits.row_weights(data, self.misfit)
-        self._white: Whitening | None = None
-        """The latest whitening with scatter."""
+        columns = self.equations.joint_columns(model) if self._has_scatter else None
+        self.weights = FitWeights(data, options, columns, self.misfit)
         self.normal: NormalEquations | None = None
         """Linearisation at the present coefficients, weights and inliers; None if any has changed."""
         self.identifiability = self._identify()
@@ -96,22 +90,6 @@ class _Solver:
     @property
     def _has_scatter(self) -> bool:
         return self.options.scatter is not None and not self.options.scatter.is_none
-
-    def _whitening(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
-        """Return the whitening of the inliers, or of all rows if ``inliers`` is None."""
-        weight = self.weight if inliers is None else self.weight * inliers
-        if self.columns is None or self.options.scatter is None:
-            return Whitening(weight)
-        if self._white is None or not np.array_equal(self._white.weight, weight):
-            visits = visit_numbers(self.data)
-            self._white = whitening(weight, self.columns, self.options.scatter, visits, self._sharing)
-        return self._white
-
-    @cached_property
-    def _sharing(self) -> NDArray[np.int64]:
-        """Return the number of each row's place if rows of a place share errors, else that of its commanded pose."""
-        shared = self.options.scatter is not None and self.options.scatter.pose_std.any()
-        return places(self.data) if shared else self.data.groups()
 
     def _identify(self) -> Identifiability:
         """Find the identifiable coefficients; coefficients with a group prior always are.
@@ -126,7 +104,7 @@ class _Solver:
         if not at_nominal:
             self.equations.columns = np.array(free, dtype=np.int64)
         independent = np.searchsorted(self.equations.columns, free)
-        triangle, normal = self.equations.factorise(nominal, self._whitening(), independent)
+        triangle, normal = self.equations.factorise(nominal, self.weights.whitening(), independent)
         identified = identify_terms(triangle, [terms[i] for i in free], self.data.n)
         measured = self.equations.rows * self.data.n
         if identified.columns.size >= measured and terms:
@@ -156,22 +134,23 @@ class _Solver:
         else is fitted, since the apparent noise of a far start would make all constants weak.
         """
         if self.kind_starts:
-            self._add_priors(std_at_nominal(self.equations, self._whitening(self.inliers), self.priors.precision))
+            self._add_priors()
         linear = self._converge()
         stds = np.sqrt(np.diag(linear.posterior(self.priors.precision[self.equations.columns])))
         limits = badly_made(self.equations, self.model)
         is_drifted = np.abs(self.predicted.theta[self.equations.columns]) > limits
         if not (is_drifted.any() or np.any(stds > WEAK * limits)):
             return linear
-        if not self._add_priors(std_at_nominal(self.equations, self._whitening(self.inliers), self.priors.precision)):
+        if not self._add_priors():
             return linear
         if is_drifted.any():
             # Coefficients correlated with a drifted one are as far off, so the fit restarts.
             self.predicted, self.normal = self.equations.predict(np.zeros(len(self.equations.terms))), None
         return self._converge()
 
-    def _add_priors(self, stds: Array) -> bool:
+    def _add_priors(self) -> bool:
         """Put a prior on the kinds of constants with large standard errors; return whether more kinds have one now."""
+        stds = std_at_nominal(self.equations, self.weights.whitening(self.inliers), self.priors.precision)
         count, limits = len(self.kind_starts), badly_made(self.equations, self.model)
         columns = set(self.equations.columns[stds > WEAK * limits].tolist())
         self.weak |= {self.equations.terms[i].name for i in columns}
@@ -190,7 +169,8 @@ class _Solver:
             columns = self.equations.columns
             if self.priors.groups:
                 components = float(np.count_nonzero(self.inliers) * self.equations.rows)
-                known, settled = self.options.misfit is not None, 10 * self.options.settled
+                known = self.options.misfit is not None or self.options.added is not None
+                settled = 10 * self.options.settled
                 changed = self.priors.update(linear, columns, components, known, settled)
             changed = self._update_misfit(linear) or changed
             if not changed:
@@ -199,7 +179,7 @@ class _Solver:
 
     def _minimise(self) -> NormalEquations:
         precision, tolerance = self.priors.precision, self.options.tolerance
-        white = self._whitening(self.inliers)
+        white = self.weights.whitening(self.inliers)
         minimum = minimise(self.equations, self.predicted, self.normal, white, precision, tolerance)
         self.predicted = minimum.predicted
         self.steps += minimum.steps
@@ -217,7 +197,8 @@ class _Solver:
         previous = self.misfit
         used = self._effective(linear)
         self.misfit = misfits.estimate(self.data, self.predicted.residual, self.inliers, used)
-        self.weight, self.normal = misfits.row_weights(self.data, self.misfit), None
+        self.weights.set_misfit(self.misfit)
+        self.normal = None
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
 
     def _effective(self, linear: NormalEquations) -> tuple[float, float]:
@@ -232,7 +213,7 @@ class _Solver:
             return effective, 0.0
         theta = self.predicted.theta.copy()
         theta[columns] = linear.theta
-        weight = self.weight * self.inliers
+        weight = self.weights.row * self.inliers
         weight[3:] = 0.0
         _, of_position = self.equations.linearise(theta, Whitening(weight))
         position = float(np.sum(linear.posterior(self.priors.precision[columns]) * of_position.gram))
@@ -240,7 +221,7 @@ class _Solver:
 
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
-        weight, count = self._whitening().row_weight, self.equations.columns.size
+        weight, count = self.weights.whitening().row_weight, self.equations.columns.size
         inliers = misfits.inlier_mask(self.predicted.residual, weight, self.inliers, count)
         if outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
@@ -257,8 +238,8 @@ class _Solver:
         """Return the fit; ``linear`` is the last linearisation."""
         equations, predicted = self.equations, self.predicted
         columns, prior = equations.columns, self.priors.precision[equations.columns]
-        white = self._whitening()
-        chi_square = float(np.square(self._whitening(self.inliers).apply(predicted.residual)).sum())
+        white = self.weights.whitening()
+        chi_square = float(np.square(self.weights.whitening_of_noise(self.inliers).apply(predicted.residual)).sum())
         components = float(np.count_nonzero(self.inliers) * equations.rows)
         dof = components - self.priors.effective(linear, columns)
         kinds = self.priors.kind_stds

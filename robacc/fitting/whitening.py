@@ -39,6 +39,10 @@ class Scatter:
         """Return whether all standard deviations are zero."""
         return not (self.visit_std.any() or self.pose_std.any())
 
+    def scaled(self, factor: float) -> Scatter:
+        """Return ``factor`` times the scatter."""
+        return Scatter(factor * self.visit_std, factor * self.pose_std)
+
 
 @dataclass(frozen=True, slots=True)
 class BlockFactor:

@@ -151,8 +151,9 @@ def trace(
         choices = None if validation is None else validation.choices
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     declared, final, form = _final_fits(search_result, data)
-    final, correlated = with_error_structure(final, data)
     noise = lack_of_fit(final, data)
+    structured = with_error_structure(final, data)
+    final = structured.fit
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
     findings = tuple(
@@ -199,7 +200,7 @@ def trace(
             *([] if holdout is None else _holdout_warnings(moved, stages.after)),
             *withdrawn,
             *([] if rounding is None else [rounding.warning]),
-            *correlated,
+            *structured.warnings,
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,

@@ -60,7 +60,8 @@ def test_the_model_names_its_poses(model: Path, others: Path) -> None:
     # A fit on top of a fit is of both files' poses.
     twice = robacc.calibrate(others, robot=model, fit="base_frame")
     assert twice.robot.fitted_to == (digest, hashlib.sha256(others.read_bytes()).hexdigest())
-    assert not twice.warnings
+    # The sample's arm has effects that its geometry alone does not explain.
+    assert [text for text in twice.warnings if "the remaining errors are similar" not in text] == []
 
 
 def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path: Path) -> None:

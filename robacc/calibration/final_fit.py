@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from robacc.calibration.plan import CalibrationPlan
 from robacc.effects.base import Effect
 from robacc.fitting.deflection_model import DeflectionChoice
+from robacc.fitting.directional_noise import noise_and_scatter
 from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.noise import LackOfFit
 from robacc.fitting.scatter_check import NO_SCATTER, contradicts_scatter, with_scatter_covariance
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.measurements import Measurements
@@ -59,8 +60,9 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
     structured = with_error_structure(unshrunk, data)
     options = dataclasses.replace(options, added=structured.added)
     chosen, shrunk = plan.shrunk(structured.fit, data, options)
-    noise = lack_of_fit(chosen if structured.added is None else unshrunk, data)
     repeatability = None if components is None else repeatability_of(chosen, components, data)
     if warnings:
         repeatability = measured_alone(repeatability)
-    return FinalFit(chosen, noise, options, shrunk, deflection, repeatability, (*warnings, *structured.warnings))
+    apart = noise_and_scatter(chosen if structured.added is None else unshrunk, repeatability, data)
+    warnings += [*structured.warnings, *apart.warnings]
+    return FinalFit(chosen, apart.noise, options, shrunk, deflection, apart.repeatability, tuple(warnings))

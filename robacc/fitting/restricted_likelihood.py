@@ -166,7 +166,7 @@ class RestrictedLikelihood:
             else:
                 part = slice(0, 3) if number == 2 * joints else slice(3, 6)
                 numerator[i] = float(np.sum(np.square(self.score[part])))
-                trace[i] = float(np.sum(self._diagonal[part]))
+                trace[i] = float(np.sum(self.diagonal[part]))
                 moved[i, part] = self.score[part]
         used = np.tensordot(moved, self.solved, axes=([1, 2], [0, 2]))
         white = self.white.apply_inplace(moved).reshape(variances.size, -1)
@@ -210,7 +210,7 @@ class RestrictedLikelihood:
         return np.asarray(result - np.einsum("imn,nij,jmn->mn", shared, self._inner, shared))
 
     @cached_property
-    def _diagonal(self) -> Array:
+    def diagonal(self) -> Array:
         """``(M, N)`` the diagonal of P."""
         used = [np.einsum("kn,kn->n", rows, self.covariance @ rows) for rows in self.solved]
         return np.asarray(self._inverse_diagonal() - np.stack(used))

@@ -18,12 +18,13 @@ from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
+from robacc.fitting.directional_noise import noise_and_scatter
 from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
-from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.noise import LackOfFit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
 from robacc.fitting.places import places_warning
 from robacc.fitting.scatter_check import with_scatter_covariance
@@ -151,7 +152,8 @@ def trace(
         choices = None if validation is None else validation.choices
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     declared, final, form = _final_fits(search_result, data)
-    noise = lack_of_fit(final, data)
+    apart = noise_and_scatter(final, _repeatability(search_result, final, data), data)
+    noise, repeatability = apart.noise, apart.repeatability
     structured = with_error_structure(final, data)
     final = structured.fit
     with_masses = with_mass_uncertainty(final, data)
@@ -160,7 +162,6 @@ def trace(
         describe_finding(search_result, effect, final, coefficients, validation, data)
         for effect in search_result.effects
     )
-    repeatability = _repeatability(search_result, final, data)
     rounding = evident_rounding(final, data)
     unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding)
     ends = None if validation is None else (validation.before, validation.after)
@@ -201,6 +202,7 @@ def trace(
             *withdrawn,
             *([] if rounding is None else [rounding.warning]),
             *structured.warnings,
+            *apart.warnings,
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,

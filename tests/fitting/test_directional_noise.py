@@ -1,0 +1,55 @@
+"""Noise of an instrument that is larger along its line of sight, and scatter of the joints that is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arms import arm
+
+import robacc
+from robacc.measurements import Measurements
+from robacc.modelling.model import predict
+
+NOISE = 1e-4
+"""m; root mean square of the three standard deviations."""
+FIT = "base_frame,tool_frame,joint_offset,link_geometry"
+ALONG = {"z": (0.0, 0.0, 1.0), "oblique": (0.6, 0.0, 0.8)}
+SEEDS = {"z": 5, "oblique": 7}
+"""Draws in which equal noise with scatter of the joints is more likely than equal noise alone."""
+
+
+def measured(direction: tuple[float, float, float], ratio: float, scatter: float, seed: int) -> Measurements:
+    """Poses with noise ``ratio`` times as large along a direction as across it, of joints that scatter (rad)."""
+    robot, rng, n = arm("puma560").robot, np.random.default_rng(seed), 150
+    limits = np.array([joint.limits for joint in robot.variables])
+    q = rng.uniform(0.7 * limits[:, :1], 0.7 * limits[:, 1:], size=(len(limits), n))
+    attained = Measurements(np.zeros((3, n)), q=q + scatter * rng.normal(size=q.shape))
+    across = NOISE / np.sqrt((2.0 + ratio**2) / 3.0)
+    along = np.array(direction)[:, None]
+    noise = across * rng.normal(size=(3, n))
+    noise += (ratio - 1.0) * along * (along * noise).sum(axis=0)
+    return Measurements(predict(robot, attained).translation + noise, q=q)
+
+
+@pytest.mark.parametrize("direction", sorted(ALONG))
+def test_noise_along_a_line_of_sight_is_no_scatter_of_the_joints(direction: str) -> None:
+    """It was reported as scatter of 0.08 and 0.12 mm; the latter is more than an arm's repeatability: unexplained."""
+    data = measured(ALONG[direction], 3.0, 0.0, SEEDS[direction])
+    robot = arm("puma560").robot
+    traced = robacc.trace(data, robot=robot, declared=FIT, folds=2)
+    calibrated = robacc.calibrate(data, robot=robot, fit=FIT, folds=2)
+    assert traced.verdict == "clean"
+    for result in (traced, calibrated):
+        assert result.repeatability is None
+        # 150 poses give the largest of the three variances to 12 %, and so the noise to 5 %.
+        assert result.noise.noise.position == pytest.approx(NOISE, rel=0.1)
+        (text,) = [warning for warning in result.warnings if "times as large along the direction" in warning]
+        named = np.array([float(value) for value in text.split("(")[1].split(")")[0].split(",")])
+        assert abs(named @ ALONG[direction]) > 0.98
+
+
+def test_scatter_of_the_joints_beside_noise_stays_scatter() -> None:
+    data = measured(ALONG["z"], 1.0, 3e-4, 3)
+    result = robacc.calibrate(data, robot=arm("puma560").robot, fit=FIT, folds=2)
+    assert result.repeatability is not None
+    assert not any("along the direction" in warning for warning in result.warnings)

@@ -30,6 +30,11 @@ def cross(a: Array, b: Array) -> Array:
     return np.array((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
 
 
+def rms_length(vectors: Array) -> float:
+    """Return the root mean square length of vectors ``(3, N)``, in their unit."""
+    return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=0))))
+
+
 def rotate(rotation: Array, vector: Array) -> Array:
     """Return ``R v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
     result: Array = np.einsum("ij...,j...->i...", rotation, vector)

@@ -26,11 +26,10 @@ from robacc.accuracy.pose_errors import (
     lengths,
     pose_errors,
     registered_poses,
-    rms_length,
 )
 from robacc.accuracy.registering import register, too_far, unregistered_warning
 from robacc.errors import UsageError
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.statistics.records import ErrorStatistics, Unit
 

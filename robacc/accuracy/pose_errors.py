@@ -143,11 +143,6 @@ def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> 
     return PoseErrors(frame, position, rotation)
 
 
-def rms_length(errors: Array) -> float:
-    """Return the RMS length of errors ``(3, N)``."""
-    return float(np.sqrt(np.mean(lengths(errors) ** 2)))
-
-
 def lengths(errors: Array) -> Array:
     """Return the lengths ``(N,)`` of errors ``(3, N)``."""
     result: Array = np.sqrt(np.einsum("in,in->n", errors, errors))

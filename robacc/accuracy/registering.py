@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robacc.accuracy.pose_errors import rms_length
 from robacc.fitting.registration import Alignment
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 

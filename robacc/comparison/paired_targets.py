@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from robacc.accuracy.stages import Gain, paired_gain
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.statistics.distributions import chi2_sf
 
 Loaded = Literal["loaded", "partly loaded", "not loaded", "undecided"]
@@ -108,12 +108,12 @@ class PairedTargets:
     @property
     def rms_before(self) -> float:
         """RMS error before, m."""
-        return rms(self.before)
+        return rms_length(self.before)
 
     @property
     def rms_after(self) -> float:
         """RMS error after, m."""
-        return rms(self.after)
+        return rms_length(self.after)
 
 
 def paired_targets(
@@ -145,11 +145,6 @@ def paired_targets(
     )
 
 
-def rms(errors: Array) -> float:
-    """Return the RMS length of errors ``(3, N)``."""
-    return math.sqrt(float(np.mean(np.sum(np.square(errors), axis=0))))
-
-
 def _loaded(measured: Array, planned: Array) -> LoadedTest:
     """Return the slope of measured on planned displacements, with an interval from the scatter between targets."""
     power = float(np.sum(np.square(planned)))
@@ -167,7 +162,7 @@ def _loaded(measured: Array, planned: Array) -> LoadedTest:
         verdict = "not loaded" if high < 0.5 else "undecided"
     else:
         verdict = "partly loaded" if high < 0.9 else "undecided"
-    return LoadedTest(verdict, slope, low, high, rms(planned))
+    return LoadedTest(verdict, slope, low, high, rms_length(planned))
 
 
 def _promise_test(residual: Array, promise: Promise) -> PromiseTest:

@@ -11,7 +11,7 @@ import numpy as np
 from robacc.effects.base import Effect
 from robacc.errors import InputError, Problem
 from robacc.fitting.apply_fit import absorb_constants
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, Poses, rms_length
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
@@ -90,4 +90,4 @@ def arm_length(arm: Arm, q: Array) -> float:
     """Return the size of the arm, m: RMS distance of its target from its base at joints ``q`` ``(J, N)``."""
     poses = arm.chain.forward(q)
     base = np.array(arm.robot.base.xyz)[:, None]
-    return max(float(np.sqrt(np.mean(np.sum(np.square(poses.translation - base), axis=0)))), 1e-3)
+    return max(rms_length(poses.translation - base), 1e-3)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.fitting.fit_result import Fit
-from robacc.geometry import Array, cross, exp_so3, log_so3, rotate
+from robacc.geometry import Array, cross, exp_so3, log_so3, rms_length, rotate
 from robacc.measurements import Measurements
 
 _FEWEST = 10
@@ -127,14 +127,14 @@ def moved_frames(fit: Fit, holdout: Measurements) -> MovedFrames | None:
         return None
     predicted = fit.predict(holdout)
     residual = holdout.position - predicted.translation
-    of_fit = _rms(fit.residual[:3, fit.inliers])
-    error = _rms(residual)
+    of_fit = rms_length(fit.residual[:3, fit.inliers])
+    error = rms_length(residual)
     if error < _LARGE * of_fit:
         return None
     for by_target in (False, True):
         frames = HeldOutFrames(holdout.position, predicted.rotation if by_target else None)
         remaining = frames.residual(residual)
-        registered = _rms(remaining)
+        registered = rms_length(remaining)
         if _LEAST_GAIN * _median(remaining) <= _median(residual) and registered <= _ALIKE * of_fit:
             return MovedFrames(*frames.motion(residual), by_target, error, registered)
     return None
@@ -154,10 +154,6 @@ def larger_error_warning(fitted: float, held_out: float) -> str | None:
         "poses: the arm, its load, its zeros or the setup changed between the files, the poses are in another region, "
         "or the fit has too many effects for its poses"
     )
-
-
-def _rms(residual: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
 
 
 def _median(residual: Array) -> float:

@@ -12,6 +12,7 @@ from robacc.effects.read_back import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.solver import fit
+from robacc.geometry import rms_length
 from robacc.measurements import Measurements
 
 READ_BACK = "read_back"
@@ -32,7 +33,7 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
     assert data.q is not None
     difference = data.read_back - data.q
     shift = np.einsum("mjn,jn->mn", joint_columns(model, data)[:3], difference)
-    size = float(np.sqrt(np.mean(np.sum(np.square(shift), axis=0))))
+    size = rms_length(shift)
     effect = cls.default(model.arm, data)
     fitted = fit(dataclasses.replace(model, free=(*model.free, effect)), data)
     number = fitted.names.index(READ_BACK)

@@ -15,7 +15,7 @@ import numpy as np
 
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
@@ -103,7 +103,7 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
     columns = joint_columns(model, data)[:3] * std[:, None]
     covariance = np.einsum("ajn,bjn->nab", columns, columns)
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
-    if np.sqrt(np.mean(np.sum(np.square(residual), axis=0))) <= _LEAST_RESIDUAL * position:
+    if rms_length(residual) <= _LEAST_RESIDUAL * position:
         return None
     if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < _EVIDENT:
         return None

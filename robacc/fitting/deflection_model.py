@@ -19,6 +19,7 @@ from robacc.effects.elastic import Deflection, Elastic
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.parsimony import without_idle_rotations
 from robacc.fitting.solver import fit
+from robacc.geometry import rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
@@ -69,7 +70,7 @@ def choose_deflection(
     rigid_model = dataclasses.replace(equilibrium_fit.model, free=with_deflection(equilibrium_fit.model.free, "rigid"))
     poses = rigid_model.bind(data).poses(equilibrium_fit.theta)
     moved = (residuals(data, poses) - equilibrium_fit.residual) * inliers
-    difference = float(np.sqrt(np.mean(np.sum(np.square(moved[:3, inliers]), axis=0))))
+    difference = rms_length(moved[:3, inliers])
     separation = float(np.linalg.norm(equilibrium_fit.whitening.apply(moved)))
     if separation < _DISTINGUISHABLE:
         return equilibrium_fit, original, DeflectionChoice("equilibrium", difference, separation, None)

@@ -14,7 +14,7 @@ import numpy as np
 
 from robacc.effects.specification import known_effects
 from robacc.errors import UsageError
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Campaign, Robot
@@ -159,4 +159,4 @@ def _registered_rms(predicted: Array, measured: Array) -> float:
     u, _, vt = np.linalg.svd(b @ a.T)
     sign = np.sign(np.linalg.det(u @ vt))
     rotation = u @ np.diag([1.0, 1.0, sign]) @ vt
-    return float(np.sqrt(np.mean(np.sum(np.square(b - rotation @ a), axis=0))))
+    return rms_length(b - rotation @ a)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import REGISTRY, Term
 from robacc.fitting.identifiability import identify_terms
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.linear_model import ExpectedNoise, whitened
@@ -181,7 +181,7 @@ def _limit(
             size = None
     if size is not None:
         moved = np.einsum("mnq,q->mn", rows[:3][:, :, place], vectors[:, 0]) / weight
-        rms = size * float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))
+        rms = size * rms_length(moved)
     return ExpectedLimit(
         effect.name, effect.joints, effect.settings(), candidate.terms[0].unit, size, usual, power, rms
     )

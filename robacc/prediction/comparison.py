@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting import registration
 from robacc.fitting.registration import Alignment
+from robacc.geometry import rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.observation import residuals
@@ -86,8 +85,8 @@ def compare_with_measured(
     return MeasuredComparison(
         data.n,
         data.source or "the data",
-        _rms(errors[:3]),
-        None if data.rotation is None else _rms(errors[3:]),
+        rms_length(errors[:3]),
+        None if data.rotation is None else rms_length(errors[3:]),
         alignment,
         statistics,
         tests,
@@ -115,10 +114,6 @@ def _check_arguments(data: Measurements, noise: Noise, confidence: float) -> Non
         raise UsageError("`noise` is a standard deviation above 0")
     if not 0.5 <= confidence < 1.0:
         raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
-
-
-def _rms(errors: np.typing.NDArray[np.float64]) -> float:
-    return math.sqrt(float(np.mean(np.sum(np.square(errors), axis=0))))
 
 
 def _one_draw(statistics: SufficientStatistics) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
-from robacc.geometry import Array, Poses, compose, log_so3, transpose
+from robacc.geometry import Array, Poses, compose, log_so3, rms_length, transpose
 from robacc.robots.arm import Arm
 from robacc.robots.summary import low_discrepancy
 
@@ -126,7 +126,7 @@ def _length(arm: Arm) -> float:
     """Return the arm's size, m, which weighs radians against lengths independently of the unit of length."""
     poses = arm.chain.forward(spread_configurations(arm, 64))
     base = np.array(arm.robot.base.xyz)[:, None]
-    return max(float(np.sqrt(np.mean(np.sum(np.square(poses.translation - base), axis=0)))), 1e-9)
+    return max(rms_length(poses.translation - base), 1e-9)
 
 
 def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float) -> Array:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.statistics.noncentral_f import f_critical, needed_noncentrality, noncentral_f_sf
 from robacc.tracing.candidate_scorer import CandidateScorer
 from robacc.tracing.candidates import Candidate
@@ -151,5 +151,5 @@ def _limit(
             size = None
     if size is not None:
         moved = np.einsum("mqn,q->mn", scorer.system.columns[:3][:, columns], vectors[:, 0]) / weight[:3]
-        rms = size * float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))
+        rms = size * rms_length(moved)
     return DetectionLimit(effect.name, effect.joints, effect.settings(), size, candidate.terms[0].unit, rms)

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from robacc.diagnostics.approach_memory import memory_of_play
 from robacc.diagnostics.residual_correlation import residual_correlations
 from robacc.diagnostics.rounded_joints import Rounding
@@ -17,6 +15,7 @@ from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
+from robacc.geometry import rms_length
 from robacc.measurements import Measurements
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.ranking import Ranked
@@ -144,7 +143,7 @@ def remaining_error(
     if hints and (loads := unlogged_loads(final, data)) is not None:
         hints.insert(0, loads.text)
     residual = final.residual[:3, final.inliers]
-    rms = float(np.sqrt(np.mean(np.sum(np.square(residual), axis=0))))
+    rms = rms_length(residual)
     hints.extend(_scatter_hints(repeatability, rounding))
     hints.extend(suspected_mistakes(final))
     hints.extend(_outlier_hints(final, data))

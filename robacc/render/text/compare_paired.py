@@ -8,7 +8,7 @@ from typing import TextIO
 import numpy as np
 
 from robacc.comparison.paired_targets import PairedTargets
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import p_value, three_digits
@@ -44,7 +44,7 @@ def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> I
     if result.promise is not None:
         promise = result.promise
         kept = "agrees with the model" if promise.kept else "does not agree with the model"
-        measured_rms = np.sqrt(np.mean(np.sum(np.square(result.after), axis=0)))
+        measured_rms = rms_length(result.after)
         texts.append(
             f"the error after {kept}: {three_digits(float(measured_rms) * _IN_MM)} mm rms measured, "
             f"{three_digits(promise.promised_rms * _IN_MM)} mm rms predicted with measurement noise; chi-square "

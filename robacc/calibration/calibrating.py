@@ -53,6 +53,8 @@ class Calibration:
     robot: Robot
     effects: tuple[Effect, ...]
     fit: Fit
+    predicting: Fit
+    """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
     noise: LackOfFit
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not significant beside the noise."""
@@ -130,6 +132,7 @@ def calibrate(
         robot=apply_fit(final.fit),
         effects=effects,
         fit=final.fit,
+        predicting=final.predicting,
         noise=noise,
         repeatability=final.repeatability,
         nominal_unregistered=comparison.nominal_unregistered,

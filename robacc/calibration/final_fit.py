@@ -23,6 +23,8 @@ class FinalFit:
     """Fit of all effects to all calibration poses, and what was found beside it."""
 
     fit: Fit
+    predicting: Fit
+    """The same fit with the covariance that predictions take."""
     noise: LackOfFit
     options: Options
     """Options of the fit, with the scatter of the joints and errors that poses share, where they are significant."""
@@ -60,9 +62,10 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
     structured = with_error_structure(unshrunk, data)
     options = dataclasses.replace(options, added=structured.added)
     chosen, shrunk = plan.shrunk(structured.fit, data, options)
+    predicting = dataclasses.replace(chosen, covariance=structured.predicting.covariance)
     repeatability = None if components is None else repeatability_of(chosen, components, data)
     if warnings:
         repeatability = measured_alone(repeatability)
     apart = noise_and_scatter(chosen if structured.added is None else unshrunk, repeatability, data)
     warnings += [*structured.warnings, *apart.warnings]
-    return FinalFit(chosen, apart.noise, options, shrunk, deflection, apart.repeatability, tuple(warnings))
+    return FinalFit(chosen, predicting, apart.noise, options, shrunk, deflection, apart.repeatability, tuple(warnings))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,8 @@ class StructuredFit:
     fit: Fit
     added: AddedVariance | None
     """Variance that was added in its weights for errors that poses share; None if it is as fitted before."""
+    predicting: Fit
+    """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
     warnings: tuple[str, ...]
     """Sentences for readers of the result."""
 
@@ -37,7 +39,10 @@ def with_error_structure(fit: Fit, data: Measurements) -> StructuredFit:
     warnings = () if correlated is None else (correlated.warning,)
     beside = with_shared_errors(fit, data)
     if beside is None:
-        return StructuredFit(allowed, None, warnings)
+        return StructuredFit(allowed, None, allowed, warnings)
     columns = beside.fit.identifiability.columns
     usual = np.nan_to_num(np.diag(allowed.covariance)[columns])
-    return StructuredFit(with_variances(beside.fit, usual), beside.added, (*warnings, *beside.warnings))
+    structured = predicting = with_variances(beside.fit, usual)
+    if np.array_equal(columns, fit.identifiability.columns):
+        predicting = replace(structured, covariance=allowed.covariance)
+    return StructuredFit(structured, beside.added, predicting, (*warnings, *beside.warnings))

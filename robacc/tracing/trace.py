@@ -70,6 +70,8 @@ class Trace:
     """What the verdict presumes where the noise is known from the residual alone."""
     declared: Fit
     final: Fit
+    predicting: Fit
+    """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
     noise: LackOfFit
     nominal_unregistered: Stage
     """The nominal model as it stands in the robot file."""
@@ -172,6 +174,7 @@ def trace(
         assumption=assumption_of(verdict, noise, repeatability),
         declared=declared,
         final=final,
+        predicting=structured.predicting,
         noise=noise,
         nominal_unregistered=stages.nominal_unregistered,
         nominal=stages.nominal,

@@ -88,6 +88,19 @@ def test_the_joint_of_the_errors_is_named() -> None:
     assert [errors.joint for errors in joints][:1] == [chosen.robot.variable_names[1]]
 
 
+def test_predictions_take_the_covariance_without_shared_errors() -> None:
+    """Held-out poses show these errors, so that they would count twice."""
+    data, chosen = measured(100, 3)
+    plain = fitted(data, chosen, Options())
+    structured = with_error_structure(plain, data)
+    assert structured.added is not None
+    np.testing.assert_array_equal(structured.predicting.theta, structured.fit.theta)
+    columns = plain.identifiability.columns
+    usual, reported = (np.diag(result.covariance)[columns] for result in (structured.predicting, structured.fit))
+    np.testing.assert_allclose(usual, np.diag(plain.covariance)[columns], rtol=1e-12)
+    assert np.all(reported > 1.5 * usual)
+
+
 def test_added_variance_weights_as_a_larger_misfit_does() -> None:
     data, chosen = measured(1, 2)
     misfit = (NOISE, 1e-5)

@@ -59,7 +59,7 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
             warnings.append(NO_SCATTER)
         else:
             options, (unshrunk, deflection) = scattered_options, weighted
-    structured = with_error_structure(unshrunk, data)
+    structured = with_error_structure(unshrunk, data, plan.with_priors(options, unshrunk.model.free, data).priors)
     options = dataclasses.replace(options, added=structured.added)
     chosen, shrunk = plan.shrunk(structured.fit, data, options)
     predicting = dataclasses.replace(chosen, covariance=structured.predicting.covariance)

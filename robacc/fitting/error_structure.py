@@ -12,6 +12,7 @@ from robacc.fitting.fit_result import AddedVariance, Fit
 from robacc.fitting.shared_errors import with_shared_errors
 from robacc.fitting.uncertain_scatter import with_uncertain_scatter
 from robacc.fitting.unequal_errors import with_unequal_errors
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 
 
@@ -28,16 +29,18 @@ class StructuredFit:
     """Sentences for readers of the result."""
 
 
-def with_error_structure(fit: Fit, data: Measurements) -> StructuredFit:
+def with_error_structure(fit: Fit, data: Measurements, priors: Array | None = None) -> StructuredFit:
     """Return the fit with weights and standard errors that allow for the structure of its errors.
 
     Correlated and unequal errors give the larger of two variances; both are there without the uncertainty of the
     scatter, which multiplies them. Errors that poses share lower the weights, and no variance becomes smaller.
+
+    ``priors`` ``(P,)`` are the given prior standard deviations of the fit, as in its options.
     """
     correlated = correlated_errors(fit, data)
     allowed = with_uncertain_scatter(with_unequal_errors(with_correlated_errors(fit, correlated), data), data)
     warnings = () if correlated is None else (correlated.warning,)
-    beside = with_shared_errors(fit, data)
+    beside = with_shared_errors(fit, data, priors)
     if beside is None:
         return StructuredFit(allowed, None, allowed, warnings)
     columns = beside.fit.identifiability.columns

@@ -92,10 +92,10 @@ class FitBesideSharedErrors:
         )
 
 
-def with_shared_errors(fitted: Fit, data: Measurements) -> FitBesideSharedErrors | None:
+def with_shared_errors(fitted: Fit, data: Measurements, priors: Array | None = None) -> FitBesideSharedErrors | None:
     """Return the fit that allows for errors which poses share; None if they are not significant.
 
-    Scatter, noise and inliers stay as they are.
+    Scatter, noise, inliers and the given ``priors`` ``(P,)`` stay as they are.
     """
     joints = shared_errors(fitted, data)
     if not joints:
@@ -103,6 +103,7 @@ def with_shared_errors(fitted: Fit, data: Measurements) -> FitBesideSharedErrors
     added = _added_variance(fitted, joints[0].ratio)
     options = Options(
         robust=False,
+        priors=priors,
         misfit=fitted.misfit,
         start=fitted.theta,
         inliers=fitted.inliers,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arms import arm
 
+from robacc.calibration.calibrating import calibrate
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_result import AddedVariance, Fit, Options
@@ -99,6 +100,18 @@ def test_predictions_take_the_covariance_without_shared_errors() -> None:
     usual, reported = (np.diag(result.covariance)[columns] for result in (structured.predicting, structured.fit))
     np.testing.assert_allclose(usual, np.diag(plain.covariance)[columns], rtol=1e-12)
     assert np.all(reported > 1.5 * usual)
+
+
+def test_given_priors_stay() -> None:
+    data, chosen = measured(100, 3)
+    requests = parse_requests(DECLARED)
+    free = calibrate(chosen.robot, data, requests, shrink=False)
+    priors = {p.name: 1e-9 for p in free.parameters if p.name.startswith("joint_offset")}
+    held = calibrate(chosen.robot, data, requests, priors=priors)
+    for result, limits in ((free, (1e-6, 1e-3)), (held, (0.0, 1e-8))):
+        assert any("are similar where" in text for text in result.warnings)
+        largest = max(abs(p.value) for p in result.parameters if p.name in priors)
+        assert limits[0] <= largest <= limits[1]
 
 
 def test_added_variance_weights_as_a_larger_misfit_does() -> None:

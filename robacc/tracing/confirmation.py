@@ -99,7 +99,7 @@ def with_held_out_gain(
     cancelled: list[str] = []
     place = places(data if holdout is None else holdout)
     while validation is not None and search_result.effects:
-        weight = search_result.final.weight if holdout is None else None
+        weight = _weight_of_plausible(search_result) if holdout is None else None
         scores = {
             effect: gain_score(judged(validation.without[effect.key()]), judged(validation.after), place, weight)
             for effect in search_result.effects
@@ -122,6 +122,15 @@ def with_held_out_gain(
         search_result = _significant(search_result, effects, selection, data)
         validation = cross_validate(search_result, validation.choices, data, holdout, n_folds, seed, earlier=validation)
     return search_result, validation, _withdrawn_warnings(no_gain, cancelled)
+
+
+def _weight_of_plausible(search_result: SearchResult) -> Array:
+    """Return ``(M, N)`` the final fit's weights, zero for rows that are outliers with the findings and without.
+
+    One row that is metres off would outweigh the gain of all others.
+    """
+    final = search_result.final
+    return np.asarray(final.weight * (final.inliers | search_result.declared.inliers), dtype=np.float64)
 
 
 def _most_cancelled(search_result: SearchResult, validation: CrossValidation, data: Measurements) -> Effect | None:

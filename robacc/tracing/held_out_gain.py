@@ -41,7 +41,7 @@ def gain_score(without: Array, after: Array, place: NDArray[np.int64], weight: A
 def gain_of(better: Fit, worse: Fit, data: Measurements) -> float:
     """Return the :func:`gain_score` of one fitted model over another, each fitted again without each fold of ``data``.
 
-    It is 0 if there are too few poses for that.
+    It is 0 if there are too few poses for that. Rows that are outliers of both are not judged.
     """
     assigned = folds(data, _FOLDS, seed=0)
     if assigned is None:
@@ -55,4 +55,5 @@ def gain_of(better: Fit, worse: Fit, data: Measurements) -> float:
                 residual[:, test] = held_out(again, data.subset(np.flatnonzero(test)))
     except InputError:
         return 0.0
-    return gain_score(without, after, places(data))
+    plausible = better.inliers | worse.inliers
+    return gain_score(without[:, plausible], after[:, plausible], places(data)[plausible])

@@ -75,6 +75,8 @@ class Measurements:
     """``(B, N)`` joint variables beside the chain that move mass, rad or m, in the order of the robot's branches."""
     branch_names: tuple[str, ...] = ()
     """Their names, B of them."""
+    copies: NDArray[np.bool_] | None = None
+    """``(N,)`` rows that repeat the measured values of an earlier row to the last digit: they show no noise."""
     rows: NDArray[np.int64] | None = None
     """``(N,)`` 1-based line of each pose in the file, or its row where the file has no lines."""
     counted: Counted = "line"
@@ -110,6 +112,10 @@ class Measurements:
             if isinstance(getattr(self, field.name), np.ndarray)
         }
         return dataclasses.replace(self, **changes)
+
+    def first_measured(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the ``mask`` ``(N,)`` without copies of measurements."""
+        return mask if self.copies is None else mask & ~self.copies
 
     def line(self, i: int) -> int:
         """Return the line of pose i in the file, or its number counted from 1 where there is no file."""

@@ -252,7 +252,7 @@ def _visits_in_time(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], Ar
     count = np.bincount(numbers)
     time = np.arange(data.n, dtype=np.float64) if data.time is None else data.time
     mean = np.bincount(numbers, weights=time) / np.maximum(count, 1)
-    whole = (count > 0) & (np.bincount(numbers, weights=~fit.inliers) == 0)
+    whole = (count > 0) & (np.bincount(numbers, weights=~data.first_measured(fit.inliers)) == 0)
     order = np.flatnonzero(whole)[np.argsort(mean[whole], kind="stable")]
     place = np.full(count.size, -1, dtype=np.int64)
     place[order] = np.arange(order.size)

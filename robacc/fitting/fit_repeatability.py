@@ -98,7 +98,7 @@ def mixed_model(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], MixedM
     if columns.size > MANY_COEFFICIENTS:
         # Profiles use few degrees of freedom, because their coefficients are shrunk; they stay as fitted.
         columns, precision = columns[precision == 0.0], precision[precision == 0.0]
-    rows = _thinned(data, np.flatnonzero(fit.inliers))
+    rows = _thinned(data, np.flatnonzero(data.first_measured(fit.inliers)))
     part = data.subset(rows)
     components = fit.residual.shape[0]
     _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)

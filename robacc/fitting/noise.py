@@ -69,15 +69,16 @@ def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
 
 def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float] | None:
     """Return the variance along an axis (m^2) within repeats of a commanded pose, and its degrees of freedom."""
-    groups = data.groups()[fit.inliers]
+    rows = data.first_measured(fit.inliers)
+    groups = data.groups()[rows]
     if data.target is not None:
-        pairs = np.stack((groups, np.unique(data.target[fit.inliers], return_inverse=True)[1]))
+        pairs = np.stack((groups, np.unique(data.target[rows], return_inverse=True)[1]))
         groups = np.unique(pairs, axis=1, return_inverse=True)[1]
     counts = np.bincount(groups)
     dof = 3.0 * float(np.sum(np.maximum(counts - 1, 0)))
     if dof < _LEAST_REPEATS:
         return None
-    residual = fit.residual[:3, fit.inliers]
+    residual = fit.residual[:3, rows]
     within = 0.0
     for axis in residual:
         means = np.bincount(groups, weights=axis) / np.maximum(counts, 1)

@@ -181,7 +181,7 @@ def all_ratios(fitted: Fit, data: Measurements) -> list[SharedErrors]:
 
 def _thinned(fitted: Fit, data: Measurements) -> tuple[NDArray[np.int64], NDArray[np.int64], float]:
     """Return rows ``(n,)`` of at most :data:`_MOST_VISITS` visits, their visits, and all inliers over these rows."""
-    inliers = np.flatnonzero(fitted.inliers)
+    inliers = np.flatnonzero(data.first_measured(fitted.inliers))
     _, visits = np.unique(visit_numbers(data)[inliers], return_inverse=True)
     count = int(visits.max(initial=-1)) + 1
     rank = np.random.default_rng(0).permutation(count)[visits]

@@ -60,7 +60,7 @@ def with_unequal_errors(fit: Fit, data: Measurements) -> Fit:
 def _whole_visits(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return rows ``(n,)`` of visits without outliers, thinned to a number that costs little, and their visits."""
     visits = visit_numbers(data)
-    whole = np.bincount(visits, weights=~fit.inliers)[visits] == 0
+    whole = np.bincount(visits, weights=~data.first_measured(fit.inliers))[visits] == 0
     _, numbers = np.unique(visits[whole], return_inverse=True)
     thinning = -(-(int(numbers.max(initial=0)) + 1) // MOST_ROWS)
     kept = np.flatnonzero(whole)[numbers % thinning == 0]

@@ -16,7 +16,7 @@ from robacc.io.table_parts import TableBody
 from robacc.measurements import Measurements
 from robacc.poses.close_poses import with_repetitions
 from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS, TEXTS
-from robacc.poses.duplicate_rows import duplicate_row_warnings
+from robacc.poses.duplicate_rows import duplicate_rows
 from robacc.poses.headings import TIME_KEYS
 from robacc.poses.known_robot import UNKNOWN_ROBOT, KnownRobot
 from robacc.poses.layout import Layout, listing, read_layout
@@ -87,9 +87,11 @@ def read_poses(
         data, repeated = with_repetitions(data) if attained else (data, None)
         remarks += [repeated] if repeated else []
         doubts = (f"{reader.file}: {text}" for text in (*remarks, *angles.remarks, *data.warnings))
-        duplicates = duplicate_row_warnings(values, reader.file, log.counted)
-        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates)
-        return dataclasses.replace(data, source=reader.file, sha256=reader.sha256, warnings=warnings)
+        duplicates = duplicate_rows(values, reader.file, log.counted)
+        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates.warnings)
+        return dataclasses.replace(
+            data, copies=duplicates.copies, source=reader.file, sha256=reader.sha256, warnings=warnings
+        )
 
 
 def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +29,23 @@ _NEAR_PER_EQUAL = 25.0
 gives, at a resolution of 1 um."""
 
 
-def duplicate_row_warnings(values: Values, file: str, counted: Counted) -> list[str]:
-    """Return a warning where rows repeat an earlier row, or its measured values alone, which noise hardly ever does."""
+@dataclass(frozen=True, slots=True)
+class DuplicateRows:
+    """Rows that repeat an earlier row, or its measured values alone, which noise hardly ever does."""
+
+    warnings: tuple[str, ...] = ()
+    copies: NDArray[np.bool_] | None = None
+    """``(N,)`` the later rows; None without any."""
+
+
+def duplicate_rows(values: Values, file: str, counted: Counted) -> DuplicateRows:
+    """Return the rows that repeat an earlier row, with a warning."""
     if values.lines.size < 2:
-        return []
+        return DuplicateRows()
     measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
     same_measured = _equal_pairs(measured if len(measured) else values.numbers)
     if not same_measured[0].size:
-        return []
+        return DuplicateRows()
     first, second = _equal_pairs(values.numbers)
     equal = np.ones(first.size, dtype=bool)
     same_visit = equal.copy()
@@ -47,14 +57,14 @@ def duplicate_row_warnings(values: Values, file: str, counted: Counted) -> list[
             equal &= agrees
     duplicate = equal & same_visit
     if duplicate.any():
-        return _warning(values, (first[duplicate], second[duplicate]), "an earlier row in every column", file, counted)
+        return _found(values, (first[duplicate], second[duplicate]), "an earlier row in every column", file, counted)
     # Rounded values of many visits repeat by chance; a few to the last digit are copies.
     if 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
         where = "an earlier row of another visit to the last digit"
-        return _warning(values, (first[equal], second[equal]), where, file, counted)
+        return _found(values, (first[equal], second[equal]), where, file, counted)
     if "x" in values.row_index and _are_copies(measured[:3], same_measured[0].size):
-        return _warning(values, same_measured, "the measured values of an earlier row to the last digit", file, counted)
-    return []
+        return _found(values, same_measured, "the measured values of an earlier row to the last digit", file, counted)
+    return DuplicateRows()
 
 
 def _equal_pairs(numbers: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -87,13 +97,16 @@ def _are_copies(position: Array, equal: int) -> bool:
     return near < _NEAR_PER_EQUAL * equal
 
 
-def _warning(
+def _found(
     values: Values, pairs: tuple[NDArray[np.int64], NDArray[np.int64]], where: str, file: str, counted: Counted
-) -> list[str]:
-    """Return the warning of the pairs of rows, with that whose copy comes first as the example."""
+) -> DuplicateRows:
+    """Return the later rows of the pairs, and a warning with that whose copy comes first as the example."""
     first, second = pairs
     i = int(np.argmin(values.lines[second]))
     count = first.size
     rows = f"{count} row{'s repeat' if count > 1 else ' repeats'} {where}"
     example = f"{counted} {int(values.lines[second[i]])} repeats {counted} {int(values.lines[first[i]])}"
-    return [f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies"]
+    copies = np.zeros(values.lines.size, dtype=bool)
+    copies[second] = True
+    warning = f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies"
+    return DuplicateRows((warning,), copies)

@@ -20,8 +20,8 @@ _MANY_TURNS = 2 * TURN
 """rad; industrial joints end at one turn either way, few at two; 12.6 degrees is less than any arm's motion."""
 _FREQUENT = 0.2
 """Share of poses beyond one turn: no joint of an arm reaches it, angles in degrees exceed it at once."""
-LIMIT_TOLERANCE = 1e-9
-"""rad or m; rounding of a limit and a joint variable that are written in other units or fewer digits."""
+LIMIT_TOLERANCE = 5e-6
+"""rad or m; rounding of a limit and a joint variable in other units, or of a limit with five decimals (3.14159)."""
 EXCESS_TOLERANCE = {"length": 5e-4, "angle": math.radians(0.05)}
 """m and rad; a limit exceeded by less is a warning: controllers log positions beyond a limit by their following error,
 and data sheets round limits."""
@@ -58,7 +58,7 @@ def degrees_likely(q: Array, limits: tuple[float, float] | None) -> bool:
 
 
 def outside_limits(q: Array, limits: tuple[float, float]) -> NDArray[np.bool_]:
-    """Return ``(N,)``: True where a joint's value is outside its limits by more than rounding (1e-9 rad or m)."""
+    """Return ``(N,)``: True where a joint's value is outside its limits by more than rounding (5e-6 rad or m)."""
     outside: NDArray[np.bool_] = (q < limits[0] - LIMIT_TOLERANCE) | (q > limits[1] + LIMIT_TOLERANCE)
     return outside
 

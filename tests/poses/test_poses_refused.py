@@ -202,6 +202,13 @@ def test_a_small_excess_of_a_limit_is_a_warning(read: Reader, unit: str, over: f
         assert "by at most 0.0501 deg in 1 row" in warning
 
 
+def test_rounding_exceeds_no_limit(read: Reader) -> None:
+    """A limit of pi as a data sheet writes it, and the angle that a controller writes in degrees."""
+    robot = KnownRobot(["j1"], ["revolute"], [(-3.14159, 3.14159)])
+    assert read("q1_deg,x,y,z\n180,0,0,1\n-180,0,1,1\n", robot=robot).warnings == ()
+    assert len(read("q1_deg,x,y,z\n180.001,0,0,1\n-180,0,1,1\n", robot=robot).warnings) == 1
+
+
 def test_the_tolerance_of_a_prismatic_joint_is_half_a_millimetre(read: Reader) -> None:
     text = "q1,x,y,z\n0.3004,0,0,1\n0.3,0,0,1\n"
     rail = KnownRobot(["rail"], ["prismatic"], [(0, 0.3)])

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from robacc.fitting.coefficient_covariance import with_factors
 from robacc.fitting.fit_result import AddedVariance, Fit, Options
-from robacc.fitting.linear_algebra import posterior
+from robacc.fitting.linear_algebra import inverted, posterior
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
@@ -158,7 +158,8 @@ def all_ratios(fitted: Fit, data: Measurements) -> list[SharedErrors]:
     design = np.moveaxis(white.apply(np.moveaxis(jacobian[:count], 1, 0)), 0, 1)
     error = white.apply(fitted.residual[:, rows])
     inverse = posterior(fitted.gram / thinning, fitted.precision / thinning)
-    metric = np.linalg.inv(inverse[np.ix_(own, own)])
+    scale = 1.0 / np.sqrt(np.diag(inverse)[own])
+    metric = inverted(inverse[np.ix_(own, own)] * scale[:, None] * scale) * scale[:, None] * scale
     moved = np.einsum("mkn,ks->msn", design, inverse[:, own], optimize=True)
     result = []
     for name, q in zip(fitted.model.arm.names, data.q[:, rows], strict=True):
@@ -180,17 +181,23 @@ def all_ratios(fitted: Fit, data: Measurements) -> list[SharedErrors]:
 
 
 def _thinned(fitted: Fit, data: Measurements) -> tuple[NDArray[np.int64], NDArray[np.int64], float]:
-    """Return rows ``(n,)`` of at most :data:`_MOST_VISITS` visits, their visits, and all inliers over these rows."""
+    """Return rows ``(n,)`` of at most :data:`_MOST_VISITS` visits, their visits, and all inliers over these rows.
+
+    Visits are numbered by their joint variables, then by the sums of their positions, so that the order of the rows
+    does not matter.
+    """
     inliers = np.flatnonzero(data.first_measured(fitted.inliers))
-    _, visits = np.unique(visit_numbers(data)[inliers], return_inverse=True)
-    count = int(visits.max(initial=-1)) + 1
-    rank = np.random.default_rng(0).permutation(count)[visits]
-    kept = rank < _MOST_VISITS
+    _, first, number = np.unique(visit_numbers(data)[inliers], return_index=True, return_inverse=True)
+    sums = [np.bincount(number, weights=axis) for axis in data.position[:, inliers]]
+    rank = np.empty(first.size, dtype=np.int64)
+    rank[np.lexsort((*sums, *(() if data.q is None else data.q[:, inliers[first]])))] = np.arange(first.size)
+    visits = rank[number]
+    kept = visits % -(-first.size // _MOST_VISITS or 1) == 0
     return inliers[kept], visits[kept], inliers.size / max(float(np.count_nonzero(kept)), 1.0)
 
 
 def _blocks(q: Array, visits: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows of each block: visits divided evenly in the order of the joint's position."""
+    """Yield the rows of each block: visits divided evenly by the position of the joint, then by their number."""
     _, first, number = np.unique(visits, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(q[first], kind="stable"), kind="stable")
     count = min(_BLOCKS, first.size // _OF_BLOCK)

@@ -89,6 +89,18 @@ def test_the_joint_of_the_errors_is_named() -> None:
     assert [errors.joint for errors in joints][:1] == [chosen.robot.variable_names[1]]
 
 
+def test_the_order_of_the_rows_does_not_matter() -> None:
+    """Joints have four positions each, so that many rows share one."""
+    data, chosen = measured(7, 3)
+    assert data.q is not None
+    grid = dataclasses.replace(data, q=np.round(data.q))
+    error = data.position - predict(chosen.robot, data).translation
+    grid = dataclasses.replace(grid, position=predict(chosen.robot, grid).translation + error)
+    permuted = grid.subset(np.random.default_rng(8).permutation(grid.n))
+    one, other = (all_ratios(fitted(rows, chosen, Options()), rows) for rows in (grid, permuted))
+    np.testing.assert_allclose([e.ratio for e in one], [e.ratio for e in other], rtol=1e-7)
+
+
 def test_predictions_take_the_covariance_without_shared_errors() -> None:
     """Held-out poses show these errors, so that they would count twice."""
     data, chosen = measured(100, 3)

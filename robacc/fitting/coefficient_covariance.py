@@ -46,6 +46,12 @@ def with_factors(fit: Fit, factor: Array) -> Fit:
     return _replaced(fit, fit.covariance[np.ix_(columns, columns)] * factor[:, None] * factor)
 
 
+def with_added_covariance(fit: Fit, added: Array) -> Fit:
+    """Return the fit with ``added`` ``(K, K)`` in its covariance, of a further, independent source."""
+    columns = fit.identifiability.columns
+    return _replaced(fit, fit.covariance[np.ix_(columns, columns)] + added)
+
+
 def _replaced(fit: Fit, identifiable: Array) -> Fit:
     columns = fit.identifiability.columns
     covariance = fit.covariance.copy()

@@ -33,6 +33,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.linear_algebra import solved
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, MOST_ROWS
 from robacc.fitting.visits import visit_numbers
+from robacc.fitting.whitened_rows import whitened_rows
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 
@@ -276,16 +277,14 @@ def _whitened(fit: Fit, data: Measurements, rows: NDArray[np.int64]) -> list[Arr
     Shrunk coefficients are estimated about zero, so the part that they explain is added to the residual, unless they
     are too many to be estimated anew.
     """
-    columns, part, count = fit.identifiability.columns, data.subset(rows), fit.residual.shape[0]
-    _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)
-    white = fit.whitening.subset(rows)
-    design = white.apply(np.moveaxis(jacobian[:count], 1, 0))
-    error = white.apply(fit.residual[:, rows])
+    columns = fit.identifiability.columns
+    by_component, error = whitened_rows(fit, data, rows)
+    design = np.moveaxis(by_component, 1, 0)
     if columns.size <= MANY_COEFFICIENTS:
         shrunk = np.where(fit.precision > 0.0, fit.theta[columns], 0.0)
         error += np.einsum("kmn,k->mn", design, shrunk)
     values = np.concatenate((design, error[None]))
-    return [values[:, start : start + 3] for start in range(0, count, 3)]
+    return [values[:, start : start + 3] for start in range(0, len(error), 3)]
 
 
 def _meat(kind: _Kind, wander: _Wander, interval: Array, part: float) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.errors import EquilibriumError
+from robacc.fitting.coefficient_covariance import with_added_covariance
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.linear_algebra import solved
 from robacc.geometry import Array
@@ -56,16 +57,13 @@ def mass_warning(fit: Fit) -> tuple[str, ...]:
 def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
     """Return the fit with the uncertainty of the masses in its covariance; unchanged without elastic effects."""
     std = relative_std(fit)
-    columns = fit.identifiability.columns
-    if std == 0.0 or not columns.size or not depends_on_masses(fit.model.free):
+    if std == 0.0 or not fit.identifiability.columns.size or not depends_on_masses(fit.model.free):
         return fit
     try:
         sensitivity = _sensitivity(fit, data)
     except EquilibriumError:
         return fit
-    covariance = fit.covariance.copy()
-    covariance[np.ix_(columns, columns)] += std**2 * sensitivity @ sensitivity.T
-    return dataclasses.replace(fit, covariance=covariance)
+    return with_added_covariance(fit, std**2 * sensitivity @ sensitivity.T)
 
 
 def _sensitivity(fit: Fit, data: Measurements) -> Array:

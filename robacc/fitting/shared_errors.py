@@ -35,6 +35,7 @@ from robacc.fitting.fit_result import AddedVariance, Fit, Options
 from robacc.fitting.linear_algebra import inverted, posterior
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import visit_numbers
+from robacc.fitting.whitened_rows import whitened_rows
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 
@@ -146,17 +147,11 @@ def _added_variance(fitted: Fit, ratio: float) -> AddedVariance:
 
 def all_ratios(fitted: Fit, data: Measurements) -> list[SharedErrors]:
     """Return the ratio of each joint that moves; empty with too few visits."""
-    columns = fitted.identifiability.columns
     own = _without_common_prior(fitted)
     rows, visits, thinning = _thinned(fitted, data)
     if data.q is None or not own.any() or np.unique(visits).size < _FEWEST:
         return []
-    part = data.subset(rows)
-    count = fitted.residual.shape[0]
-    white = fitted.whitening.subset(rows)
-    _, jacobian = fitted.model.bind(part).linearise(fitted.theta, columns)
-    design = np.moveaxis(white.apply(np.moveaxis(jacobian[:count], 1, 0)), 0, 1)
-    error = white.apply(fitted.residual[:, rows])
+    design, error = whitened_rows(fitted, data, rows)
     inverse = posterior(fitted.gram / thinning, fitted.precision / thinning)
     scale = 1.0 / np.sqrt(np.diag(inverse)[own])
     metric = inverted(inverse[np.ix_(own, own)] * scale[:, None] * scale) * scale[:, None] * scale

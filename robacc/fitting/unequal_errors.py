@@ -28,6 +28,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.repeatability import MOST_ROWS
 from robacc.fitting.visits import visit_numbers
+from robacc.fitting.whitened_rows import whitened_rows
 from robacc.fitting.whitening import block_columns, blocks_of
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -69,15 +70,11 @@ def _whole_visits(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], NDAr
 
 def _meat(fit: Fit, data: Measurements, rows: NDArray[np.int64], visits: NDArray[np.int64]) -> Array | None:
     """Return ``(K, K)`` sum of s_v s_v^T over the visits of ``rows``; None if errors are not significantly unequal."""
-    count = fit.residual.shape[0]
-    white = fit.whitening.subset(rows)
-    _, jacobian = fit.model.bind(data.subset(rows)).linearise(fit.theta, fit.identifiability.columns)
-    design = np.moveaxis(white.apply(np.moveaxis(jacobian[:count], 1, 0)), 0, 1)
-    error = white.apply(fit.residual[:, rows])[:, None]
+    design, error = whitened_rows(fit, data, rows)
     inverse = posterior(fit.gram, fit.precision)
     meat, squares, sizes = np.zeros_like(inverse), [], []
     for block in blocks_of(visits):
-        x, e = block_columns(design, block), block_columns(error, block)
+        x, e = block_columns(design, block), block_columns(error[:, None], block)
         values, vectors = np.linalg.eigh(np.eye(x.shape[1]) - x @ inverse @ np.swapaxes(x, 1, 2))
         freed = (vectors / np.maximum(values, _LEAST_FREE)[:, None, :]) @ (np.swapaxes(vectors, 1, 2) @ e)
         score = (np.swapaxes(x, 1, 2) @ freed)[:, :, 0]

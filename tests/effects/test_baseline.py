@@ -11,6 +11,7 @@ from robacc.effects.baseline import CONSTANTS, FRAMES, default_baseline
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
+from robacc.geometry import rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.simulation.simulate import Plan, simulate
@@ -88,4 +89,4 @@ def test_few_poses_of_an_arm_with_errors_of_geometry_are_clean(name: str, n: int
     found = trace(Model.of(joints.robot, build(parse_requests(",".join(baseline.names)), joints, measured)), measured)
     error = predict(found.robot, other).translation - model.bind(other).poses(real).translation
     assert found.verdict == "clean"
-    assert np.sqrt(np.mean(np.sum(np.square(error), axis=0))) < 5.0 * noise
+    assert rms_length(error) < 5.0 * noise

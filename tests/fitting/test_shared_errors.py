@@ -41,10 +41,8 @@ def fitted(data: Measurements, chosen: Arm, options: Options) -> Fit:
 
 
 def test_the_ratio_of_independent_errors_is_one_in_the_mean() -> None:
-    ratios = [
-        [e.ratio for e in all_ratios(fitted(*measured(seed, 0, 60), Options()), measured(seed, 0, 60)[0])]
-        for seed in range(60)
-    ]
+    sets = [measured(seed, 0, 60) for seed in range(60)]
+    ratios = [[errors.ratio for errors in all_ratios(fitted(*drawn, Options()), drawn[0])] for drawn in sets]
     mean, error = np.mean(ratios), np.std(np.mean(ratios, axis=1)) / np.sqrt(60)
     assert abs(mean - 1.0) < 3.0 * error < 0.05
 

@@ -319,15 +319,7 @@ def main() -> int:
     parser.add_argument("--noise", type=float, help="noise of every set, m: 1e-9 checks that the fit has the truth")
     options = parser.parse_args()
     names = tool.chosen(all_names(options), options)
-    if options.list:
-        print("\n".join(names))
-        return 0
-    rows = []
-    for name in names:
-        rows.append(run_set(name, options))
-        if options.v:
-            print(shown(rows[-1]), flush=True)
-    return tool.finish(options, summary(rows), rows)
+    return tool.run_all(names, options, run_set, summary, shown)
 
 
 def shown(row: dict[str, Any]) -> str:

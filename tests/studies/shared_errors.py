@@ -83,15 +83,12 @@ def main() -> int:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     parts = itertools.product(POSES, RATIOS, seeds)
     names = tool.chosen([f"{n}-{ratio}-{arms[seed % 3]}-20-s{seed}" for n, ratio, seed in parts], options)
-    if options.list:
-        print("\n".join(names))
-        return 0
-    rows = []
-    for name in names:
-        rows.append(run_set(name, options))
-        if options.v:
-            print({key: value for key, value in rows[-1].items() if key != "covered"}, flush=True)
-    return tool.finish(options, summary(rows), rows)
+    return tool.run_all(names, options, run_set, summary, shown)
+
+
+def shown(row: dict[str, Any]) -> str:
+    """One set in a line."""
+    return str({key: value for key, value in row.items() if key != "covered"})
 
 
 if __name__ == "__main__":

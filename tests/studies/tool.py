@@ -227,6 +227,25 @@ def groups(rows: Sequence[dict[str, Any]], key: Callable[[dict[str, Any]], str])
     return out
 
 
+def run_all(
+    names: Sequence[str],
+    options: argparse.Namespace,
+    run_set: Callable[[str, argparse.Namespace], dict[str, Any]],
+    summary: Callable[[list[dict[str, Any]]], Mapping[str, Any]],
+    shown: Callable[[dict[str, Any]], str],
+) -> int:
+    """Print the names with ``--list``; else run each set, show it with ``-v``, and finish. Return the exit status."""
+    if options.list:
+        print("\n".join(names))
+        return 0
+    rows = []
+    for name in names:
+        rows.append(run_set(name, options))
+        if options.v:
+            print(shown(rows[-1]), flush=True)
+    return finish(options, summary(rows), rows)
+
+
 def finish(options: argparse.Namespace, summary: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> int:
     """Write the JSON file; the exit status is 1 where a set gave no result."""
     if options.json:

@@ -144,17 +144,13 @@ def main() -> int:
     parser = tool.arguments(__doc__, seeds=5)
     options = parser.parse_args()
     names = tool.chosen(all_names(options), options)
-    if options.list:
-        print("\n".join(names))
-        return 0
-    rows = []
-    for name in names:
-        rows.append(run_set(name, options))
-        if options.v:
-            row = rows[-1]
-            figures = ", ".join(f"{key} {row[key]:.2f}" for key in KEYS if key in row)
-            print(name, f"{figures} mm, {row['seconds']:.1f} s", row.get("error", ""), flush=True)
-    return tool.finish(options, summary(rows), rows)
+    return tool.run_all(names, options, run_set, summary, shown)
+
+
+def shown(row: dict[str, Any]) -> str:
+    """One set in a line."""
+    figures = ", ".join(f"{key} {row[key]:.2f}" for key in KEYS if key in row)
+    return f"{row['name']} {figures} mm, {row['seconds']:.1f} s {row.get('error', '')}"
 
 
 if __name__ == "__main__":

@@ -168,23 +168,14 @@ def main() -> int:
     parser.add_argument("--exact", action="store_true", help="only the joint zeros are wrong, the links are nominal")
     options = parser.parse_args()
     names = tool.chosen(all_names(options), options)
-    if options.list:
-        print("\n".join(names))
-        return 0
-    rows = []
-    for name in names:
-        rows.append(run_set(name, options))
-        if options.v:
-            row = rows[-1]
-            held = f"{sum(row.get('covered', []))} of {len(row.get('covered', []))} intervals"
-            print(
-                name,
-                f"test {row.get('test_mm', np.nan):.2f} mm, plain {row['plain_mm']:.2f} mm, {held},",
-                f"{row['seconds']:.1f} s",
-                row.get("error", ""),
-                flush=True,
-            )
-    return tool.finish(options, summary(rows), rows)
+    return tool.run_all(names, options, run_set, summary, shown)
+
+
+def shown(row: dict[str, Any]) -> str:
+    """One set in a line."""
+    held = f"{sum(row.get('covered', []))} of {len(row.get('covered', []))} intervals"
+    figures = f"test {row.get('test_mm', np.nan):.2f} mm, plain {row['plain_mm']:.2f} mm, {held}"
+    return f"{row['name']} {figures}, {row['seconds']:.1f} s {row.get('error', '')}"
 
 
 if __name__ == "__main__":

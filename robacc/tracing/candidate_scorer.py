@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from robacc.effects.base import Effect
 from robacc.effects.periodic import of_order, orders_of
 from robacc.geometry import Array
-from robacc.tracing.candidates import Batch, Candidate, OrderGrid
+from robacc.tracing.candidates import Batch, Candidate, EffectName, OrderGrid
 from robacc.tracing.conditioned_columns import Conditioned, Family
 from robacc.tracing.evidence import judge
 from robacc.tracing.form_families import BatchFamily, FormFamilies
@@ -87,7 +87,7 @@ class CandidateScorer:
     def __post_init__(self) -> None:
         """Sort the pool into batches of like size, which are scored together."""
         self._placed = {candidate.key: columns for candidate, columns in zip(self.pool, self.places, strict=True)}
-        self._batches = pool_batches(self.pool, self.places)
+        self._batches = pool_batches(self.pool, self.places, range(len(self.pool)))
         self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
         orders = [self._orders(grid) for grid in self.order_grids]
         self._spectra = [form.family for form in orders]
@@ -137,20 +137,32 @@ class CandidateScorer:
             self._conditioned.pop(next(iter(self._conditioned)))
         return result
 
-    def rank(self, conditioned: Conditioned, present: Sequence[Chosen], with_blocks: bool = False) -> list[Ranked]:
-        """Return all candidates beside ``present``, best first; of each joint's orders only the best."""
+    def rank(
+        self,
+        conditioned: Conditioned,
+        present: Sequence[Chosen],
+        with_blocks: bool = False,
+        among: Collection[EffectName] | None = None,
+    ) -> list[Ranked]:
+        """Return all candidates beside ``present``, or those of the effects ``among``, best first.
+
+        Of each joint's orders only the best competes.
+        """
         keys = {finding.candidate.key for finding in present}
         profiles = [finding.candidate for finding in present if finding.candidate.is_block]
         orders = _single_orders(present)
         absent = keys.union(*(self._covered_by(candidate) for candidate in (*profiles, *orders)))
         ranked: list[Ranked] = []
-        for batch in self._batches:
+        for batch in self._batches if among is None else self._batches_among(among):
             scores = batch.judge(conditioned)
             ranked.extend(Ranked(self.pool[i], scores, k) for k, i in enumerate(batch.members))
         others = self._searched.best(
             conditioned,
             lambda candidate: self._is_covered(candidate, orders),
-            lambda form: any(self._covers_form(profile, form) for profile in profiles),
+            lambda form: (
+                any(self._covers_form(profile, form) for profile in profiles)
+                or (among is not None and form.effect_name not in among)
+            ),
         )
         if with_blocks:
             others += self._rank_blocks(conditioned)
@@ -163,6 +175,11 @@ class CandidateScorer:
         ordered = sorted_by_odds(competing)
         judged = [self._with_handicap(entry, conditioned) for entry in ordered[:_JUDGED]]
         return sorted_by_odds(judged + ordered[_JUDGED:]) if any(entry.handicap for entry in judged) else ordered
+
+    def _batches_among(self, among: Collection[EffectName]) -> list[PoolBatch]:
+        """Return the pool's candidates of some effects in batches."""
+        members = [i for i, candidate in enumerate(self.pool) if candidate.effect_name in among]
+        return pool_batches(self.pool, self.places, members)
 
     def _with_handicap(self, entry: Ranked, conditioned: Conditioned) -> Ranked:
         """Return the score, lowered if the candidate's coefficients would be implausible or impossible."""

@@ -32,6 +32,10 @@ _LEAST_ORDERS = 3
 """Orders below which a complete profile is no more than its named harmonics."""
 
 
+EffectName = tuple[str, tuple[str, ...]]
+"""Name of an effect and its joints."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect in one form, with its terms."""
@@ -45,6 +49,11 @@ class Candidate:
     def key(self) -> tuple[object, ...]:
         """Identity among all candidates."""
         return self.effect.key()
+
+    @property
+    def effect_name(self) -> EffectName:
+        """Name and joints of the effect."""
+        return self.effect.name, self.effect.joints
 
     def covers(self, other: Candidate, ranges: Mapping[str, float]) -> bool:
         """Return whether this candidate makes another redundant: the same, or an order of the joint's complete profile.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,9 +57,11 @@ class PoolBatch:
         )
 
 
-def pool_batches(pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]]) -> list[PoolBatch]:
-    """Return the pool in batches; ``places`` are the columns of each candidate in the system."""
+def pool_batches(
+    pool: Sequence[Candidate], places: Sequence[NDArray[np.int64]], members: Iterable[int]
+) -> list[PoolBatch]:
+    """Return ``members`` of the pool in batches; ``places`` are the columns of each candidate in the system."""
     sizes: dict[int, list[int]] = {}
-    for i, columns in enumerate(places):
-        sizes.setdefault(bisect.bisect_left(_SIZES, columns.size), []).append(i)
-    return [PoolBatch.of(pool, places, members) for members in sizes.values()]
+    for i in members:
+        sizes.setdefault(bisect.bisect_left(_SIZES, places[i].size), []).append(i)
+    return [PoolBatch.of(pool, places, batch) for batch in sizes.values()]

@@ -12,7 +12,7 @@ import numpy as np
 from robacc.effects.base import Effect
 from robacc.errors import RobaccError
 from robacc.measurements import Measurements
-from robacc.tracing.candidates import Candidate
+from robacc.tracing.candidates import Candidate, EffectName
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.ranking import Chosen, Ranked
 from robacc.tracing.refinement import refined
@@ -72,7 +72,7 @@ def rivals(
     selection: Selection,
     finding: Chosen,
     refitted: Lag | None = None,
-    among: Collection[tuple[str, tuple[str, ...]]] | None = None,
+    among: Collection[EffectName] | None = None,
 ) -> tuple[Ranked, tuple[Alternative, ...]]:
     """Return a finding's score and its rivals near in evidence, nearest first: at most one for each effect and joint.
 
@@ -81,11 +81,12 @@ def rivals(
     the finding does: in the form of largest evidence near the best of those that a search tries first. With ``among``,
     only rivals of these effects and joints are judged.
     """
-    ranked, ranking = selection.contest(finding)
+    # Whether a rival is refitted depends on its place among all.
+    ranked, ranking = selection.contest(finding, among if refitted is None else None)
     alternatives: list[Alternative] = []
     n_fitted = 0
     for place, first_form in enumerate(_best_forms(ranking, finding)):
-        if among is not None and (first_form.candidate.effect.name, first_form.candidate.effect.joints) not in among:
+        if among is not None and first_form.candidate.effect_name not in among:
             continue
         behind = ranked.total - first_form.total > RIVAL
         if len(alternatives) == _MOST or (behind and (refitted is None or place >= _REFITTED)):

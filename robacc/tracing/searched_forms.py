@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.tracing.candidates import Candidate
+from robacc.tracing.candidates import Candidate, EffectName
 from robacc.tracing.conditioned_columns import Conditioned, Family
 from robacc.tracing.ranking import Ranked
 
@@ -24,6 +24,11 @@ class SearchedForm:
     """Candidates at B values of the parameter."""
     candidate: Callable[[int], Candidate]
     """Function that returns the candidate of a number from 0 to B - 1."""
+
+    @property
+    def effect_name(self) -> EffectName:
+        """Return the name and the joints of the effect."""
+        return self.candidate(0).effect_name
 
     def best_allowed(self, conditioned: Conditioned, is_excluded: Callable[[Candidate], bool]) -> Ranked | None:
         """Return the best candidate that is not excluded, beside a model; None if all are."""

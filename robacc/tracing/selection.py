@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from robacc.effects.base import Effect
 from robacc.statistics.distributions import chi2_quantile, chi2_sf
 from robacc.tracing.candidate_scorer import CandidateScorer
-from robacc.tracing.candidates import TYPICAL_CANDIDATES, Candidate
+from robacc.tracing.candidates import TYPICAL_CANDIDATES, Candidate, EffectName
 from robacc.tracing.ranking import Chosen, Ranked, sorted_by_odds
 from robacc.tracing.refinement import refined
 
@@ -220,12 +221,15 @@ class Selection:
         """Return the score of a finding beside all others."""
         return self.scorer.score(finding, self.scorer.condition(self.chosen, without=finding))
 
-    def contest(self, finding: Chosen) -> tuple[Ranked, list[Ranked]]:
-        """Return the score of a finding and of all named rivals for its place, beside all other findings."""
+    def contest(self, finding: Chosen, among: Collection[EffectName] | None = None) -> tuple[Ranked, list[Ranked]]:
+        """Return the score of a finding and of all named rivals for its place, beside all other findings.
+
+        With ``among``, all rivals of these effects are there, and perhaps some of others.
+        """
         conditioned = self.scorer.condition(self.chosen, without=finding)
         ranked = self.scorer.score(finding, conditioned)
         others = [other for other in self.chosen if other is not finding]
-        ranking = self.scorer.rank(conditioned, others)
+        ranking = self.scorer.rank(conditioned, others, among=among)
         if instead := self.scorer.rank_beside(conditioned, [finding]):
             ranking = sorted([*ranking, *instead], key=lambda entry: -round(entry.total, 6))
         key = finding.candidate.key

@@ -53,19 +53,18 @@ def rms_interval(
 def p95_interval(
     lengths: Array,
     assumption: Assumption,
-    about_zero: Radius,
-    about_mean: Radius,
+    radius: Radius,
     sampling: PoseSampling,
     confidence: float,
 ) -> Interval:
     """Return the interval of the 95th percentile: order statistics if there are enough poses, else a Gaussian's shape.
 
+    ``radius`` is that of the Gaussian about zero if the assumption says that the mean is zero, else about the mean.
     Both rest on the sample's own percentile. With few poses the Gaussian gives the shape of the distribution only, not
     its scale; see :mod:`robacc.statistics.scaled_percentile`.
     """
     n = sampling.n_groups
     levels = percentile_levels(n, 0.95, confidence)
-    radius = about_zero if assumption.zero_mean else about_mean
     # Repetitions count as one pose, however equal they are: the levels are then wider than needed, never narrower.
     by_model = levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL
     if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):

@@ -88,7 +88,9 @@ def error_statistics(
             ),
             rms=rms_interval(covariance, squares, zero_mean_gaussian, sampling, confidence),
             mean_error=sampling.mean_interval(lengths, confidence, positive=True),
-            p95=p95_interval(lengths, assumption, about_zero, about_mean, sampling, confidence),
+            p95=p95_interval(
+                lengths, assumption, about_zero if assumption.zero_mean else about_mean, sampling, confidence
+            ),
         ),
         ellipsoid=ellipsoid(errors, covariance, zero_mean_gaussian, sampling, confidence),
         radius95_zero_mean=about_zero,
@@ -133,12 +135,14 @@ def length_intervals(
 
     def intervals_at(confidence: float) -> Mapping[Statistic, Interval]:
         zero_mean = gaussian and assumption.zero_mean
-        about_zero = radius95(errors, np.zeros(3), covariance, zero_mean, sampling, confidence)
-        about_mean = radius95(errors, mean, centred, gaussian, sampling, confidence)
+        if assumption.zero_mean:
+            radius = radius95(errors, np.zeros(3), covariance, zero_mean, sampling, confidence)
+        else:
+            radius = radius95(errors, mean, centred, gaussian, sampling, confidence)
         return {
             "rms": rms_interval(covariance, squares, zero_mean, sampling, confidence),
             "mean_error": sampling.mean_interval(lengths, confidence, positive=True),
-            "p95": p95_interval(lengths, assumption, about_zero, about_mean, sampling, confidence),
+            "p95": p95_interval(lengths, assumption, radius, sampling, confidence),
         }
 
     return tuple(intervals_at(confidence) for confidence in confidences)

@@ -9,11 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies, weight_needed
+from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies, weight_needed
 from robacc.effects.driver import torque_driver
 from robacc.effects.requirements import torques_needed
 from robacc.geometry import Array
-from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -127,7 +126,7 @@ class Backlash(Effect):
             sign = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
         else:
             loads = weight_needed(arm, data, f"{self.name} by gravity")
-            torque = gravity_torques(arm, commanded(data, self.name), loads)
+            torque = torques_needed(arm, data, f"{self.name} by gravity")
             if self.friction > 0.0:
                 approach = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
                 sign = np.where(np.abs(torque) > self.friction, np.sign(torque), approach)

@@ -7,7 +7,7 @@ import numpy as np
 from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
 from robacc.gravity.loads import Load, own_weight
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -34,15 +34,20 @@ def weight_needed(arm: Arm, data: Measurements, effect: str) -> tuple[Load, ...]
     Raises:
         UsageError: the robot file has no masses.
     """
-    loads = own_weight(arm, data)
-    if not loads:
-        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
-    return loads
+    _require_masses(arm, effect)
+    return own_weight(arm, data)
 
 
 def torques_needed(arm: Arm, data: Measurements, effect: str) -> Array:
     """Return ``(J, N)`` gravity's torque (N m) or force (N) on each joint by the arm's own weight."""
-    return gravity_torques(arm, commanded(data, effect), weight_needed(arm, data, effect))
+    commanded(data, effect)
+    _require_masses(arm, effect)
+    return weight_torques(arm, data)
+
+
+def _require_masses(arm: Arm, effect: str) -> None:
+    if not arm.chain.bodies:
+        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
 
 
 def varies(column: Array | None) -> bool:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.tracing.linearised_candidates import SELECTION_POSES, LinearisedCandidates
+from robacc.tracing.candidate_pool import SELECTION_POSES
+from robacc.tracing.linearised_candidates import LinearisedCandidates
 from robacc.tracing.selection import FALSE_ALARM, MOST_FINDINGS, Selection
 
 _BETTER = 10.0

@@ -16,6 +16,7 @@ from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.tracing.candidate_pool import CandidatePools
 from robacc.tracing.choosing import choose
 from robacc.tracing.held_out_gain import gain_of
 from robacc.tracing.linearised_candidates import LinearisedCandidates, linearise
@@ -92,15 +93,20 @@ class _Search:
         progress: Callable[[int, int], None],
     ) -> None:
         self.model, self.data, self.options = model, data, options
-        self.only, self.empirical, self.progress = only, empirical, progress
+        self.empirical, self.progress = empirical, progress
+        self.pools = CandidatePools(data, only)
         self.progress(1, 0)
         self.all_rows = np.ones(data.n, dtype=bool)
         self.baseline = fit(model, data, options)
-        self.first = linearise(self.baseline, data, model.free, only)
+        self.first = self._linearised(self.baseline)
         self.components: Components | None = None
         self.steps: list[SelectionStep] = []
         self.count = 0
         self.named_first = True
+
+    def _linearised(self, fitted: Fit, frames: tuple[Effect, ...] = ()) -> LinearisedCandidates:
+        """Return the candidates at a fit of the baseline and other effects, of which ``frames`` are no candidates."""
+        return linearise(fitted, self.pools.of(fitted.model.arm, (*self.model.free, *frames)))
 
     def start(self, most: int = MOST_FINDINGS) -> _Round:
         """Return the round without findings, and the choice of at most ``most`` of them."""
@@ -116,7 +122,7 @@ class _Search:
         others = tuple(effect for effect in chosen if not effect.is_frame)
         self.progress(self.count + 1, len(chosen))
         fitted = refit(last.fit, (*self.baseline.model.free, *frames, *others), self.data, self.options)
-        return self._chosen_from(chosen, fitted, linearise(fitted, self.data, (*self.model.free, *frames), self.only))
+        return self._chosen_from(chosen, fitted, self._linearised(fitted, frames))
 
     def _chosen_from(
         self, effects: tuple[Effect, ...], fitted: Fit, candidates: LinearisedCandidates, most: int = MOST_FINDINGS
@@ -170,7 +176,7 @@ class _Search:
     def _round_of(self, effects: tuple[Effect, ...], fitted: Fit) -> _Round:
         """Return a round of exactly these effects, of which ``fitted`` is the fit."""
         frames, others = frames_of(effects), [effect for effect in effects if not effect.is_frame]
-        candidates = linearise(fitted, self.data, (*self.model.free, *frames), self.only)
+        candidates = self._linearised(fitted, frames)
         selection = candidates.selection(self.all_rows, others)
         return _Round(effects, fitted, candidates, selection, selection)
 
@@ -197,7 +203,7 @@ class _Search:
         """Fit the baseline with the joints' scatter, and linearise the candidates there."""
         self.options = with_scatter(self.options, components)
         self.baseline = refit(self.baseline, self.baseline.model.free, self.data, self.options)
-        self.first = linearise(self.baseline, self.data, self.model.free, self.only)
+        self.first = self._linearised(self.baseline)
 
     def beside_scatter(self) -> _Search | None:
         """Return a search that starts with the joints' scatter; None if it is not significant at the baseline."""

@@ -18,6 +18,7 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.repeatability import MANY_COEFFICIENTS, Components
 from robacc.fitting.scatter_check import contradicts_scatter
 from robacc.measurements import Measurements
+from robacc.tracing.candidate_pool import CandidatePools
 from robacc.tracing.linearised_candidates import linearise
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_of, refit
@@ -79,7 +80,8 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
     if not effects:
         final = declared
     model_effects, rows = declared.model.free, np.ones(data.n, dtype=bool)
-    candidates = linearise(final, data, (*model_effects, *frames_of(effects)))
+    pools = CandidatePools(data)
+    candidates = linearise(final, pools.of(final.model.arm, (*model_effects, *frames_of(effects))))
     selection = candidates.selection(rows, [effect for effect in effects if not effect.is_frame])
     selection.prune()
     keys = {choice.candidate.effect.search_key() for choice in selection.chosen}
@@ -88,7 +90,7 @@ def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Meas
         after,
         declared=declared,
         final=final,
-        candidates=linearise(declared, data, model_effects),
+        candidates=linearise(declared, pools.of(declared.model.arm, model_effects)),
         final_candidates=candidates,
         selection=selection,
         options=options,
@@ -107,7 +109,7 @@ def _without_scatter(after: SearchResult, declared: Fit, data: Measurements) -> 
 
     What remains is an error that no candidate explains, not scatter: weights by it would only hide it.
     """
-    candidates = linearise(declared, data, declared.model.free)
+    candidates = linearise(declared, CandidatePools(data).of(declared.model.arm, declared.model.free))
     return dataclasses.replace(
         after,
         declared=declared,

@@ -192,7 +192,7 @@ def trace(
         steps=search_result.steps,
         rounds=search_result.rounds,
         settled=search_result.settled,
-        missing=search_result.candidates.missing,
+        missing=search_result.candidates.pool.missing,
         detection=_detection(search_result, validation),
         n_folds=0 if validation is None else validation.folds,
         next_poses=_advice(search_result, findings, data, noise.noise.position, seed),

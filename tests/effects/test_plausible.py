@@ -16,6 +16,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.fitting.solver import fit
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.candidate_pool import CandidatePools
 from robacc.tracing.candidate_scorer import HANDICAP
 from robacc.tracing.linearised_candidates import linearise
 from robacc.tracing.refitting import SEARCH
@@ -65,6 +66,7 @@ def test_a_negative_compliance_is_implausible_and_competes_with_a_handicap() -> 
             data, position=data.position + bound.poses(theta).translation - bound.poses(0 * theta).translation
         )
         baseline = fit(Model.of(robot, build(parse_requests("base_frame"), Model.of(robot).arm, data)), shifted, SEARCH)
-        ranking = linearise(baseline, shifted, baseline.model.free).selection(np.ones(60, dtype=bool)).rank()
+        pool = CandidatePools(shifted).of(baseline.model.arm, baseline.model.free)
+        ranking = linearise(baseline, pool).selection(np.ones(60, dtype=bool)).rank()
         totals.append(next(r for r in ranking if r.candidate.effect.key() == compliance.key()).log_prior)
     assert totals[0] - totals[1] == pytest.approx(HANDICAP)

@@ -444,7 +444,7 @@ def test_what_the_other_findings_leave_no_need_of_is_not_reported() -> None:
     loop = search(model, data)
     idle = build(parse_requests("gear_ratio[j3]"), arm("puma560"), data)
     both = (*loop.effects, *idle)
-    loop.selection.start_with(next(one for one in loop.candidates.pool if one.effect.key() == idle[0].key()))
+    loop.selection.start_with(next(one for one in loop.candidates.pool.candidates if one.effect.key() == idle[0].key()))
     final = refit(loop.final, (*model.free, *both), data, SEARCH)
     choices = FoldChoices(({effect.key(): (effect,) for effect in both},) * 5, (frozenset(both),) * 5)
     kept = reproduced(dataclasses.replace(loop, effects=both, final=final), choices, data)
@@ -464,7 +464,9 @@ def test_what_a_withdrawn_finding_made_significant_goes_with_it(monkeypatch: pyt
     )
     effects = (*loop.effects, *idle)
     for effect in idle:
-        loop.selection.start_with(next(one for one in loop.candidates.pool if one.effect.key() == effect.key()))
+        loop.selection.start_with(
+            next(one for one in loop.candidates.pool.candidates if one.effect.key() == effect.key())
+        )
     final = refit(loop.final, (*model.free, *effects), data, SEARCH)
     rng = np.random.default_rng(4)
     after = rng.normal(scale=NOISE, size=final.residual.shape)

@@ -13,6 +13,7 @@ from robacc.effects import REGISTRY
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.tracing.candidate_pool import CandidatePools
 from robacc.tracing.linearised_candidates import linearise
 from robacc.tracing.loop import search
 from robacc.tracing.refitting import SEARCH
@@ -53,7 +54,7 @@ def ridge(design: np.ndarray, target: np.ndarray, precision: np.ndarray) -> tupl
 def test_candidates_are_judged_beside_the_priors_of_the_fit() -> None:
     model, data = measured(2e-3)
     fitted = fit(model, data, SEARCH)
-    candidates = linearise(fitted, data, model.free)
+    candidates = linearise(fitted, CandidatePools(data).of(fitted.model.arm, model.free))
     precision = candidates.base_precision
     assert (precision > 0.0).any()
     scorer = candidates.selection(np.ones(N, dtype=bool)).scorer
@@ -69,7 +70,7 @@ def test_candidates_are_judged_beside_the_priors_of_the_fit() -> None:
     conditioned = scorer.condition([])
     assert conditioned.cost == pytest.approx(cost, rel=1e-6)
     for entry in scorer.rank(conditioned, [])[:3]:
-        added = candidates.pool_columns[:, candidates.places[scorer.pool.index(entry.candidate)]][:, :, at]
+        added = candidates.pool_columns[:, candidates.pool.term_numbers[scorer.pool.index(entry.candidate)]][:, :, at]
         block = np.moveaxis(added, 1, 2).reshape(design.shape[0], -1)
         alone = ridge(
             np.concatenate((design, block), axis=1), residual, np.concatenate((precision, np.zeros(block.shape[1])))

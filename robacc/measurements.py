@@ -50,6 +50,9 @@ class Measurements:
     """``(3, N)`` measuring uncertainty, one standard deviation along x, y, z of the measuring frame, m."""
     sigma_rotation: Array | None = None
     """``(N,)`` measuring uncertainty of the orientation about any axis, rad."""
+    axis_noise: tuple[float, float, float] | None = None
+    """Standard deviation of the noise along x, y, z of the measuring frame beyond the least of the three, m, as a fit
+    estimated it; None for equal noise. It counts only without ``sigma_position``."""
     pose: NDArray[Any] | None = None
     """``(N,)`` id of the commanded pose, text."""
     cycle: NDArray[Any] | None = None
@@ -124,6 +127,13 @@ class Measurements:
     def place(self, i: int) -> str:
         """Return the line or row of pose i as text."""
         return f"{self.counted} {self.line(i)}"
+
+    @property
+    def position_variance(self) -> Array | None:
+        """Known variance of the position, m²: ``(3, N)`` as stated or ``(3, 1)`` as estimated; None if none is."""
+        if self.sigma_position is not None:
+            return np.square(self.sigma_position)
+        return None if self.axis_noise is None else np.square(np.array(self.axis_noise))[:, None]
 
     @property
     def commands(self) -> Array | None:

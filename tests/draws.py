@@ -30,7 +30,7 @@ from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.candidates import named_candidates, order_grids
 from robacc.tracing.detection import decisive_test
 from robacc.tracing.selection import FALSE_ALARM, fold_level
-from robacc.tracing.trace import Trace
+from robacc.tracing.trace_result import Trace
 
 FRAMES = "base_frame,tool_frame"
 GEOMETRY = f"{FRAMES},joint_offset,link_geometry"

@@ -29,7 +29,7 @@ from robacc.version import __version__
 if TYPE_CHECKING:
     from robacc.calibration.calibrating import Calibration
     from robacc.fitting.fit_result import Fit
-    from robacc.tracing.trace import Trace
+    from robacc.tracing.trace_result import Trace
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,8 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.trace import Trace
 from robacc.tracing.trace import trace as trace_effects
+from robacc.tracing.trace_result import Trace
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -19,6 +19,7 @@ from robacc.effects.request import Request
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice
+from robacc.fitting.directional_noise import DirectionalNoise, with_axis_weights
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
@@ -111,9 +112,24 @@ def calibrate(
         InputError: The data contain a mistake, or there are too few poses.
         UsageError: An effect cannot be fitted to this robot and these data.
     """
-    mistakes = check_data(robot, data)
-    options = options or Options()
     plan = CalibrationPlan(robot, requests, priors or {}, shrink)
+    how = HoldOut(holdout, n_folds, seed)
+
+    def run(weighted: Measurements) -> tuple[Calibration, DirectionalNoise | None]:
+        return _calibrate(plan, weighted, options or Options(), how, progress)
+
+    def with_warning(result: Calibration, text: str) -> Calibration:
+        return dataclasses.replace(result, warnings=(*result.warnings, text))
+
+    return with_axis_weights(run, lambda result: result.after.held_out_rms, with_warning, data)
+
+
+def _calibrate(
+    plan: CalibrationPlan, data: Measurements, options: Options, how: HoldOut, progress: Progress
+) -> tuple[Calibration, DirectionalNoise | None]:
+    """Return the result of :func:`calibrate`, and noise that is larger along one direction than along others."""
+    robot, n_folds, holdout = plan.robot, how.n_folds, how.validation
+    mistakes = check_data(robot, data)
     stated = robot.gravity
     robot = with_gravity_direction(Model.of(robot, plan.fixed(data)), data).arm.robot
     plan = dataclasses.replace(plan, robot=robot)
@@ -122,13 +138,12 @@ def calibrate(
     final = final_fit(plan, (*plan.fixed(data), *(() if found is None else found.effects)), data, options)
     effects = final.fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
-    how = HoldOut(holdout, n_folds, seed)
     registered = fit(Model.of(robot, frames), data, Options(robust=final.options.robust))
     held_out_residuals = hold_out(plan, found, final.options, data, how, effects, progress)
     comparison = before_and_after(robot, data, registered, final.fit, held_out_residuals, how)
     noise = final.noise
     with_masses = with_mass_uncertainty(final.fit, data)
-    return Calibration(
+    result = Calibration(
         robot=apply_fit(final.fit),
         effects=effects,
         fit=final.fit,
@@ -154,7 +169,7 @@ def calibrate(
             *places_warning(data),
             *few_places_warning(final.fit, data),
             *fit_warnings(final.fit, data, comparison.after, noise, holdout),
-            *request_warnings(requests, final.fit, comparison.nominal, comparison.after),
+            *request_warnings(plan.requests, final.fit, comparison.nominal, comparison.after),
             *final.warnings,
         ),
         residuals=comparison.residuals,
@@ -166,3 +181,4 @@ def calibrate(
             for curve in partial_residuals(effect, final.fit, data)
         ),
     )
+    return result, final.directional

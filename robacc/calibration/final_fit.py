@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from robacc.calibration.plan import CalibrationPlan
 from robacc.effects.base import Effect
 from robacc.fitting.deflection_model import DeflectionChoice
-from robacc.fitting.directional_noise import noise_and_scatter
+from robacc.fitting.directional_noise import DirectionalNoise, noise_and_scatter
 from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
 from robacc.fitting.fit_result import Fit, Options
@@ -34,6 +34,8 @@ class FinalFit:
     """Model of the torques behind elastic effects; None if no elastic effect is fitted."""
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not significant beside the noise."""
+    directional: DirectionalNoise | None
+    """Noise that is larger along one direction than along others; None if it is not."""
     warnings: tuple[str, ...]
 
 
@@ -67,5 +69,15 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
     if warnings:
         repeatability = measured_alone(repeatability)
     apart = noise_and_scatter(chosen if structured.added is None else unshrunk, repeatability, data)
-    warnings += [*structured.warnings, *apart.warnings]
-    return FinalFit(chosen, predicting, apart.noise, options, shrunk, deflection, apart.repeatability, tuple(warnings))
+    warnings += structured.warnings
+    return FinalFit(
+        chosen,
+        predicting,
+        apart.noise,
+        options,
+        shrunk,
+        deflection,
+        apart.repeatability,
+        apart.directional,
+        tuple(warnings),
+    )

@@ -20,7 +20,7 @@ from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
-from robacc.tracing.trace import Trace
+from robacc.tracing.trace_result import Trace
 
 
 def pose_keys(
@@ -67,6 +67,7 @@ def noise_document(lack_of_fit: LackOfFit) -> dict[str, Any]:
     """Return the key ``noise``."""
     return {
         "position_m": lack_of_fit.noise.position,
+        "along_axes_m": None if lack_of_fit.noise.along_axes is None else list(lack_of_fit.noise.along_axes),
         "orientation_rad": lack_of_fit.noise.orientation,
         "source": lack_of_fit.noise.source,
         "residual_over_noise": lack_of_fit.ratio,

@@ -22,7 +22,7 @@ from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 from robacc.tracing.findings import Finding
 from robacc.tracing.ranking import Ranked
-from robacc.tracing.trace import Trace
+from robacc.tracing.trace_result import Trace
 
 
 def trace_payload(

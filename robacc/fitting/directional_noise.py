@@ -1,11 +1,13 @@
 """Noise that is larger along one direction than along others, and scatter of the joints that only stands for it.
 
 A camera measures its depth some three times worse than the two other coordinates, a tracker its angles worse than its
-range. Scatter of the joints describes such a residual better than equal noise along all axes, because it, too, is
-larger along some directions. It is reported as scatter only where it is more likely, too, than errors e ~ N(0, S) of
-any covariance S of the three coordinates. Along the eigenvectors of the residual's covariance S is diagonal. Its
-variances v_k, and that of the orientation, maximise the restricted likelihood of
-:mod:`robacc.fitting.restricted_likelihood` by
+range. Equal weights then spoil the good coordinates with the bad one. If the directions are the axes of the measuring
+frame, the fit is repeated with a weight for each axis; else the direction is named.
+
+Scatter of the joints describes such a residual better than equal noise along all axes, because it, too, is larger along
+some directions. It is reported as scatter only where it is more likely, too, than errors e ~ N(0, S) of any covariance
+S of the three coordinates. Along the eigenvectors of the residual's covariance S is diagonal. Its variances v_k, and
+that of the orientation, maximise the restricted likelihood of :mod:`robacc.fitting.restricted_likelihood` by
 
     v_k <- v_k |(P r)_k|^2 / tr(P_kk).
 """
@@ -13,24 +15,89 @@ variances v_k, and that of the orientation, maximise the restricted likelihood o
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from robacc.fitting.fit_repeatability import SIGNIFICANT, Repeatability, mixed_model
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.noise import LackOfFit, lack_of_fit
+from robacc.fitting.noise import LackOfFit, lack_of_fit, variances_of_repeats
 from robacc.fitting.restricted_likelihood import MixedModel, RestrictedLikelihood, Variances
 from robacc.fitting.whitening import Scatter
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import Noise
 
+Result = TypeVar("Result")
+
 _PENALTY = 10.0
 """Akaike's penalty of the five numbers of S beyond one variance, in twice the log-likelihood."""
+_EACH_AXIS = (slice(0, 1), slice(1, 2), slice(2, 3))
+_EQUAL_AXES = (slice(0, 3),)
 _ROUNDS = 30
 _SETTLED = 1e-2
 """Change of the restricted log-likelihood below which the iteration stops."""
+_CLEAR = 30.0
+"""Twice the log-likelihood by which directional noise must be more likely than equal noise: 1 in 70,000 by chance
+(chi-square of five degrees), some times as often with few poses."""
+_LEAST_RATIO = 2.0
+"""Ratio of the largest standard deviation to the smallest from which a fit allows for it: a smaller one costs the
+coefficients less than a fifth of their accuracy."""
+_WORSE = 1.005
+"""Ratio of held-out errors, with weights for the axes and with equal weights, up to which the former are used: such
+weights are better for an arm whose noise differs, however little that shows beside the noise itself."""
+_SUSPECTED = 1.5
+"""The same ratio in the residual, below which nothing is tested."""
+
+
+@dataclass(frozen=True, slots=True)
+class DirectionalNoise:
+    """Noise of different size along three axes."""
+
+    axes: Array
+    """``(3, 3)`` axes in the measuring frame, in rows."""
+    std: Array
+    """``(3,)`` standard deviations along them, m."""
+
+    @property
+    def is_aligned(self) -> bool:
+        """Return whether the axes are those of the measuring frame."""
+        return bool(np.array_equal(self.axes, np.eye(3)))
+
+    @property
+    def ratio(self) -> float:
+        """Return the ratio of the largest standard deviation to the smallest."""
+        return float(self.std.max() / max(self.std.min(), 1e-300))
+
+    @property
+    def beyond_least(self) -> tuple[float, float, float]:
+        """Return the standard deviations along the axes beyond the least of the three, m."""
+        x, y, z = np.sqrt(np.square(self.std) - np.square(self.std.min())).tolist()
+        return x, y, z
+
+    @property
+    def warning(self) -> str:
+        """Return the direction of the largest standard deviation."""
+        k = int(np.argmax(self.std))
+        across = float(np.sqrt(np.mean(np.square(np.delete(self.std, k)))))
+        axis = self.axes[k] * np.sign(self.axes[k][np.argmax(np.abs(self.axes[k]))])
+        return (
+            f"the error that remains is {self.std[k] / across:.2g} times as large along the direction "
+            f"({', '.join(f'{value:.2f}' for value in axis + 0.0)}) of the measuring frame as across it: an effect "
+            "that the model lacks, or noise of the instrument along its line of sight; the fit allows for such noise "
+            "if columns sigma_x, sigma_y, sigma_z state it, in a frame with an axis along the line of sight"
+        )
+
+    @property
+    def message(self) -> str:
+        """Return the standard deviations that the fit allowed for."""
+        return (
+            "the error that remains differs between the axes of the measuring frame, as the noise of a camera does: "
+            f"{', '.join(f'{1e3 * std:.3g}' for std in self.std)} mm along x, y, z; each axis is weighted with its "
+            "own, as columns sigma_x, sigma_y, sigma_z would weight it"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,38 +107,93 @@ class NoiseAndScatter:
     noise: LackOfFit
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not significant beside the noise."""
-    warnings: tuple[str, ...] = ()
+    directional: DirectionalNoise | None = None
+    """Noise that is much larger along one direction than along others; None if it is not."""
+
+
+def with_axis_weights(
+    run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
+    held_out_rms: Callable[[Result], float | None],
+    with_warning: Callable[[Result, str], Result],
+    data: Measurements,
+) -> Result:
+    """Return the result of ``run``, with a weight for each axis of the measuring frame if their noise differs.
+
+    An error that the model lacks may be larger along an axis, too. With less weight there, the model would be worse on
+    other poses; then equal weights stay.
+
+    Args:
+        run: Function of the poses, which returns a result and the directional noise that it shows.
+        held_out_rms: Function that returns a result's error of held-out positions, m; None if there is none.
+        with_warning: Function that adds a warning to a result.
+        data: Measured poses.
+    """
+    result, noise = run(data)
+    if noise is None:
+        return result
+    before = held_out_rms(result)
+    if noise.is_aligned and data.position_variance is None and before is not None:
+        weighted = run(dataclasses.replace(data, axis_noise=noise.beyond_least))[0]
+        after = held_out_rms(weighted)
+        if after is not None and after <= _WORSE * before:
+            return with_warning(weighted, noise.message)
+    return with_warning(result, noise.warning)
 
 
 def noise_and_scatter(fit: Fit, repeatability: Repeatability | None, data: Measurements) -> NoiseAndScatter:
     """Return noise and repeatability; directional noise without repeatability where scatter is not more likely."""
     if repeatability is None or fit.scatter is None or fit.scatter.is_none:
-        return NoiseAndScatter(lack_of_fit(fit, data), repeatability)
+        return NoiseAndScatter(lack_of_fit(fit, data), repeatability, _beside_equal_noise(fit, data))
     model = mixed_model(fit, data)[1]
     scattered = RestrictedLikelihood.at(model, Variances(fit.scatter, fit.misfit)).log_likelihood
-    axes = _axes(model)
-    variances, likelihood = _directional(_turned(model, axes), fit.misfit)
+    noise, likelihood, variance_of_angles = _directional_noise(model, fit.misfit)
     if 2.0 * (scattered - likelihood) + _PENALTY > SIGNIFICANT:
         return NoiseAndScatter(lack_of_fit(fit, data), repeatability)
-    total = variances[:3] + np.mean(model.known_var[:3])
     orientation = None
     if model.residual.shape[0] == 6:
-        orientation = float(np.sqrt(variances[3] + np.mean(model.known_var[3:])))
-    noise = Noise(float(np.sqrt(np.mean(total))), orientation, fit.noise.source)
-    alone = dataclasses.replace(fit, scatter=None, noise=noise)
-    return NoiseAndScatter(lack_of_fit(alone, data), None, (_warning(np.sqrt(total), axes),))
+        orientation = float(np.sqrt(variance_of_angles + np.mean(model.known_var[3:])))
+    along = np.square(noise.axes.T) @ np.square(noise.std)
+    alone = dataclasses.replace(fit, scatter=None, noise=Noise.of_variances(along, orientation, fit.noise.source))
+    return NoiseAndScatter(lack_of_fit(alone, data), None, noise if data.axis_noise is None else None)
 
 
-def _warning(std: Array, axes: Array) -> str:
-    """Return the direction of the largest of three standard deviations (m) along the rows of ``axes``."""
-    k = int(np.argmax(std))
-    across = float(np.sqrt(np.mean(np.square(np.delete(std, k)))))
-    axis = axes[k] * np.sign(axes[k][np.argmax(np.abs(axes[k]))])
-    return (
-        f"the error that remains is {std[k] / across:.2g} times as large along the direction "
-        f"({', '.join(f'{value:.2f}' for value in axis + 0.0)}) of the measuring frame as across it, as noise of an "
-        "instrument along its line of sight is; columns sigma_x, sigma_y, sigma_z make the fit allow for it"
-    )
+def _beside_equal_noise(fit: Fit, data: Measurements) -> DirectionalNoise | None:
+    """Return directional noise that is significant beside noise that is equal along all axes."""
+    residual = fit.residual[:3, fit.inliers]
+    if data.q is None or data.position_variance is not None or residual.shape[1] < 2:
+        return None
+    squares = np.linalg.eigvalsh(residual @ residual.T)
+    if squares[2] <= _SUSPECTED**2 * max(squares[0], 1e-300):
+        return None
+    model = mixed_model(fit, data)[1]
+    equal = _most_likely(model, fit.misfit, _EQUAL_AXES)[1]
+    noise, likelihood, _ = _directional_noise(model, fit.misfit)
+    if 2.0 * (likelihood - equal) <= _CLEAR or noise.ratio < _LEAST_RATIO:
+        return None
+    return noise if _in_repeats(noise, fit, data) else None
+
+
+def _directional_noise(model: MixedModel, start: tuple[float, float]) -> tuple[DirectionalNoise, float, float]:
+    """Return noise of any covariance, the restricted log-likelihood and the variance of the orientation (rad²).
+
+    The axes are those of the measuring frame, unless others are more likely.
+    """
+    (variances, likelihood), axes = _most_likely(model, start, _EACH_AXIS), np.eye(3)
+    turned_axes = _axes(model)
+    turned = _most_likely(_turned(model, turned_axes), start, _EACH_AXIS)
+    if 2.0 * (turned[1] - likelihood) > SIGNIFICANT:
+        (variances, likelihood), axes = turned, turned_axes
+    noise = DirectionalNoise(axes, np.sqrt(variances[:3] + np.mean(model.known_var[:3])))
+    return noise, likelihood, float(variances[-1])
+
+
+def _in_repeats(noise: DirectionalNoise, fit: Fit, data: Measurements) -> bool:
+    """Return whether repeats of a pose, if there are any, differ along the axes as much as the residual does."""
+    repeats = variances_of_repeats(noise.axes @ fit.residual[:3], fit, data)
+    if repeats is None:
+        return True
+    largest, smallest = np.argmax(noise.std), np.argmin(noise.std)
+    return bool(repeats[0][largest] >= _SUSPECTED**2 * repeats[0][smallest])
 
 
 def _axes(model: MixedModel) -> Array:
@@ -93,22 +215,23 @@ def _turned(model: MixedModel, axes: Array) -> MixedModel:
     return dataclasses.replace(model, residual=residual, design=design)
 
 
-def _directional(model: MixedModel, start: tuple[float, float]) -> tuple[Array, float]:
-    """Return variances beyond the stated ones of x, y, z and all orientations, and the restricted log-likelihood.
+def _most_likely(model: MixedModel, start: tuple[float, float], axes: tuple[slice, ...]) -> tuple[Array, float]:
+    """Return the most likely variances beyond the stated ones, and the restricted log-likelihood.
 
-    The iteration starts from standard deviations ``start`` of position (m) and orientation (rad).
+    The variances are those of the groups ``axes`` of coordinates, and of all orientations. The iteration starts from
+    standard deviations ``start`` of position (m) and orientation (rad).
     """
-    count = model.residual.shape[0]
-    groups = [slice(0, 1), slice(1, 2), slice(2, 3), slice(3, 6)][: 3 if count == 3 else 4]
-    still = Scatter(np.zeros(model.columns.shape[1]), np.zeros(model.columns.shape[1]))
+    groups = axes if model.residual.shape[0] == 3 else (*axes, slice(3, 6))
     floor = float(np.mean(np.square(model.residual[:3])))
-    variances = np.array([max(start[0] ** 2, floor)] * 3 + [max(start[1] ** 2, 1e-16)])[: len(groups)]
+    variances = np.array([max(start[0] ** 2, floor)] * len(axes) + [max(start[1] ** 2, 1e-16)])[: len(groups)]
 
     def at(values: Array) -> RestrictedLikelihood:
         known = model.known_var.copy()
         for group, value in zip(groups, values, strict=True):
             known[group] += value
-        return RestrictedLikelihood.at(dataclasses.replace(model, known_var=known), Variances(still, (0.0, 0.0)))
+        return RestrictedLikelihood.at(
+            dataclasses.replace(model, known_var=known), Variances(_still(model), (0.0, 0.0))
+        )
 
     current = at(variances)
     for _ in range(_ROUNDS):
@@ -123,3 +246,9 @@ def _directional(model: MixedModel, start: tuple[float, float]) -> tuple[Array, 
         if change < _SETTLED:
             break
     return variances, current.log_likelihood
+
+
+def _still(model: MixedModel) -> Scatter:
+    """Return no scatter of the joints."""
+    joints = model.columns.shape[1]
+    return Scatter(np.zeros(joints), np.zeros(joints))

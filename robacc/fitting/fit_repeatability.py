@@ -199,10 +199,10 @@ def _visit_order(
 
 
 def known_variance(data: Measurements, components: int) -> NDArray[np.float64]:
-    """Return ``(components, N)`` variance of the stated measurement uncertainty; zero where none is stated."""
+    """Return ``(components, N)`` variance of the known measurement uncertainty; zero where none is known."""
     variance = np.zeros((components, data.n))
-    if data.sigma_position is not None:
-        variance[:3] = np.square(data.sigma_position)
+    if data.position_variance is not None:
+        variance[:3] = data.position_variance
     if components == 6 and data.sigma_rotation is not None:
         variance[3:] = np.square(data.sigma_rotation)
     return variance

@@ -29,7 +29,7 @@ def estimate(
     ``used`` are the numbers of effective coefficients that position and orientation determine: the sums of the
     leverages of their residuals (restricted maximum likelihood at given weights).
     """
-    position = _misfit(residual[:3, inliers], _variance(data.sigma_position, inliers), used[0])
+    position = _misfit(residual[:3, inliers], _position_variance(data, inliers), used[0])
     if residual.shape[0] == 3:
         return position, 0.0
     return position, _misfit(residual[3:, inliers], _variance(data.sigma_rotation, inliers), used[1])
@@ -63,7 +63,7 @@ def inlier_mask(
 
 def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) -> Noise:
     """Return known noise and misfit together, and the source of the figure."""
-    position = 0.0 if data.sigma_position is None else float(np.mean(np.square(data.sigma_position)))
+    position = np.zeros((3, 1)) if data.position_variance is None else data.position_variance
     orientation = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
     turned = None if data.rotation is None else float(np.sqrt(orientation + misfit[1] ** 2))
     source: NoiseSource
@@ -73,7 +73,12 @@ def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) ->
         source = "residual"
     else:
         source = "file" if misfit[0] == 0.0 else "file and misfit"
-    return Noise(float(np.sqrt(position + misfit[0] ** 2)), turned, source)
+    return Noise.of_variances(np.mean(position, axis=1) + misfit[0] ** 2, turned, source)
+
+
+def _position_variance(data: Measurements, inliers: NDArray[np.bool_]) -> Array | float:
+    variance = data.position_variance
+    return 0.0 if variance is None else np.broadcast_to(variance, (3, data.n))[:, inliers]
 
 
 def _variance(column: Array | None, inliers: NDArray[np.bool_]) -> Array | float:
@@ -86,7 +91,7 @@ def _misfit(residual: Array, known: Array | float, used: float) -> float:
     square = np.square(residual)
     if isinstance(known, float):
         return float(np.sqrt(square.sum() / dof))
-    if float((square / known).sum()) <= dof:
+    if np.all(known > 0.0) and float((square / known).sum()) <= dof:
         return 0.0
     low, high = 0.0, float(square.sum() / dof)
     for _ in range(_BISECTIONS):

@@ -8,6 +8,7 @@ import numpy as np
 
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.visits import visit_numbers
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import Noise, NoiseSource
 from robacc.statistics.distributions import chi2_sf, f_sf
@@ -55,7 +56,8 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
         if data.sigma_rotation is not None and data.rotation is not None:
             orientation = float(np.sqrt(np.mean(np.square(data.sigma_rotation[rows]))))
         ratio = float(np.sqrt(sum_of_squares / max(dof, 1.0))) / sigma
-        return LackOfFit(Noise(sigma, orientation, "file"), chi2_sf(statistic, max(dof, 1.0)), ratio)
+        stated = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
+        return LackOfFit(stated, chi2_sf(statistic, max(dof, 1.0)), ratio)
     return LackOfFit(fit.noise, None, 1.0)
 
 
@@ -69,18 +71,27 @@ def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
 
 def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float] | None:
     """Return the variance along an axis (m^2) within repeats of a commanded pose, and its degrees of freedom."""
+    repeats = variances_of_repeats(fit.residual[:3], fit, data)
+    if repeats is None:
+        return None
+    variances, dof = repeats
+    variance = float(np.mean(variances))
+    return (variance, 3.0 * dof) if variance > 0 else None
+
+
+def variances_of_repeats(residual: Array, fit: Fit, data: Measurements) -> tuple[Array, float] | None:
+    """Return the variances ``(3,)`` (m²) within repeats of a commanded pose, and the degrees of freedom of each.
+
+    ``residual`` ``(3, N)`` are residuals of the fit, along any axes. None if there are too few repeats.
+    """
     rows = data.first_measured(fit.inliers)
     groups = data.groups()[rows]
     if data.target is not None:
         pairs = np.stack((groups, np.unique(data.target[rows], return_inverse=True)[1]))
         groups = np.unique(pairs, axis=1, return_inverse=True)[1]
     counts = np.bincount(groups)
-    dof = 3.0 * float(np.sum(np.maximum(counts - 1, 0)))
-    if dof < _LEAST_REPEATS:
+    dof = float(np.sum(np.maximum(counts - 1, 0)))
+    if 3.0 * dof < _LEAST_REPEATS:
         return None
-    residual = fit.residual[:3, rows]
-    within = 0.0
-    for axis in residual:
-        means = np.bincount(groups, weights=axis) / np.maximum(counts, 1)
-        within += float(np.sum(np.square(axis - means[groups])))
-    return (within / dof, dof) if within > 0 else None
+    means = np.array([np.bincount(groups, weights=axis) / np.maximum(counts, 1) for axis in residual[:, rows]])
+    return np.sum(np.square(residual[:, rows] - means[:, groups]), axis=1) / dof, dof

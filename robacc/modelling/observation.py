@@ -13,6 +13,10 @@ from robacc.measurements import Measurements
 NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
 
 
+_EQUAL = 0.01
+"""Share by which standard deviations along the axes may differ and count as equal."""
+
+
 @dataclass(frozen=True, slots=True)
 class Noise:
     """Standard deviation along each axis of the error that the model does not predict."""
@@ -22,6 +26,18 @@ class Noise:
     orientation: float | None
     """rad; None where orientation was not measured."""
     source: NoiseSource
+    along_axes: tuple[float, float, float] | None = None
+    """m, along x, y, z of the measuring frame; None if they do not differ."""
+
+    @classmethod
+    def of_variances(cls, position: Array, orientation: float | None, source: NoiseSource) -> Noise:
+        """Return the noise of mean variances ``position`` ``(3,)`` (m²) along the axes.
+
+        ``orientation`` is a standard deviation, rad.
+        """
+        x, y, z = np.sqrt(position).tolist()
+        differ = max(x, y, z) > (1.0 + _EQUAL) * min(x, y, z)
+        return cls(float(np.sqrt(np.mean(position))), orientation, source, (x, y, z) if differ else None)
 
 
 def residuals(data: Measurements, poses: Poses) -> Array:
@@ -51,8 +67,8 @@ def weights(data: Measurements, position_misfit: float, orientation_misfit: floa
     """Return reciprocal standard deviations ``(M, N)`` of measuring uncertainty and a misfit common to all poses."""
     rows = 3 if data.rotation is None else 6
     result = np.empty((rows, data.n))
-    known = 0.0 if data.sigma_position is None else data.sigma_position
-    result[:3] = 1.0 / np.sqrt(np.square(known) + position_misfit**2)
+    variance = data.position_variance
+    result[:3] = 1.0 / np.sqrt((0.0 if variance is None else variance) + position_misfit**2)
     if rows == 6:
         known = 0.0 if data.sigma_rotation is None else data.sigma_rotation
         result[3:] = 1.0 / np.sqrt(np.square(known) + orientation_misfit**2)

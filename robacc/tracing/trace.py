@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.accuracy.before_after import before_and_after
-from robacc.accuracy.stages import Gain, Residuals, Stage
+from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.moved_frames import MovedFrames, held_out_frames, larger_error_warning, moved_frames
 from robacc.diagnostics.read_back_share import read_back_warning
@@ -18,17 +17,17 @@ from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
-from robacc.fitting.directional_noise import noise_and_scatter
+from robacc.fitting.directional_noise import DirectionalNoise, noise_and_scatter, with_axis_weights
 from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit
-from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
+from robacc.fitting.parameters import parameter_covariance, parameters
 from robacc.fitting.places import places_warning
 from robacc.fitting.scatter_check import with_scatter_covariance
-from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
+from robacc.fitting.undeclared_load import undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
     convergence_warning,
@@ -41,7 +40,6 @@ from robacc.fitting.warnings import (
 )
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.robots.description import Robot
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.confirmation import reproduced, with_held_out_gain
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
@@ -50,66 +48,13 @@ from robacc.tracing.equal_votes import with_equal_votes
 from robacc.tracing.findings import Finding, describe_finding
 from robacc.tracing.loop import SearchResult, search
 from robacc.tracing.refitting import SEARCH, frames_first, refit
-from robacc.tracing.remaining_error import Unexplained, remaining_error
+from robacc.tracing.remaining_error import remaining_error
 from robacc.tracing.remaining_scatter import with_remaining_scatter, with_scatter_in_fits
-from robacc.tracing.selection import SelectionStep
-from robacc.tracing.verdict import Verdict, assumption_of, explained_share, verdict_of
+from robacc.tracing.trace_result import Trace
+from robacc.tracing.verdict import assumption_of, explained_share, verdict_of
 
 _MOST_TO_ADVISE = 200
 """Coefficients beyond which rivals are not fitted to choose the next poses."""
-
-
-@dataclass(frozen=True)
-class Trace:
-    """Result of `robacc trace`."""
-
-    robot: Robot
-    """Robot file with the findings written into it."""
-    verdict: Verdict
-    assumption: str | None
-    """What the verdict presumes where the noise is known from the residual alone."""
-    declared: Fit
-    final: Fit
-    predicting: Fit
-    """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
-    noise: LackOfFit
-    nominal_unregistered: Stage
-    """The nominal model as it stands in the robot file."""
-    nominal: Stage
-    """The nominal model, registered: base and tool frames fitted as far as the poses allow."""
-    before: Stage
-    after: Stage
-    gain: Gain | None
-    parameters: tuple[FittedParameter, ...]
-    """Coefficients of the final fit; standard errors include the uncertainty of the masses."""
-    covariance: ParameterCovariance
-    findings: tuple[Finding, ...]
-    deflection: DeflectionChoice | None
-    """Pose at which the torques of elastic effects are taken; None if no such effect is fitted or no choice was
-    made."""
-    undeclared_load: UndeclaredLoad | None
-    """Whether the torques point to a load on one link; None unless masses are uncertain."""
-    unexplained: Unexplained
-    repeatability: Repeatability | None
-    """Scatter of the joints; None if it is not significant beside the noise."""
-    explained_share: float | None
-    """Share of the baseline's held-out variance above noise and repeatability that the findings explain."""
-    steps: tuple[SelectionStep, ...]
-    rounds: int
-    """Rounds of the search: a fit of all findings together, and a selection."""
-    settled: bool
-    """Whether the search ended because its choice repeated itself."""
-    missing: dict[str, str]
-    detection: tuple[DetectionLimit, ...]
-    """Detection limits of these poses, beside the findings."""
-    n_folds: int
-    next_poses: tuple[Advice, ...]
-    """Poses that distinguish a finding from its nearest rival."""
-    warnings: tuple[str, ...]
-    residuals: Residuals
-    """Residuals of every pose, outliers included."""
-    holdout: Residuals | None
-    """Residuals of the poses of ``holdout``, if given."""
 
 
 def trace(
@@ -131,6 +76,26 @@ def trace(
         InputError: the data contain a mistake that no effect should explain, or are too few.
         UsageError: the data lack a quantity that a declared effect needs.
     """
+
+    def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
+        return _trace(model, weighted, n_folds, seed, holdout, empirical, progress)
+
+    def with_warning(result: Trace, text: str) -> Trace:
+        return dataclasses.replace(result, warnings=(*result.warnings, text))
+
+    return with_axis_weights(run, lambda result: result.after.held_out_rms, with_warning, data)
+
+
+def _trace(
+    model: Model,
+    data: Measurements,
+    n_folds: int,
+    seed: int,
+    holdout: Measurements | None,
+    empirical: bool,
+    progress: Progress,
+) -> tuple[Trace, DirectionalNoise | None]:
+    """Return the result of :func:`trace`, and noise that is larger along one direction than along others."""
     mistakes = check_data(model.arm.robot, data)
     stated = model.arm.robot.gravity
     model = with_gravity_direction(model, data)
@@ -168,7 +133,7 @@ def trace(
     unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding)
     ends = None if validation is None else (validation.before, validation.after)
     stages = before_and_after(model.arm.robot, data, declared, final, ends, HoldOut(holdout, n_folds, seed))
-    return Trace(
+    result = Trace(
         robot=apply_fit(final),
         verdict=(verdict := verdict_of(findings, unexplained)),
         assumption=assumption_of(verdict, noise, repeatability),
@@ -205,11 +170,11 @@ def trace(
             *withdrawn,
             *([] if rounding is None else [rounding.warning]),
             *structured.warnings,
-            *apart.warnings,
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
+    return result, apart.directional
 
 
 def _confirmed(

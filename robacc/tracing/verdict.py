@@ -44,7 +44,10 @@ def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatabili
     if repeatability is not None and repeatability.source == "residual":
         presumed.append(f"the arm's own repeatability is {1e3 * repeatability.position:.2g} mm rms at the target")
     if noise.noise.source not in ("file", "repeats") and not is_hidden_noise(noise, repeatability):
+        axes = noise.noise.along_axes
         size = f"{1e3 * noise.noise.position:.2g} mm along each axis (standard deviation)"
+        if axes is not None:
+            size = f"{', '.join(f'{1e3 * std:.2g}' for std in axes)} mm along x, y, z (standard deviation)"
         presumed.append(f"the measurement noise is {size}")
         test = "sigma columns or repeated poses"
     return f"{verdict} if {' and '.join(presumed)}; {test} would test this" if presumed else None

@@ -14,7 +14,8 @@ from robacc.effects.request import build, parse_requests
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.trace import trace
+from robacc.tracing.trace_result import Trace
 
 
 def with_ratio(ratio: float | None) -> Robot:

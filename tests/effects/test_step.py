@@ -20,7 +20,8 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.tracing.step_scans import usable_places
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.trace import trace
+from robacc.tracing.trace_result import Trace
 
 NOISE = 2e-5
 N = 90

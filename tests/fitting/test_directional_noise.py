@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from arms import arm
@@ -43,13 +45,48 @@ def test_noise_along_a_line_of_sight_is_no_scatter_of_the_joints(direction: str)
         assert result.repeatability is None
         # 150 poses give the largest of the three variances to 12 %, and so the noise to 5 %.
         assert result.noise.noise.position == pytest.approx(NOISE, rel=0.1)
-        (text,) = [warning for warning in result.warnings if "times as large along the direction" in warning]
-        named = np.array([float(value) for value in text.split("(")[1].split(")")[0].split(",")])
-        assert abs(named @ ALONG[direction]) > 0.98
+        texts = [warning for warning in result.warnings if "error that remains" in warning]
+        assert len(texts) == 1
+        if direction == "oblique":
+            named = np.array([float(value) for value in texts[0].split("(")[1].split(")")[0].split(",")])
+            assert abs(named @ ALONG[direction]) > 0.98
+
+
+def test_an_axis_with_more_noise_has_less_weight() -> None:
+    """Errors of the model are those of a fit that is told the noise, and a third less than with equal weights."""
+    data = measured(ALONG["z"], 5.0, 0.0, 11)
+    across = NOISE / np.sqrt(27.0 / 3.0)
+    stated = np.array([1.0, 1.0, 5.0])[:, None] * across * np.ones(data.n)
+    robot = arm("puma560").robot
+    fresh = Measurements(np.zeros((3, 400)), q=np.random.default_rng(3).uniform(-1.0, 1.0, (6, 400)))
+    truth = predict(robot, fresh).translation
+
+    def errors(poses: Measurements) -> float:
+        result = robacc.calibrate(poses, robot=robot, fit=FIT, folds=2, shrink=False)
+        return float(np.sqrt(np.mean(np.square(predict(result.robot, fresh).translation - truth))))
+
+    result = robacc.calibrate(data, robot=robot, fit=FIT, folds=2)
+    assert result.noise.noise.along_axes == pytest.approx((across, across, 5.0 * across), rel=0.2)
+    assert result.noise.noise.source == "residual"
+    assert errors(data) == pytest.approx(errors(dataclasses.replace(data, sigma_position=stated)), rel=0.1)
+    equal = dataclasses.replace(data, sigma_position=np.full((3, data.n), NOISE))
+    assert errors(data) < 0.75 * errors(equal)
+
+
+def test_repeats_decide_whether_an_error_along_an_axis_is_noise() -> None:
+    """An error of the poses along z that repeats do not show is no noise of the instrument."""
+    rng = np.random.default_rng(4)
+    once = measured(ALONG["z"], 1.0, 0.0, 12)
+    n, again = once.n, np.arange(2 * once.n) % once.n
+    position = once.position[:, again] + 1e-5 * rng.normal(size=(3, 2 * n))
+    position[2] += 3.0 * NOISE * rng.normal(size=n)[again]
+    data = Measurements(position, q=once.q[:, again], pose=np.array([f"P{i}" for i in again]))
+    result = robacc.calibrate(data, robot=arm("puma560").robot, fit=FIT, folds=2)
+    assert not any("error that remains" in warning for warning in result.warnings)
 
 
 def test_scatter_of_the_joints_beside_noise_stays_scatter() -> None:
     data = measured(ALONG["z"], 1.0, 3e-4, 3)
     result = robacc.calibrate(data, robot=arm("puma560").robot, fit=FIT, folds=2)
     assert result.repeatability is not None
-    assert not any("along the direction" in warning for warning in result.warnings)
+    assert not any("error that remains" in warning for warning in result.warnings)

@@ -8,6 +8,7 @@ gauss        independent and normal, to compare
 heavy        Student's t with 2.5 degrees of freedom
 range        a tracker: transverse noise grows with the square of the distance
 path         rows on a path through the joints' ranges, noise that wanders with it (correlation 0.9 from row to row)
+depth        noise four times as large along z of the measuring frame
 instruments  two instruments, each for half of the first joint's range; one has eight times the other's noise
 camera       six times the noise where the tool turns away from the camera
 warming      the first ten rows or so are off, in a direction of their own
@@ -131,6 +132,10 @@ def instruments(out: Campaign, noise: float, rng: np.random.Generator) -> None:
     out.error *= np.where(out.q[:, 0] > np.median(out.q[:, 0]), 8, 1)[:, None]
 
 
+def depth(out: Campaign, noise: float, rng: np.random.Generator) -> None:
+    out.error[:, 2] *= 4
+
+
 def camera(out: Campaign, noise: float, rng: np.random.Generator) -> None:
     towards = out.setup.frames(out.truth, out.q)[-1][:, 2, 2]
     out.error *= np.where(towards > 0.3, 6, 1)[:, None]
@@ -154,7 +159,7 @@ def rounded(out: Campaign, noise: float, rng: np.random.Generator) -> None:
 
 
 CHANGES: dict[str, Callable[[Campaign, float, np.random.Generator], None]] = {
-    change.__name__: change for change in (heavy, instruments, camera, warming, stick, tails, rounded)
+    change.__name__: change for change in (heavy, instruments, depth, camera, warming, stick, tails, rounded)
 } | {"range": ranged}
 KINDS = ("gauss", *CHANGES, "path", "tiny", "encoder", "clusters")
 

@@ -9,7 +9,8 @@ import pytest
 from draws import KINDS, draw
 from scipy import stats
 
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.trace import trace
+from robacc.tracing.trace_result import Trace
 
 FOLDS = 5
 SEEDS = 20

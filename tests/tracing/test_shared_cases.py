@@ -23,7 +23,8 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.findings import Finding
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.trace import trace
+from robacc.tracing.trace_result import Trace
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared"
 CASES = SHARED / "cases"

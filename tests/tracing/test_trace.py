@@ -32,7 +32,8 @@ from robacc.tracing.evidence import judge
 from robacc.tracing.loop import search
 from robacc.tracing.refitting import SEARCH, refit
 from robacc.tracing.rivals import RIVAL
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.trace import trace
+from robacc.tracing.trace_result import Trace
 
 NOISE = 2e-5
 DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"

@@ -71,8 +71,11 @@ def _coefficients(result: Calibration, width: int) -> list[TextLine]:
 def _quality(result: Calibration, data: Measurements) -> Iterable[str]:
     noise, fit = result.noise.noise, result.fit
     source = NOISE_SOURCES.get(noise.source)
-    size = f"measurement noise {three_digits(noise.position * IN_MM)} mm along each axis (standard deviation)"
-    yield f"{size}, {source or 'estimated from the residual'}"
+    if noise.along_axes is None:
+        size = f"{three_digits(noise.position * IN_MM)} mm along each axis"
+    else:
+        size = f"{', '.join(three_digits(std * IN_MM) for std in noise.along_axes)} mm along x, y, z"
+    yield f"measurement noise {size} (standard deviation), {source or 'estimated from the residual'}"
     if result.noise.p_value is not None:
         yield f"residual {result.noise.ratio:.3g} times this noise; lack-of-fit test {p_value(result.noise.p_value)}"
     if result.noise.p_value is not None:

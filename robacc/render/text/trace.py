@@ -20,7 +20,7 @@ from robacc.render.text.units import IN_DEGREES, IN_MM, table_unit, with_table_u
 from robacc.tracing.findings import Finding
 from robacc.tracing.harmonics import Harmonic
 from robacc.tracing.rivals import Alternative
-from robacc.tracing.trace import Trace
+from robacc.tracing.trace_result import Trace
 from robacc.tracing.verdict import is_hidden_noise
 
 _VERDICTS = {

@@ -64,7 +64,7 @@ def resolve_campaign(
             f"{start}; these poses are taken as measured after the step, whatever their time; `campaign` keep applies "
             "the effects by time",
         )
-    change = f"from {errors[0] * 1e3:.3g} to {errors[1] * 1e3:.3g} mm"
+    change = f"(base registered) from {errors[0] * 1e3:.3g} to {errors[1] * 1e3:.3g} mm"
     if errors[1] < errors[0]:
         return with_effects, (
             f"{start}; they are applied because they change the position error {change}; `campaign` drop leaves them "

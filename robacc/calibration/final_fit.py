@@ -69,7 +69,7 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
     if warnings:
         repeatability = measured_alone(repeatability)
     apart = noise_and_scatter(chosen if structured.added is None else unshrunk, repeatability, data)
-    warnings += structured.warnings
+    warnings += [*structured.warnings, *structured.shared]
     return FinalFit(
         chosen,
         predicting,

@@ -80,7 +80,8 @@ class CorrelatedErrors:
             constant /= divisor
         return (
             f"the remaining errors are correlated in time ({100 * self.share:.0f} % of their variance; time "
-            f"constant about {constant:.2g} {unit}); standard errors of coefficients allow for it, p-values do not"
+            f"constant about {constant:.2g} {unit}); standard errors of coefficients and p-values of findings "
+            "allow for it"
         )
 
 

@@ -25,8 +25,12 @@ class StructuredFit:
     """Variance that was added in its weights for errors that poses share; None if it is as fitted before."""
     predicting: Fit
     """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
+    inflation: Array
+    """``(P,)`` variance of each coefficient over that beside independent, equal errors, at least 1."""
+    shared: tuple[str, ...]
+    """Sentence on errors that poses share where that is evident: an effect remains that the model lacks."""
     warnings: tuple[str, ...]
-    """Sentences for readers of the result."""
+    """Other sentences for readers of the result."""
 
 
 def with_error_structure(fit: Fit, data: Measurements, priors: Array | None = None) -> StructuredFit:
@@ -42,10 +46,18 @@ def with_error_structure(fit: Fit, data: Measurements, priors: Array | None = No
     warnings = () if correlated is None else (correlated.warning,)
     beside = with_shared_errors(fit, data, priors)
     if beside is None:
-        return StructuredFit(allowed, None, allowed, warnings)
+        return StructuredFit(allowed, None, allowed, _inflation(fit, allowed), (), warnings)
     columns = beside.fit.identifiability.columns
     usual = np.nan_to_num(np.diag(allowed.covariance)[columns])
     structured = predicting = with_variances(beside.fit, usual)
     if np.array_equal(columns, fit.identifiability.columns):
         predicting = replace(structured, covariance=allowed.covariance)
-    return StructuredFit(structured, beside.added, predicting, (*warnings, *beside.warnings))
+    inflation = _inflation(fit, structured)
+    return StructuredFit(structured, beside.added, predicting, inflation, beside.warnings, warnings)
+
+
+def _inflation(before: Fit, after: Fit) -> Array:
+    """Return ``(P,)`` the variances after over those before, at least 1; 1 where one of them is not known."""
+    old, new = np.diag(before.covariance), np.diag(after.covariance)
+    known = np.isfinite(old) & np.isfinite(new) & (old > 0.0)
+    return np.maximum(np.where(known, new / np.where(known, old, 1.0), 1.0), 1.0)

@@ -90,7 +90,7 @@ class FitBesideSharedErrors:
         larger = f"{np.sqrt(_total(self.joints)):.2g} times"
         return (
             f"the remaining errors are similar where {where}, so an effect remains that the model lacks; standard "
-            f"errors of coefficients allow for it (about {larger} as large), p-values do not",
+            f"errors of coefficients (about {larger} as large) and p-values of findings allow for it",
         )
 
 

@@ -51,19 +51,22 @@ class Scores:
     dof: float
     shrunk: NDArray[np.bool_]
 
-    def p_value(self, i: int) -> float:
-        """Return the significance of candidate ``i`` alone, not corrected for the number of candidates."""
+    def p_value(self, i: int, inflation: float = 1.0) -> float:
+        """Return the significance of candidate ``i`` alone, not corrected for the number of candidates.
+
+        ``inflation`` is the variance of its coefficients over that beside independent errors.
+        """
         if self.rank[i] == 0:
             return 1.0
         if self.shrunk[i]:
-            return 0.5 * chi2_sf(2 * float(self.evidence[i]), 1.0)
+            return 0.5 * chi2_sf(2 * float(self.evidence[i]) / inflation, 1.0)
         residual_dof = self.dof - float(self.rank[i])
         if residual_dof <= 0:
             return 1.0
         # A fit to the last digit leaves a rounding error of either sign.
         remaining = max(self.cost - float(self.gain[i]), 1e-15 * self.cost)
         ratio = (float(self.gain[i]) / float(self.rank[i])) / (remaining / residual_dof)
-        return f_sf(ratio, float(self.rank[i]), residual_dof)
+        return f_sf(ratio / inflation, float(self.rank[i]), residual_dof)
 
 
 def judge(

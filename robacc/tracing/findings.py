@@ -29,7 +29,7 @@ from robacc.tracing.harmonics import (
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.ranking import Chosen
 from robacc.tracing.rivals import MOST_TO_REFIT, Alternative, lag_refitted, rivals
-from robacc.tracing.selection import SelectionStep
+from robacc.tracing.selection import FALSE_ALARM, SelectionStep
 
 _FEW_POSES = 8
 """Rows below which a finding gets a warning, if they carry more than half of its contribution."""
@@ -86,23 +86,29 @@ def describe_finding(
     effect: Effect,
     final: Fit,
     all_parameters: Sequence[FittedParameter],
+    inflation: Array,
     validation: CrossValidation | None,
     data: Measurements,
 ) -> Finding:
     """Return the finding of ``effect``: its rivals, held-out errors, and parameters in the final fit.
 
-    ``all_parameters`` are the coefficients of ``final``. Candidates are in equilibrium form; the final fit may contain
+    ``all_parameters`` are the coefficients of ``final``, and ``inflation`` ``(P,)`` their variances over those beside
+    independent errors, whose mean the p-value allows for. Candidates are in equilibrium form; the final fit may contain
     the effect in the other form.
     """
+    number = with_deflection(final.model.free, "equilibrium").index(effect)
+    fitted = final.model.free[number]
+    columns = [i for i, owner in enumerate(final.owners) if owner == number]
+    inflated = float(np.mean(inflation[columns])) if columns else 1.0
     choice = next(
         (c for c in search_result.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None
     )
     if choice is not None:
         refitted = lag_refitted(search_result, choice, effect, data) if final.theta.size <= MOST_TO_REFIT else None
         ranked, alternatives = rivals(search_result.selection, choice, refitted)
-        p_value, evidence = ranked.p_value, ranked.evidence
+        p_value, evidence = ranked.p_value_beside(inflated), ranked.evidence
     else:
-        p_value, evidence, alternatives = _score_when_added(search_result.steps, effect)
+        p_value, evidence, alternatives = _score_when_added(search_result.steps, effect, inflated)
     before = after = None
     turn_before = turn_after = None
     if validation is not None:
@@ -110,9 +116,6 @@ def describe_finding(
         without = validation.without.get(effect.key())
         before, turn_before = (None, None) if without is None else _rms(without[:, rows])
         after, turn_after = _rms(validation.after[:, rows])
-    number = with_deflection(final.model.free, "equilibrium").index(effect)
-    fitted = final.model.free[number]
-    columns = [i for i, owner in enumerate(final.owners) if owner == number]
     coefficients = tuple(all_parameters[i] for i in columns)
     choices = None if validation is None else validation.choices
     folds_chosen = (0, 0) if choices is None else (choices.count(effect), choices.folds)
@@ -139,7 +142,7 @@ def describe_finding(
         harmonics,
         _validity(fitted, final, data),
         implausible,
-        (*_finding_warnings(fitted, moved, folds_chosen), *(() if implausible is None else (implausible,))),
+        (*_finding_warnings(fitted, moved, folds_chosen, p_value), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
         _rms_of(moved),
         None if moved is None else float(np.max(moved)),
@@ -158,11 +161,13 @@ def _rms(residual: Array) -> tuple[float, float | None]:
     return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
 
 
-def _score_when_added(steps: Sequence[SelectionStep], effect: Effect) -> tuple[float, float, tuple[Alternative, ...]]:
+def _score_when_added(
+    steps: Sequence[SelectionStep], effect: Effect, inflation: float
+) -> tuple[float, float, tuple[Alternative, ...]]:
     """Return the score of a frame in the step that added it: it is no candidate afterwards."""
     for step in steps:
         if step.action == "add" and step.ranking and step.ranking[0].candidate.effect.key() == effect.key():
-            return step.ranking[0].p_value, step.ranking[0].evidence, ()
+            return step.ranking[0].p_value_beside(inflation), step.ranking[0].evidence, ()
     return float("nan"), float("nan"), ()
 
 
@@ -200,8 +205,13 @@ def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str
     return tuple((driver, low, high) for driver, (low, high) in limits.items())
 
 
-def _finding_warnings(effect: Effect, moved: Array | None, chosen: tuple[int, int]) -> tuple[str, ...]:
+def _finding_warnings(effect: Effect, moved: Array | None, chosen: tuple[int, int], p_value: float) -> tuple[str, ...]:
     warnings = []
+    if p_value > FALSE_ALARM:
+        warnings.append(
+            f"{effect} lowers the error of held-out poses, but is not significant beside the structure of the errors "
+            f"that remain (p = {p_value:.2g}): it may stand for an effect that the model lacks"
+        )
     if chosen[1] and chosen[0] < _LEAST_STABILITY * chosen[1]:
         warnings.append(f"{effect} was found in only {chosen[0]} of {chosen[1]} folds")
     n_poses = None if moved is None else _decisive_poses(moved)

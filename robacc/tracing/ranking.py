@@ -67,9 +67,13 @@ class Ranked:
     @cached_property
     def p_value(self) -> float:
         """Significance, corrected for the number of candidates; 1 if there is hardly any evidence."""
+        return self.p_value_beside(1.0)
+
+    def p_value_beside(self, inflation: float) -> float:
+        """Return the significance if the coefficients' variance is ``inflation`` times that of independent errors."""
         if not self.is_tested:
             return 1.0
-        corrected = min(1.0, self.scores.p_value(self.number) * math.exp(-self.candidate.log_prior))
+        corrected = min(1.0, self.scores.p_value(self.number, inflation) * math.exp(-self.candidate.log_prior))
         if not self.handicap:
             return corrected
         return math.exp(min(0.0, math.log(max(corrected, 1e-300)) + self.handicap))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from robacc.diagnostics.approach_memory import memory_of_play
@@ -128,8 +128,12 @@ def remaining_error(
     data: Measurements,
     repeatability: Repeatability | None,
     rounding: Rounding | None = None,
+    shared: Sequence[str] = (),
 ) -> Unexplained:
-    """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
+    """Return the error that remains after the findings, whether it has a structure, and hints on its cause.
+
+    ``shared`` says of errors that poses share that an effect remains.
+    """
     best = next(iter(search_result.selection.rank(with_blocks=True)), None)
     best_p_value = 1.0 if best is None else best.p_value
     p_values = [best_p_value]
@@ -137,6 +141,7 @@ def remaining_error(
     for correlation in residual_correlations(final, data):
         p_values.append(correlation.p_value)
         hints.append(correlation.text)
+    hints.extend(shared)
     for p_value, hint in _memory_hints(search_result, final, data):
         p_values.append(p_value)
         hints.append(hint)

@@ -126,11 +126,11 @@ def _trace(
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
     findings = tuple(
-        describe_finding(search_result, effect, final, coefficients, validation, data)
+        describe_finding(search_result, effect, final, coefficients, structured.inflation, validation, data)
         for effect in search_result.effects
     )
     rounding = evident_rounding(final, data)
-    unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding)
+    unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding, structured.shared)
     ends = None if validation is None else (validation.before, validation.after)
     stages = before_and_after(model.arm.robot, data, declared, final, ends, HoldOut(holdout, n_folds, seed))
     result = Trace(

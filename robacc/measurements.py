@@ -50,9 +50,9 @@ class Measurements:
     """``(3, N)`` measuring uncertainty, one standard deviation along x, y, z of the measuring frame, m."""
     sigma_rotation: Array | None = None
     """``(N,)`` measuring uncertainty of the orientation about any axis, rad."""
-    axis_noise: tuple[float, float, float] | None = None
-    """Standard deviation of the noise along x, y, z of the measuring frame beyond the least of the three, m, as a fit
-    estimated it; None for equal noise. It counts only without ``sigma_position``."""
+    noise_covariance: tuple[tuple[float, float, float], ...] | None = None
+    """Covariance of the noise of a position in the measuring frame beyond equal noise, m², as a fit estimated it, in
+    rows; None for equal noise. It counts only without ``sigma_position``."""
     pose: NDArray[Any] | None = None
     """``(N,)`` id of the commanded pose, text."""
     cycle: NDArray[Any] | None = None
@@ -133,7 +133,15 @@ class Measurements:
         """Known variance of the position, m²: ``(3, N)`` as stated or ``(3, 1)`` as estimated; None if none is."""
         if self.sigma_position is not None:
             return np.square(self.sigma_position)
-        return None if self.axis_noise is None else np.square(np.array(self.axis_noise))[:, None]
+        return None if self.noise_covariance is None else np.diag(np.array(self.noise_covariance))[:, None]
+
+    @property
+    def correlated_noise(self) -> Array | None:
+        """Known covariance ``(3, 3)`` of the position, m², where its coordinates are correlated; else None."""
+        if self.sigma_position is not None or self.noise_covariance is None:
+            return None
+        covariance = np.array(self.noise_covariance)
+        return covariance if np.count_nonzero(covariance - np.diag(np.diag(covariance))) else None
 
     @property
     def commands(self) -> Array | None:

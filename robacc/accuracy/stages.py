@@ -24,12 +24,6 @@ class Stage:
     held_out_inliers: PoseMetrics | None = None
     """Metrics of held-out poses without the outliers; None if there are none."""
 
-    @property
-    def held_out_rms(self) -> float | None:
-        """Return the rms of held-out positions without outliers, m; None if no pose was held out."""
-        metrics = self.held_out_inliers or self.held_out
-        return None if metrics is None else metrics.position.rms
-
 
 @dataclass(frozen=True, slots=True)
 class Residuals:

@@ -19,7 +19,7 @@ from robacc.effects.request import Request
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice
-from robacc.fitting.directional_noise import DirectionalNoise, with_axis_weights
+from robacc.fitting.directional_noise import DirectionalNoise
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
@@ -41,10 +41,12 @@ from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.fitting.warnings import (
     few_places_warning,
 )
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.tracing.cross_validation import Progress
+from robacc.tracing.directional_weights import with_directional_weights
 
 
 @dataclass(frozen=True)
@@ -118,10 +120,13 @@ def calibrate(
     def run(weighted: Measurements) -> tuple[Calibration, DirectionalNoise | None]:
         return _calibrate(plan, weighted, options or Options(), how, progress)
 
+    def held_out(result: Calibration) -> Array | None:
+        return result.residuals.held_out_after if result.holdout is None else result.holdout.after
+
     def with_warning(result: Calibration, text: str) -> Calibration:
         return dataclasses.replace(result, warnings=(*result.warnings, text))
 
-    return with_axis_weights(run, lambda result: result.after.held_out_rms, with_warning, data)
+    return with_directional_weights(run, held_out, with_warning, data, holdout)
 
 
 def _calibrate(

@@ -1,8 +1,8 @@
 """Noise that is larger along one direction than along others, and scatter of the joints that only stands for it.
 
 A camera measures its depth some three times worse than the two other coordinates, a tracker its angles worse than its
-range. Equal weights then spoil the good coordinates with the bad one. If the directions are the axes of the measuring
-frame, the fit is repeated with a weight for each axis; else the direction is named.
+range. Equal weights then spoil the good coordinates with the bad one, so the fit is repeated with weights by direction
+(:mod:`robacc.tracing.directional_weights`).
 
 Scatter of the joints describes such a residual better than equal noise along all axes, because it, too, is larger along
 some directions. It is reported as scatter only where it is more likely, too, than errors e ~ N(0, S) of any covariance
@@ -15,9 +15,7 @@ that of the orientation, maximise the restricted likelihood of :mod:`robacc.fitt
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
@@ -29,8 +27,6 @@ from robacc.fitting.whitening import Scatter
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import Noise
-
-Result = TypeVar("Result")
 
 _PENALTY = 10.0
 """Akaike's penalty of the five numbers of S beyond one variance, in twice the log-likelihood."""
@@ -45,9 +41,6 @@ _CLEAR = 30.0
 _LEAST_RATIO = 2.0
 """Ratio of the largest standard deviation to the smallest from which a fit allows for it: a smaller one costs the
 coefficients less than a fifth of their accuracy."""
-_WORSE = 1.005
-"""Ratio of held-out errors, with weights for the axes and with equal weights, up to which the former are used: such
-weights are better for an arm whose noise differs, however little that shows beside the noise itself."""
 _SUSPECTED = 1.5
 """The same ratio in the residual, below which nothing is tested."""
 
@@ -62,41 +55,44 @@ class DirectionalNoise:
     """``(3,)`` standard deviations along them, m."""
 
     @property
-    def is_aligned(self) -> bool:
-        """Return whether the axes are those of the measuring frame."""
-        return bool(np.array_equal(self.axes, np.eye(3)))
-
-    @property
     def ratio(self) -> float:
         """Return the ratio of the largest standard deviation to the smallest."""
         return float(self.std.max() / max(self.std.min(), 1e-300))
 
     @property
-    def beyond_least(self) -> tuple[float, float, float]:
-        """Return the standard deviations along the axes beyond the least of the three, m."""
-        x, y, z = np.sqrt(np.square(self.std) - np.square(self.std.min())).tolist()
-        return x, y, z
+    def beyond_least(self) -> tuple[tuple[float, float, float], ...]:
+        """Return the covariance in the measuring frame beyond equal noise of the least standard deviation, m²."""
+        excess = np.square(self.std) - np.square(self.std.min())
+        return tuple((x, y, z) for x, y, z in (self.axes.T @ (excess[:, None] * self.axes)).tolist())
+
+    @property
+    def _structure(self) -> str:
+        """Return the direction that differs from the two others, and by how much."""
+        small, middle, large = np.sort(self.std)
+        is_smaller = middle / small > large / middle
+        k = int(np.argmin(self.std) if is_smaller else np.argmax(self.std))
+        across = float(np.sqrt(np.mean(np.square(np.delete(self.std, k)))))
+        axis = self.axes[k] * np.sign(self.axes[k][np.argmax(np.abs(self.axes[k]))])
+        direction = f"the direction ({', '.join(f'{value:.2f}' for value in axis + 0.0)}) of the measuring frame"
+        if is_smaller:
+            return f"the error that remains is {across / self.std[k]:.2g} times as large across {direction} as along it"
+        return f"the error that remains is {self.std[k] / across:.2g} times as large along {direction} as across it"
 
     @property
     def warning(self) -> str:
-        """Return the direction of the largest standard deviation."""
-        k = int(np.argmax(self.std))
-        across = float(np.sqrt(np.mean(np.square(np.delete(self.std, k)))))
-        axis = self.axes[k] * np.sign(self.axes[k][np.argmax(np.abs(self.axes[k]))])
+        """Return the direction that differs, for a fit that weighted all directions alike."""
         return (
-            f"the error that remains is {self.std[k] / across:.2g} times as large along the direction "
-            f"({', '.join(f'{value:.2f}' for value in axis + 0.0)}) of the measuring frame as across it: an effect "
-            "that the model lacks, or noise of the instrument along its line of sight; the fit allows for such noise "
-            "if columns sigma_x, sigma_y, sigma_z state it, in a frame with an axis along the line of sight"
+            f"{self._structure}: an effect that the model lacks, or noise of the instrument, which differs along its "
+            "line of sight; the fit allows for such noise where columns sigma_x, sigma_y, sigma_z state it"
         )
 
     @property
     def message(self) -> str:
-        """Return the standard deviations that the fit allowed for."""
+        """Return the direction that differs, for a fit that allowed for it."""
+        sizes = ", ".join(f"{1e3 * std:.3g}" for std in self.std)
         return (
-            "the error that remains differs between the axes of the measuring frame, as the noise of a camera does: "
-            f"{', '.join(f'{1e3 * std:.3g}' for std in self.std)} mm along x, y, z; each axis is weighted with its "
-            "own, as columns sigma_x, sigma_y, sigma_z would weight it"
+            f"{self._structure}, as the noise of an instrument may be along its line of sight: {sizes} mm along three "
+            "axes; the fit gives each direction the weight of its own noise"
         )
 
 
@@ -111,37 +107,10 @@ class NoiseAndScatter:
     """Noise that is much larger along one direction than along others; None if it is not."""
 
 
-def with_axis_weights(
-    run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
-    held_out_rms: Callable[[Result], float | None],
-    with_warning: Callable[[Result, str], Result],
-    data: Measurements,
-) -> Result:
-    """Return the result of ``run``, with a weight for each axis of the measuring frame if their noise differs.
-
-    An error that the model lacks may be larger along an axis, too. With less weight there, the model would be worse on
-    other poses; then equal weights stay.
-
-    Args:
-        run: Function of the poses, which returns a result and the directional noise that it shows.
-        held_out_rms: Function that returns a result's error of held-out positions, m; None if there is none.
-        with_warning: Function that adds a warning to a result.
-        data: Measured poses.
-    """
-    result, noise = run(data)
-    if noise is None:
-        return result
-    before = held_out_rms(result)
-    if noise.is_aligned and data.position_variance is None and before is not None:
-        weighted = run(dataclasses.replace(data, axis_noise=noise.beyond_least))[0]
-        after = held_out_rms(weighted)
-        if after is not None and after <= _WORSE * before:
-            return with_warning(weighted, noise.message)
-    return with_warning(result, noise.warning)
-
-
 def noise_and_scatter(fit: Fit, repeatability: Repeatability | None, data: Measurements) -> NoiseAndScatter:
     """Return noise and repeatability; directional noise without repeatability where scatter is not more likely."""
+    if data.noise_covariance is not None:
+        return NoiseAndScatter(lack_of_fit(fit, data), repeatability)
     if repeatability is None or fit.scatter is None or fit.scatter.is_none:
         return NoiseAndScatter(lack_of_fit(fit, data), repeatability, _beside_equal_noise(fit, data))
     model = mixed_model(fit, data)[1]
@@ -154,7 +123,7 @@ def noise_and_scatter(fit: Fit, repeatability: Repeatability | None, data: Measu
         orientation = float(np.sqrt(variance_of_angles + np.mean(model.known_var[3:])))
     along = np.square(noise.axes.T) @ np.square(noise.std)
     alone = dataclasses.replace(fit, scatter=None, noise=Noise.of_variances(along, orientation, fit.noise.source))
-    return NoiseAndScatter(lack_of_fit(alone, data), None, noise if data.axis_noise is None else None)
+    return NoiseAndScatter(lack_of_fit(alone, data), None, noise)
 
 
 def _beside_equal_noise(fit: Fit, data: Measurements) -> DirectionalNoise | None:
@@ -176,7 +145,7 @@ def _beside_equal_noise(fit: Fit, data: Measurements) -> DirectionalNoise | None
 def _directional_noise(model: MixedModel, start: tuple[float, float]) -> tuple[DirectionalNoise, float, float]:
     """Return noise of any covariance, the restricted log-likelihood and the variance of the orientation (rad²).
 
-    The axes are those of the measuring frame, unless others are more likely.
+    The axes are those of the measuring frame, unless others are more likely: coordinates are then not correlated.
     """
     (variances, likelihood), axes = _most_likely(model, start, _EACH_AXIS), np.eye(3)
     turned_axes = _axes(model)

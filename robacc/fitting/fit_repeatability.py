@@ -108,6 +108,7 @@ def mixed_model(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], MixedM
         prior_precision=precision,
         columns=joint_columns(fit.model, part)[:components],
         known_var=known_variance(part, components),
+        correlated_noise=part.correlated_noise,
         visits=visit_numbers(part),
         poses=places(part),
     )
@@ -199,9 +200,12 @@ def _visit_order(
 
 
 def known_variance(data: Measurements, components: int) -> NDArray[np.float64]:
-    """Return ``(components, N)`` variance of the known measurement uncertainty; zero where none is known."""
+    """Return ``(components, N)`` variance of the known measurement uncertainty; zero where none is known.
+
+    Correlated noise is not part of it.
+    """
     variance = np.zeros((components, data.n))
-    if data.position_variance is not None:
+    if data.position_variance is not None and data.correlated_noise is None:
         variance[:3] = data.position_variance
     if components == 6 and data.sigma_rotation is not None:
         variance[3:] = np.square(data.sigma_rotation)

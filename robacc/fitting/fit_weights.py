@@ -9,7 +9,7 @@ from robacc.fitting.fit_result import Options
 from robacc.fitting.misfit import row_weights
 from robacc.fitting.places import places
 from robacc.fitting.visits import visit_numbers
-from robacc.fitting.whitening import Scatter, Whitening, whitening
+from robacc.fitting.whitening import Scatter, Whitening, whitening, whitening_of_noise
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 
@@ -55,8 +55,9 @@ class FitWeights:
         return self._whitening(self._of_noise * inliers, 1.0)
 
     def _whitening(self, weight: Array, factor: float) -> Whitening:
-        """Return the whitening with ``factor`` times the variances of the scatter."""
+        """Return the whitening with ``factor`` times the variances of the scatter and of correlated noise."""
+        noise = None if self._data.correlated_noise is None else factor * self._data.correlated_noise
         if self._scatter is None:
-            return Whitening(weight)
+            return Whitening(weight) if noise is None else whitening_of_noise(weight, noise)
         joint_columns, scatter, visits, sharing = self._scatter
-        return whitening(weight, joint_columns, scatter.scaled(factor**0.5), visits, sharing)
+        return whitening(weight, joint_columns, scatter.scaled(factor**0.5), visits, sharing, noise)

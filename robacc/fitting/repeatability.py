@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.fitting.restricted_likelihood import MixedModel, RestrictedLikelihood, Variances
-from robacc.fitting.whitening import Scatter, block_columns, blocks_of
+from robacc.fitting.whitening import Scatter, block_columns, blocks_of, noise_of_rows
 from robacc.geometry import Array
 
 MOST_ROWS = 1200
@@ -116,6 +116,8 @@ def _standard_errors(model: MixedModel, scatter: Scatter, noise: tuple[float, fl
         columns = block_columns(scaled, rows)
         count, size = columns.shape[:2]
         covariance = np.eye(size) + (columns * np.square(scatter.visit_std)) @ np.swapaxes(columns, 1, 2)
+        if model.correlated_noise is not None:
+            covariance += noise_of_rows(weight, rows, model.correlated_noise)
         values, vectors = np.linalg.eigh(covariance)
         inverse = (vectors / np.maximum(values, 1.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
         cross = np.swapaxes(columns, 1, 2) @ inverse @ columns

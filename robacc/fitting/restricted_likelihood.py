@@ -50,6 +50,8 @@ class MixedModel:
     """``(N,)`` number of the visit of each row."""
     poses: NDArray[np.int64]
     """``(N,)`` number of the commanded pose of each row."""
+    correlated_noise: Array | None = None
+    """``(3, 3)`` known covariance of each position beside :attr:`known_var`, m²; None without."""
 
     @property
     def is_repeated(self) -> bool:
@@ -128,7 +130,8 @@ class RestrictedLikelihood:
     def at(cls, model: MixedModel, variances: Variances) -> RestrictedLikelihood:
         """Solve the model at the given variances."""
         weight = model.weight(variances.noise)
-        return cls.of(model, whitening(weight, model.columns, variances.scatter, model.visits, model.poses))
+        noise = model.correlated_noise
+        return cls.of(model, whitening(weight, model.columns, variances.scatter, model.visits, model.poses, noise))
 
     @classmethod
     def of(cls, model: MixedModel, white: Whitening) -> RestrictedLikelihood:

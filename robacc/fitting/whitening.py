@@ -192,7 +192,12 @@ class Whitening:
 
 
 def whitening(
-    weight: Array, joint_columns: Array, scatter: Scatter, visits: NDArray[np.int64], poses: NDArray[np.int64]
+    weight: Array,
+    joint_columns: Array,
+    scatter: Scatter,
+    visits: NDArray[np.int64],
+    poses: NDArray[np.int64],
+    noise: Array | None = None,
 ) -> Whitening:
     """Build the map from the measurement's weights and the scatter of the joints.
 
@@ -202,17 +207,23 @@ def whitening(
         scatter: Standard deviations of the joints.
         visits: ``(N,)`` number of the visit of each row.
         poses: ``(N,)`` number of the commanded pose of each row; all rows of a visit share it.
+        noise: ``(3, 3)`` covariance of each position beside the weights, m²; None without.
     """
     if scatter.is_none:
-        return Whitening(weight)
+        return Whitening(weight) if noise is None else whitening_of_noise(weight, noise)
     scaled = joint_columns * weight[:, None, :]
     blocks = []
     for rows in blocks_of(visits) if scatter.visit_std.any() else []:
         columns = block_columns(scaled, rows) * scatter.visit_std
-        values, vectors = np.linalg.eigh(columns @ np.swapaxes(columns, 1, 2))
-        factor = (vectors / np.sqrt(1.0 + np.maximum(values, 0.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-        blocks.append(BlockFactor(rows, factor))
+        scattered = columns @ np.swapaxes(columns, 1, 2)
+        blocks.append(
+            _block_factor(rows, scattered if noise is None else scattered + noise_of_rows(weight, rows, noise))
+        )
+    if noise is not None and not blocks:
+        blocks += whitening_of_noise(weight, noise).blocks
     variance = np.einsum("mjn,j->mn", np.square(scaled), np.square(scatter.visit_std) + np.square(scatter.pose_std))
+    if noise is not None:
+        variance[:3] += np.square(weight[:3]) * np.diag(noise)[:, None]
     white = Whitening(weight, tuple(blocks), None, weight / np.sqrt(1.0 + variance))
     shared = np.flatnonzero(scatter.pose_std)
     if shared.size == 0:
@@ -220,6 +231,32 @@ def whitening(
     by_visit = white.apply_by_visit(np.moveaxis(joint_columns[:, shared], 1, 0).copy())
     errors = SharedPoseErrors(np.moveaxis(by_visit, 0, 1) * scatter.pose_std[shared][:, None], poses)
     return dataclasses.replace(white, pose_errors=errors)
+
+
+def whitening_of_noise(weight: Array, noise: Array) -> Whitening:
+    """Build the map from the measurement's weights ``(M, N)`` and the covariance ``noise`` ``(3, 3)`` of a position."""
+    rows = np.arange(weight.shape[1])[:, None]
+    marginal = weight.copy()
+    marginal[:3] /= np.sqrt(1.0 + np.square(weight[:3]) * np.diag(noise)[:, None])
+    return Whitening(weight, (_block_factor(rows, noise_of_rows(weight, rows, noise)),), None, marginal)
+
+
+def noise_of_rows(weight: Array, rows: NDArray[np.int64], noise: Array) -> Array:
+    """Return ``(V, M n, M n)`` covariances of blocks of rows by ``noise`` ``(3, 3)`` of each position, scaled."""
+    components, (count, n) = weight.shape[0], rows.shape
+    result = np.zeros((count, components, n, components, n))
+    scaled = weight[:3, rows]
+    for i in range(n):
+        each = scaled[:, :, i]
+        result[:, :3, i, :3, i] = np.einsum("av,ab,bv->vab", each, noise, each)
+    return result.reshape(count, components * n, components * n)
+
+
+def _block_factor(rows: NDArray[np.int64], scaled: Array) -> BlockFactor:
+    """Return the symmetric inverse root of the unit matrix plus ``scaled`` ``(V, M n, M n)``."""
+    values, vectors = np.linalg.eigh(scaled)
+    factor = (vectors / np.sqrt(1.0 + np.maximum(values, 0.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    return BlockFactor(rows, factor)
 
 
 def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -17,7 +17,7 @@ from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
-from robacc.fitting.directional_noise import DirectionalNoise, noise_and_scatter, with_axis_weights
+from robacc.fitting.directional_noise import DirectionalNoise, noise_and_scatter
 from robacc.fitting.error_structure import with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
@@ -38,12 +38,14 @@ from robacc.fitting.warnings import (
     sigma_warning,
     weak_parameters_warning,
 )
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.advice import Advice, advise, rival_effect
 from robacc.tracing.confirmation import reproduced, with_held_out_gain
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
 from robacc.tracing.detection import DetectionLimit, detection_limits
+from robacc.tracing.directional_weights import with_directional_weights
 from robacc.tracing.equal_votes import with_equal_votes
 from robacc.tracing.findings import Finding, describe_finding
 from robacc.tracing.loop import SearchResult, search
@@ -80,10 +82,13 @@ def trace(
     def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
         return _trace(model, weighted, n_folds, seed, holdout, empirical, progress)
 
+    def held_out(result: Trace) -> Array | None:
+        return result.residuals.held_out_after if result.holdout is None else result.holdout.after
+
     def with_warning(result: Trace, text: str) -> Trace:
         return dataclasses.replace(result, warnings=(*result.warnings, text))
 
-    return with_axis_weights(run, lambda result: result.after.held_out_rms, with_warning, data)
+    return with_directional_weights(run, held_out, with_warning, data, holdout)
 
 
 def _trace(

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from robacc.fitting.restricted_likelihood import MixedModel, RestrictedLikelihood
+from robacc.fitting.restricted_likelihood import MixedModel, RestrictedLikelihood, Variances
 from robacc.fitting.whitening import Scatter, Whitening, whitening
 
 POSES, CYCLES, TARGETS = 5, 4, 3
 N = POSES * CYCLES * TARGETS
 COMPONENTS, JOINTS, COEFFICIENTS = 3, 4, 5
 NOISE = 1.3
+DIRECTIONAL = np.array([[2.0, 0.6, -0.5], [0.6, 0.9, 0.3], [-0.5, 0.3, 1.4]])
+"""Covariance of each row beside the noise."""
+CASES = [(0.5, 0.8, None), (0.0, 0.8, None), (0.5, 0.0, None), (0.5, 0.8, DIRECTIONAL), (0.0, 0.8, DIRECTIONAL)]
 
 
 class Sample:
     """Rows in random order, with their covariance as one dense matrix; component by component, row by row."""
 
-    def __init__(self, visit_std: float, pose_std: float) -> None:
+    def __init__(self, visit_std: float, pose_std: float, noise: np.ndarray | None = None) -> None:
         rng = np.random.default_rng(1)
         order = rng.permutation(N)
         self.poses = np.repeat(np.arange(POSES), CYCLES * TARGETS)[order]
@@ -30,6 +35,9 @@ class Sample:
         self.dense = np.diag(1.0 / np.square(self.weight.ravel()))
         for groups, stds in ((self.visits, self.scatter.visit_std), (self.poses, self.scatter.pose_std)):
             self.dense += sum(std**2 * self.shared(groups, joint) for joint, std in enumerate(stds.tolist()))
+        self.noise = noise
+        if noise is not None:
+            self.dense += np.kron(noise, np.eye(N))
 
     def shared(self, groups: np.ndarray, joint: int) -> np.ndarray:
         """B B^T of a joint whose error the rows of a group share."""
@@ -37,7 +45,7 @@ class Sample:
         return np.outer(column, column) * (number[:, None] == number)
 
     def whitening(self) -> Whitening:
-        return whitening(self.weight, self.columns, self.scatter, self.visits, self.poses)
+        return whitening(self.weight, self.columns, self.scatter, self.visits, self.poses, self.noise)
 
 
 def matrix(white: Whitening) -> np.ndarray:
@@ -45,9 +53,9 @@ def matrix(white: Whitening) -> np.ndarray:
     return white.apply(unit).reshape(COMPONENTS * N, -1).T
 
 
-@pytest.mark.parametrize(("visit_std", "pose_std"), [(0.5, 0.8), (0.0, 0.8), (0.5, 0.0)])
-def test_residuals_get_unit_covariance(visit_std: float, pose_std: float) -> None:
-    sample = Sample(visit_std, pose_std)
+@pytest.mark.parametrize(("visit_std", "pose_std", "noise"), [*CASES, (0.5, 0.0, DIRECTIONAL), (0.0, 0.0, DIRECTIONAL)])
+def test_residuals_get_unit_covariance(visit_std: float, pose_std: float, noise: np.ndarray | None) -> None:
+    sample = Sample(visit_std, pose_std, noise)
     white = sample.whitening()
     root = matrix(white)
     np.testing.assert_allclose(root @ sample.dense @ root.T, np.eye(COMPONENTS * N), atol=1e-12)
@@ -56,8 +64,9 @@ def test_residuals_get_unit_covariance(visit_std: float, pose_std: float) -> Non
     np.testing.assert_allclose(white.apply_transposed(unit).reshape(COMPONENTS * N, -1), root, atol=1e-13)
 
 
-def test_rows_that_are_ignored_do_not_change_those_that_stay() -> None:
-    sample = Sample(0.5, 0.8)
+@pytest.mark.parametrize(("visit_std", "noise"), [(0.5, None), (0.5, DIRECTIONAL), (0.0, DIRECTIONAL)])
+def test_rows_that_are_ignored_do_not_change_those_that_stay(visit_std: float, noise: np.ndarray | None) -> None:
+    sample = Sample(visit_std, 0.8, noise)
     kept = np.flatnonzero(sample.visits % 4 != 1)
     sample.weight[:, sample.visits % 4 == 1] = 0.0
     values = np.random.default_rng(2).normal(size=(COMPONENTS, N))
@@ -65,9 +74,11 @@ def test_rows_that_are_ignored_do_not_change_those_that_stay() -> None:
     np.testing.assert_allclose(white.apply(values)[:, kept], white.subset(kept).apply(values[:, kept]), atol=1e-13)
 
 
-@pytest.mark.parametrize(("visit_std", "pose_std"), [(0.5, 0.8), (0.0, 0.8), (0.5, 0.0)])
-def test_restricted_likelihood_and_its_slopes_equal_those_of_dense_matrices(visit_std: float, pose_std: float) -> None:
-    sample = Sample(visit_std, pose_std)
+@pytest.mark.parametrize(("visit_std", "pose_std", "noise"), CASES)
+def test_restricted_likelihood_and_its_slopes_equal_those_of_dense_matrices(
+    visit_std: float, pose_std: float, noise: np.ndarray | None
+) -> None:
+    sample = Sample(visit_std, pose_std, noise)
     model = MixedModel(
         sample.residual,
         sample.design,
@@ -77,7 +88,9 @@ def test_restricted_likelihood_and_its_slopes_equal_those_of_dense_matrices(visi
         sample.visits,
         sample.poses,
     )
-    likelihood = RestrictedLikelihood.of(model, sample.whitening())
+    likelihood = RestrictedLikelihood.at(
+        dataclasses.replace(model, correlated_noise=noise), Variances(sample.scatter, (NOISE, NOISE))
+    )
     inverse = np.linalg.inv(sample.dense)
     design = np.moveaxis(sample.design, 1, 0).reshape(COEFFICIENTS, -1).T
     projected = inverse - inverse @ design @ np.linalg.solve(design.T @ inverse @ design, design.T @ inverse)

@@ -69,7 +69,7 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
     if warnings:
         repeatability = measured_alone(repeatability)
     apart = noise_and_scatter(chosen if structured.added is None else unshrunk, repeatability, data)
-    warnings += [*structured.warnings, *structured.shared]
+    warnings += [*structured.warnings, *structured.shared, *apart.warnings_if(structured.shared)]
     return FinalFit(
         chosen,
         predicting,
@@ -78,6 +78,6 @@ def final_fit(plan: CalibrationPlan, effects: tuple[Effect, ...], data: Measurem
         shrunk,
         deflection,
         apart.repeatability,
-        apart.directional,
+        apart.noise_unless(structured.shared),
         tuple(warnings),
     )

@@ -15,6 +15,7 @@ that of the orientation, maximise the restricted likelihood of :mod:`robacc.fitt
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,6 +106,14 @@ class NoiseAndScatter:
     """Scatter of the joints; None if it is not significant beside the noise."""
     directional: DirectionalNoise | None = None
     """Noise that is much larger along one direction than along others; None if it is not."""
+
+    def noise_unless(self, shared: Sequence[str]) -> DirectionalNoise | None:
+        """Return the directional noise, unless errors that poses share make it an error of the model."""
+        return None if shared else self.directional
+
+    def warnings_if(self, shared: Sequence[str]) -> tuple[str, ...]:
+        """Return the warning of an error of the model that is larger along a direction."""
+        return (self.directional.warning,) if shared and self.directional is not None else ()
 
 
 def noise_and_scatter(fit: Fit, repeatability: Repeatability | None, data: Measurements) -> NoiseAndScatter:

@@ -174,12 +174,13 @@ def _trace(
             *([] if holdout is None else _holdout_warnings(moved, stages.after)),
             *withdrawn,
             *([] if rounding is None else [rounding.warning]),
+            *apart.warnings_if(structured.shared),
             *structured.warnings,
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
-    return result, apart.directional
+    return result, apart.noise_unless(structured.shared)
 
 
 def _confirmed(

@@ -24,6 +24,7 @@ from robacc.diagnostics.joint_changes import (
 from robacc.diagnostics.measured_changes import MeasuredPoses, axis_change, measured_changes, orientation_changes
 from robacc.diagnostics.mistake import Mistake
 from robacc.diagnostics.mistake_hypothesis import Hypothesis, hypothesis, simplest
+from robacc.diagnostics.part_mistakes import find_part_mistake
 from robacc.diagnostics.row_mistakes import find_row_mistakes
 from robacc.diagnostics.screening import Sample, arm_poses, most_likely, screen
 from robacc.errors import InputError, RobaccError
@@ -85,6 +86,11 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
         mistake = find_mistake(robot, data)
         if mistake is not None:
             raise InputError(f"{file}{mistake.text}")
+        part = find_part_mistake(robot, data, find_mistake)
+        if part is not None and part.mistake is not None:
+            raise InputError(f"{file}{part.text}")
+        if part is not None:
+            return (f"{file}{part.text}",)
     return () if rows is None else (f"{file}{rows.text}",)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.geometry import Array
 from robacc.io.problem_log import ProblemLog
@@ -13,6 +14,7 @@ from robacc.poses.foreign_columns import compact
 from robacc.poses.known_robot import JointLimits
 from robacc.poses.layout import listing
 from robacc.poses.plausibility import (
+    TURN,
     angle_beyond_turn,
     degrees_likely,
     doubtful_sigma,
@@ -22,6 +24,15 @@ from robacc.poses.plausibility import (
     thousandfold,
 )
 from robacc.poses.values import COMMANDED_AXES, Values
+
+_FEWEST_OTHERS = 5
+"""Rows outside a stretch in another unit, at least …"""
+_LEAST_OTHERS = 0.1
+"""… and their least share of all rows."""
+_MOSTLY = 0.8
+"""Least share of the rows of a stretch that show its unit."""
+_MOST_METRES = 30.0
+"""Coordinate of a measured position from which it shows that it is in mm."""
 
 
 class UnitChecks:
@@ -87,12 +98,32 @@ class UnitChecks:
             "give their unit with `units`, for example um, or write it into the names, as in Ux (um)",
         )
 
-    def _refuse(self, keys: Sequence[str], message: str, unit: str, likely_unit: str) -> None:
+    def _refuse(
+        self, keys: Sequence[str], message: str, unit: str, likely_unit: str, large: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Report columns in another unit; ``large`` ``(N,)`` are the rows that show it."""
         columns = [self.values.layout.columns[key] for key in keys]
         names = [column.name for column in columns]
+        stretch = None if large is None else self._stretch(large)
+        if stretch is not None:
+            message = f"{message}, from line {stretch[0]} to {stretch[1]} only"
+            fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
+            self.log.add(message, self.line, listing(names), fix)
+            return
         new_names = listing([f"{name}_{likely_unit}" for name in names])
         fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
         self.log.add(message, self.line, listing(names), fix)
+
+    def _stretch(self, large: NDArray[np.bool_]) -> tuple[int, int] | None:
+        """Return the first and last line of the rows that are ``large`` ``(N,)``, if these are one part of the file."""
+        rows = np.flatnonzero(large)
+        if rows.size == 0:
+            return None
+        first, last = int(rows[0]), int(rows[-1])
+        others = large.size - (last + 1 - first)
+        if others < max(_FEWEST_OTHERS, _LEAST_OTHERS * large.size) or np.mean(large[first : last + 1]) < _MOSTLY:
+            return None
+        return int(self.values.lines[first]), int(self.values.lines[last])
 
     def _bare(self, keys: Sequence[str]) -> Array | None:
         """Return a set of columns without units in their names; None for any other set."""
@@ -105,6 +136,7 @@ class UnitChecks:
         degrees: list[str] = []
         millimetres: list[str] = []
         largest = 0.0
+        large = np.zeros(self.values.lines.size, dtype=bool)
         for i, key in enumerate(self.values.layout.joints()):
             q = self._bare((key,))
             if q is None:
@@ -116,8 +148,9 @@ class UnitChecks:
             elif degrees_likely(q[0], limit):
                 degrees.append(key)
                 largest = max(largest, float(np.max(np.abs(q))))
+                large |= np.abs(q[0]) > TURN
         if degrees:
-            self._refuse(degrees, f"found joint angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
+            self._refuse(degrees, f"found joint angles up to {largest:.4g}, which cannot be rad", "rad", "deg", large)
         if millimetres:
             self._refuse(millimetres, "found joint travels of more than 50, which cannot be m", "m", "mm")
         if not degrees:
@@ -135,7 +168,8 @@ class UnitChecks:
         if position is None or not lengths_too_large(position):
             return False
         largest = float(np.max(np.abs(position)))
-        self._refuse(keys, f"found positions up to {largest:.4g}, which cannot be m", "m", "mm")
+        far = np.max(np.abs(position), axis=0) > _MOST_METRES
+        self._refuse(keys, f"found positions up to {largest:.4g}, which cannot be m", "m", "mm", far)
         return True
 
     def _scales(self) -> None:

@@ -239,3 +239,17 @@ def test_positions_a_thousand_times_too_small() -> None:
         InputError, match=r"less than the robot moved \(1.2.* m\); if they are in m, name the columns x, y"
     ):
         check_scale(*arm(1e-3), "poses.csv")
+
+
+def test_a_part_in_another_unit_is_named_with_its_lines(tmp_path: Path) -> None:
+    data = {name: np.array(column, copy=True) for name, column in good().items()}
+    degrees, millimetres = dict(data), dict(data)
+    half = N // 2
+    for name in ALL_JOINTS:
+        degrees[name] = np.where(np.arange(N) < half, data[name], np.degrees(data[name]))
+    for name in "xyz":
+        millimetres[name] = np.where(np.arange(N) < half, 1e3 * data[name], data[name])
+    (problem,) = problem_texts(tmp_path, degrees, robot=KnownRobot(limits=[(-3.1, 3.1)] * 6))
+    assert f", from line {half + 2} to {N + 1} only; these lines seem to be in deg and the others in rad" in problem
+    (problem,) = problem_texts(tmp_path, millimetres)
+    assert f", from line 2 to {half + 1} only; these lines seem to be in mm and the others in m" in problem

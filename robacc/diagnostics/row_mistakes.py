@@ -52,6 +52,8 @@ _FEW = 0.05
 """Share of exchanged rows up to which the others can be used."""
 _MOST_MATCHED = 400
 """Rows that are matched with each other at most."""
+_SAME_JOINTS = 1e-6
+"""Largest difference of a joint's values within a visit, rad or m."""
 _LISTED = 8
 """Row numbers that a message lists."""
 
@@ -210,17 +212,27 @@ def _exchanged(data: Measurements, predicted: Array, spread: float) -> RowMistak
         texts.append(f"{lines}{'' if len(members) <= _LISTED else ', …'}")
     rows = [int(wrong[i]) for members in sets for i in members]
     after = [distance[i, match[i]] for members in sets for i in members]
+    what, fix = "the measured poses", "pair each measured pose with its own joint values"
+    if all(_is_one_visit(data, wrong[members]) for members in sets):
+        what, fix = "the names of the targets", "give each row the name of the target that was measured"
     verb = "exchanged" if max(len(members) for members in sets) == 2 else "in another order than the joints"
     refused = len(rows) > _FEW * data.n
     consequence = "" if refused else ", and these rows are left out of the fit as outliers until then"
     change = _change([errors[rows]], [np.array(after)])
     return RowMistake(
-        f"{data.counted}s {'; '.join(texts[:_LISTED])}{'; …' if len(texts) > _LISTED else ''}: the measured poses seem "
-        f"to be {verb}: with base and tool registered, {change}; pair each measured pose with its own joint "
-        f"values{consequence}",
+        f"{data.counted}s {'; '.join(texts[:_LISTED])}{'; …' if len(texts) > _LISTED else ''}: {what} seem to be "
+        f"{verb}: with base and tool registered, {change}; {fix}{consequence}",
         refused,
         tuple(sorted(rows)),
     )
+
+
+def _is_one_visit(data: Measurements, rows: NDArray[np.int64]) -> bool:
+    """Return whether rows have the same joints and different targets, so that only their names can be wrong."""
+    if data.target is None or data.q is None:
+        return False
+    same = float(np.max(np.ptp(data.q[:, rows], axis=1))) <= _SAME_JOINTS
+    return same and np.unique(data.target[rows]).size == rows.size
 
 
 def _cycles(match: NDArray[np.int64]) -> list[list[int]]:

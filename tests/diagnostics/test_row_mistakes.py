@@ -12,6 +12,8 @@ from test_mistake_sets import made
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.errors import InputError
 from robacc.measurements import Measurements
+from robacc.modelling.model import predict
+from robacc.robots.description import Frame
 
 N = 60
 
@@ -34,6 +36,19 @@ def test_many_exchanged_rows_are_refused() -> None:
     order[[3, 50, 11, 40]] = 50, 3, 40, 11
     with pytest.raises(InputError, match=r"^lines 4, 51; 12, 41: the measured poses seem to be exchanged"):
         check_data(arm.robot(), data(order))
+
+
+def test_exchanged_names_of_targets() -> None:
+    """Two targets of one visit: their rows have the same joints, so only the names can be exchanged."""
+    robot = dataclasses.replace(arm.robot(), targets={"A": Frame(), "B": Frame(xyz=(0.1, 0.0, 0.05))})
+    q, _, _ = made(N // 2, 5)
+    both = Measurements(np.zeros((3, N)), q=np.repeat(q, 2, axis=1), target=np.tile(["A", "B"], N // 2))
+    position = predict(robot, both).translation + 1e-5 * np.random.default_rng(2).normal(size=(3, N))
+    names = both.target.copy()
+    names[[20, 21]] = names[[21, 20]]
+    (warning,) = check_data(robot, dataclasses.replace(both, position=position, target=names))
+    assert warning.startswith("lines 21, 22: the names of the targets seem to be exchanged")
+    assert "give each row the name of the target that was measured" in warning
 
 
 def test_a_cycle_of_rows() -> None:

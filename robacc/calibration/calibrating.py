@@ -41,7 +41,6 @@ from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.fitting.warnings import (
     few_places_warning,
 )
-from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
@@ -120,13 +119,7 @@ def calibrate(
     def run(weighted: Measurements) -> tuple[Calibration, DirectionalNoise | None]:
         return _calibrate(plan, weighted, options or Options(), how, progress)
 
-    def held_out(result: Calibration) -> Array | None:
-        return result.residuals.held_out_after if result.holdout is None else result.holdout.after
-
-    def with_warning(result: Calibration, text: str) -> Calibration:
-        return dataclasses.replace(result, warnings=(*result.warnings, text))
-
-    return with_directional_weights(run, held_out, with_warning, data, holdout)
+    return with_directional_weights(run, data, holdout)
 
 
 def _calibrate(

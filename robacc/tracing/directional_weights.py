@@ -4,24 +4,42 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
+from robacc.accuracy.stages import Residuals
 from robacc.fitting.directional_noise import DirectionalNoise
 from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.tracing.held_out_gain import gain_score
 
-Result = TypeVar("Result")
-
 _WORSE = -2.0
 """Gain of held-out poses, over its standard error, below which equal weights stay."""
 
 
+class HeldOutResult(Protocol):
+    """Result of a trace or a calibration, a dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def residuals(self) -> Residuals:
+        """Residuals of all poses, and of those that folds held out."""
+
+    @property
+    def holdout(self) -> Residuals | None:
+        """Residuals of validation poses; None without them."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences for readers of the result."""
+
+
+Result = TypeVar("Result", bound=HeldOutResult)
+
+
 def with_directional_weights(
     run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
-    held_out: Callable[[Result], Array | None],
-    with_warning: Callable[[Result, str], Result],
     data: Measurements,
     holdout: Measurements | None,
 ) -> Result:
@@ -32,18 +50,21 @@ def with_directional_weights(
 
     Args:
         run: Function of the poses, which returns a result and the directional noise that it shows.
-        held_out: Function that returns a result's residuals ``(3 or 6, N)`` of held-out poses; None if there are none.
-        with_warning: Function that adds a warning to a result.
         data: Measured poses.
         holdout: Poses that are held out in place of folds of ``data``.
     """
     result, noise = run(data)
     if noise is None:
         return result
-    before = held_out(result)
-    if data.position_variance is None and before is not None:
+    before = _held_out(result)
+    if before is not None and data.position_variance is None:
         weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))[0]
-        after = held_out(weighted)
+        after = _held_out(weighted)
         if after is not None and gain_score(before, after, places(data if holdout is None else holdout)) >= _WORSE:
-            return with_warning(weighted, noise.message)
-    return with_warning(result, noise.warning)
+            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
+    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))
+
+
+def _held_out(result: HeldOutResult) -> Array | None:
+    """Return the residuals ``(3 or 6, N)`` of held-out poses; None if there are none."""
+    return result.residuals.held_out_after if result.holdout is None else result.holdout.after

@@ -38,7 +38,6 @@ from robacc.fitting.warnings import (
     sigma_warning,
     weak_parameters_warning,
 )
-from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.advice import Advice, advise, rival_effect
@@ -82,13 +81,7 @@ def trace(
     def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
         return _trace(model, weighted, n_folds, seed, holdout, empirical, progress)
 
-    def held_out(result: Trace) -> Array | None:
-        return result.residuals.held_out_after if result.holdout is None else result.holdout.after
-
-    def with_warning(result: Trace, text: str) -> Trace:
-        return dataclasses.replace(result, warnings=(*result.warnings, text))
-
-    return with_directional_weights(run, held_out, with_warning, data, holdout)
+    return with_directional_weights(run, data, holdout)
 
 
 def _trace(

@@ -6,6 +6,7 @@ lie together in the file, are examined by themselves.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -73,9 +74,9 @@ def find_part_mistake(
     mistake = find(robot, part)
     where = f"{data.counted}s {data.line(int(stretch[0]))} to {data.line(int(stretch[-1]))}"
     if mistake is not None:
-        text = (
-            f"{where}, unlike the other rows: {mistake.text}. The others agree with the robot file: correct these only"
-        )
+        # Its usual fix, in the robot file or of a whole column, would spoil the other rows.
+        fix = "correct these rows only: the others agree with the robot file"
+        text = f"{where}, unlike the other rows: {dataclasses.replace(mistake, fix=fix).text}"
     else:
         size = float(np.median(best[1][stretch]))
         text = (

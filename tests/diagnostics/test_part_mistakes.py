@@ -53,7 +53,7 @@ def test_a_mistake_in_a_part_is_named_with_its_lines(change: Change, text: str, 
     # Poses near zero of the joint, or near the plane of the mirror, show nothing.
     assert abs(first - (part.start + 1)) <= 2
     assert abs(last - part.stop) <= 2
-    assert "correct these only" in str(error.value)
+    assert "correct these rows only" in str(error.value)
 
 
 def test_a_part_that_nothing_explains_is_told() -> None:

@@ -19,6 +19,7 @@ from robacc.tracing.form_families import BatchFamily, FormFamilies
 from robacc.tracing.place_scans import PlaceScan
 from robacc.tracing.pool_batches import PoolBatch, pool_batches
 from robacc.tracing.ranking import Chosen, Ranked, sorted_by_odds
+from robacc.tracing.redundancy import Redundancy
 from robacc.tracing.searched_forms import SearchedForm, SearchedForms
 from robacc.tracing.step_scans import (
     StepFamily,
@@ -78,17 +79,16 @@ class CandidateScorer:
     _high_orders: SearchedForms | None = None
     _sights: SearchedForms | None = None
     _block_families: list[BatchFamily] = field(default_factory=list)
-    _ranges: dict[str, float] = field(default_factory=dict)
-    _covered: dict[tuple[tuple[object, ...], tuple[object, ...]], bool] = field(default_factory=dict)
-    _covered_keys: dict[tuple[object, ...], frozenset[tuple[object, ...]]] = field(default_factory=dict)
-    _covered_forms: dict[tuple[tuple[object, ...], SearchedForm], bool] = field(default_factory=dict)
+    redundancy: Redundancy = field(init=False)
+    """Candidates that findings make redundant."""
     _conditioned: dict[tuple[Chosen, ...], Conditioned] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Sort the pool into batches of like size, which are scored together."""
         self._placed = {candidate.key: columns for candidate, columns in zip(self.pool, self.places, strict=True)}
         self._batches = pool_batches(self.pool, self.places, range(len(self.pool)))
-        self._ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
+        ranges = {grid.joint: float(np.ptp(grid.angle)) for grid in self.order_grids if grid.angle.size}
+        self.redundancy = Redundancy(self.pool, ranges)
         orders = [self._orders(grid) for grid in self.order_grids]
         self._spectra = [form.family for form in orders]
         for scan in self.step_scans:
@@ -151,16 +151,16 @@ class CandidateScorer:
         keys = {finding.candidate.key for finding in present}
         profiles = [finding.candidate for finding in present if finding.candidate.is_block]
         orders = _single_orders(present)
-        absent = keys.union(*(self._covered_by(candidate) for candidate in (*profiles, *orders)))
+        absent = keys.union(*(self.redundancy.keys_covered_by(candidate) for candidate in (*profiles, *orders)))
         ranked: list[Ranked] = []
         for batch in self._batches if among is None else self._batches_among(among):
             scores = batch.judge(conditioned)
             ranked.extend(Ranked(self.pool[i], scores, k) for k, i in enumerate(batch.members))
         others = self._searched.best(
             conditioned,
-            lambda candidate: self._is_covered(candidate, orders),
+            lambda candidate: self.redundancy.is_covered(candidate, orders),
             lambda form: (
-                any(self._covers_form(profile, form) for profile in profiles)
+                any(self.redundancy.covers_form(profile, form) for profile in profiles)
                 or (among is not None and form.effect_name not in among)
             ),
         )
@@ -170,7 +170,7 @@ class CandidateScorer:
         competing.extend(
             entry
             for entry in others
-            if entry.candidate.key not in keys and not self._is_covered(entry.candidate, profiles)
+            if entry.candidate.key not in keys and not self.redundancy.is_covered(entry.candidate, profiles)
         )
         ordered = sorted_by_odds(competing)
         judged = [self._with_handicap(entry, conditioned) for entry in ordered[:_JUDGED]]
@@ -203,7 +203,7 @@ class CandidateScorer:
             self._high_orders = SearchedForms([self._orders(grid) for grid in self.high_grids])
         orders = _single_orders(present)
         return sorted_by_odds(
-            self._high_orders.best(conditioned, lambda candidate: self._is_covered(candidate, orders))
+            self._high_orders.best(conditioned, lambda candidate: self.redundancy.is_covered(candidate, orders))
         )
 
     def rank_places(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
@@ -235,32 +235,6 @@ class CandidateScorer:
                 orders.append(grid.orders)
                 evidence.append(self.families.orders(grid, grid.orders).judge(conditioned).evidence)
         return (np.concatenate(orders), np.concatenate(evidence)) if orders else (np.zeros(0), np.zeros(0))
-
-    def covers(self, present: Candidate, other: Candidate) -> bool:
-        """Return whether a candidate in the model makes another candidate redundant."""
-        pair = present.key, other.key
-        if pair not in self._covered:
-            self._covered[pair] = present.covers(other, self._ranges)
-        return self._covered[pair]
-
-    def _is_covered(self, candidate: Candidate, by: Sequence[Candidate]) -> bool:
-        """Return whether a candidate in the model makes ``candidate`` redundant."""
-        return any(self.covers(present, candidate) for present in by)
-
-    def _covered_by(self, present: Candidate) -> frozenset[tuple[object, ...]]:
-        """Return the keys of the pool's candidates that a candidate in the model makes redundant."""
-        if present.key not in self._covered_keys:
-            self._covered_keys[present.key] = frozenset(c.key for c in self.pool if self.covers(present, c))
-        return self._covered_keys[present.key]
-
-    def _covers_form(self, present: Candidate, form: SearchedForm) -> bool:
-        """Return whether a candidate in the model makes all candidates of a form redundant."""
-        pair = present.key, form
-        if pair not in self._covered_forms:
-            self._covered_forms[pair] = all(
-                self.covers(present, form.candidate(number)) for number in range(len(form.family.rhs))
-            )
-        return self._covered_forms[pair]
 
     def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
         if len(self._block_families) != len(self.blocks):

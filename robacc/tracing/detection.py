@@ -61,7 +61,7 @@ def detection_limits(selection: Selection, weight: Array, n_folds: int = 0, shar
     return [
         _limit(candidate, columns, scorer, conditioned, weight, n_folds, share)
         for candidate, columns in forms
-        if not any(scorer.covers(chosen, candidate) for chosen in present)
+        if not any(scorer.redundancy.covers(chosen, candidate) for chosen in present)
     ]
 
 

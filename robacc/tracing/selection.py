@@ -80,7 +80,9 @@ class Selection:
 
     def add(self, ranked: Ranked) -> None:
         """Add a candidate to the model in place of the findings that it covers."""
-        self.chosen = [other for other in self.chosen if not self.scorer.covers(ranked.candidate, other.candidate)]
+        self.chosen = [
+            other for other in self.chosen if not self.scorer.redundancy.covers(ranked.candidate, other.candidate)
+        ]
         self.chosen.append(self.scorer.as_chosen(ranked.candidate, ranked.prior_var))
         self._settle(self.chosen[-1])
         # It has just won against all others.
@@ -100,8 +102,8 @@ class Selection:
         """Return a finding with its searched setting improved, unless another finding then covers it."""
         better = refined(self.scorer, self.scorer.condition(self.chosen, without=finding), finding)
         others = [other.candidate for other in self.chosen if other is not finding]
-        others = [other for other in others if not self.scorer.covers(other, finding.candidate)]
-        return finding.candidate if any(self.scorer.covers(other, better) for other in others) else better
+        others = [other for other in others if not self.scorer.redundancy.covers(other, finding.candidate)]
+        return finding.candidate if any(self.scorer.redundancy.covers(other, better) for other in others) else better
 
     def run(self, with_blocks: bool = False) -> None:
         """Add candidates until none is significant, with new tests of earlier findings after each step."""

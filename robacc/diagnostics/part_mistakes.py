@@ -68,8 +68,10 @@ def find_part_mistake(
     if stretch is None:
         return None
     part = data.subset(stretch)
+    size = float(np.median(best[1][stretch]))
     alone = float(np.median(_errors(robot, part, part)))
-    if alone <= _AGREES * spread:
+    if alone <= max(_AGREES * spread, size / _CLEAR):
+        # Only base or target moved: a step, which a trace finds.
         return None
     mistake = find(robot, part)
     where = f"{data.counted}s {data.line(int(stretch[0]))} to {data.line(int(stretch[-1]))}"
@@ -78,7 +80,6 @@ def find_part_mistake(
         fix = "correct these rows only: the others agree with the robot file"
         text = f"{where}, unlike the other rows: {dataclasses.replace(mistake, fix=fix).text}"
     else:
-        size = float(np.median(best[1][stretch]))
         text = (
             f"{where} do not agree with the other rows: with base and tool registered on those, their median error "
             f"is {1e3 * size:.3g} mm, and {1e3 * alone:.3g} mm with base and tool of their own; check the order, "

@@ -69,6 +69,11 @@ def moved_base(q: np.ndarray, position: np.ndarray, part: slice) -> None:
     position[:, part] = turn @ position[:, part] + np.array([[0.3], [-0.2], [0.1]])
 
 
+def moved_base_and_a_poor_instrument(q: np.ndarray, position: np.ndarray, part: slice) -> None:
+    position[:, part] += 0.012 * np.random.default_rng(3).normal(size=position[:, part].shape)
+    moved_base(q, position, part)
+
+
 def jumped_zero(q: np.ndarray, position: np.ndarray, part: slice) -> None:
     q[1, part] += 0.01
 
@@ -77,7 +82,7 @@ def outliers(q: np.ndarray, position: np.ndarray, part: slice) -> None:
     position[:, [3, 17, 40, 66]] += 0.2
 
 
-@pytest.mark.parametrize("change", [None, moved_base, jumped_zero, outliers])
+@pytest.mark.parametrize("change", [None, moved_base, moved_base_and_a_poor_instrument, jumped_zero, outliers])
 def test_steps_and_outliers_are_no_mistakes_of_a_part(change: Change | None) -> None:
     """A moved base and a joint whose zero jumped are steps, which a trace finds."""
     assert check_data(arm.robot(), data(change, slice(50, N))) == ()

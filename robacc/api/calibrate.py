@@ -33,7 +33,7 @@ class Calibrated(FitResult, Calibration):
         """Return ``calibration`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(calibration)
         fields["robot"], warnings = fitted_model(
-            with_fit(calibration.robot, calibration, calibration.predicting, inputs), inputs
+            with_fit(calibration.robot, calibration, calibration.fit, inputs), inputs
         )
         fields["warnings"] = (*calibration.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
         return cls(**fields, fit_inputs=inputs, made=made)

@@ -17,6 +17,7 @@ from robacc.fitting.apply_fit import absorb_constants
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
+from robacc.prediction.beyond_ranges import excess_share
 from robacc.prediction.calibrated import completed
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import fitted_jacobian, model_uncertainty
@@ -211,7 +212,9 @@ def _promise(
     arm = absorb_constants(arm)
     full = [completed(arm, fit, None, data, 0) for data in (first, second)]
     predicted = Model.of(arm).bind(full[0]).poses(np.zeros(0)).translation
-    poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full[1])
+    poses, jacobian, covariance = fitted_jacobian(
+        Model.of(arm, fit.effects), fit, full[1], excess_share(arm, fit, full[1])
+    )
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     separate = model_uncertainty(arm, alone, full[1], measured=True).position
     noise_used = _noise_used(second, fit, noise)

@@ -35,7 +35,7 @@ class Traced(FitResult, Trace):
     def of(cls, body: Trace, inputs: FitInputs, baseline: Baseline, made: Provenance) -> Traced:
         """Return ``body`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(body)
-        fields["robot"], warnings = fitted_model(with_fit(body.robot, body, body.predicting, inputs), inputs)
+        fields["robot"], warnings = fitted_model(with_fit(body.robot, body, body.final, inputs), inputs)
         fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
         return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
 

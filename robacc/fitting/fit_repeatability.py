@@ -101,10 +101,10 @@ def mixed_model(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], MixedM
     rows = _thinned(data, np.flatnonzero(data.first_measured(fit.inliers)))
     part = data.subset(rows)
     components = fit.residual.shape[0]
-    _, jacobian = fit.model.bind(part).linearise(fit.theta, columns)
+    _, jacobian = fit.model.bind(part).linearise(fit.theta, columns, components)
     return columns, MixedModel(
         residual=fit.residual[:, rows],
-        design=jacobian[:components],
+        design=jacobian,
         prior_precision=precision,
         columns=joint_columns(fit.model, part)[:components],
         known_var=known_variance(part, components),

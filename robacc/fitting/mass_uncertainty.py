@@ -15,6 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robacc.chain import BLOCK
 from robacc.effects.base import Effect
 from robacc.errors import EquilibriumError
 from robacc.fitting.coefficient_covariance import with_added_covariance
@@ -69,18 +70,20 @@ def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
 def _sensitivity(fit: Fit, data: Measurements) -> Array:
     """Return ``(K, B)`` the change of each identifiable coefficient per relative change of each of B masses."""
     rows = np.flatnonzero(fit.inliers)
-    subset = data.subset(rows)
-    _, jacobian = fit.model.bind(subset).linearise(fit.theta, fit.identifiability.columns)
-    count = fit.residual.shape[0]
-    weighted = jacobian[:count] * np.square(fit.weight[:, rows])[:, None, :]
-    changes = []
-    for name in _names_with_mass(fit.model.arm):
-        higher, lower = (_residuals_with_mass(fit, subset, name, 1.0 + sign * _STEP) for sign in (1, -1))
-        # A residual is measured minus predicted.
-        changes.append(np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP)))
+    names = _names_with_mass(fit.model.arm)
+    rhs = np.zeros((fit.identifiability.columns.size, len(names)))
+    for start in range(0, rows.size, BLOCK):
+        block = rows[start : start + BLOCK]
+        subset = data.subset(block)
+        count = fit.residual.shape[0]
+        _, jacobian = fit.model.bind(subset).linearise(fit.theta, fit.identifiability.columns, count)
+        weighted = jacobian * np.square(fit.weight[:, block])[:, None, :]
+        for column, name in enumerate(names):
+            higher, lower = (_residuals_with_mass(fit, subset, name, 1.0 + sign * _STEP) for sign in (1, -1))
+            # A residual is measured minus predicted.
+            rhs[:, column] += np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP))
     matrix = fit.gram + np.diag(fit.precision)
     scale = 1.0 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
-    rhs = np.stack(changes, axis=1)
     result: Array = scale[:, None] * solved(matrix * scale[:, None] * scale, scale[:, None] * rhs)
     return result
 

@@ -186,8 +186,7 @@ class PoseEquations:
                 return poses, jacobian
             if np.isin(columns, cached).all():
                 return poses, jacobian[:, np.searchsorted(cached, columns)]
-        poses, jacobian = self._bound[index].linearise(self._with_motions(theta), columns)
-        jacobian = jacobian[: self.rows]
+        poses, jacobian = self._bound[index].linearise(self._with_motions(theta), columns, self.rows)
         if len(self._slices) == 1:
             self._cache = theta, columns, poses, jacobian
         return poses, jacobian

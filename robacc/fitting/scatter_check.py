@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.chain import BLOCK
 from robacc.fitting.coefficient_covariance import sandwich, with_covariance
 from robacc.fitting.fit_repeatability import known_variance
 from robacc.fitting.fit_result import Fit
@@ -23,6 +24,7 @@ from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.places import places
 from robacc.fitting.repeatability import Components
 from robacc.fitting.visits import visit_numbers
+from robacc.fitting.whitening import whole_groups
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 
@@ -70,12 +72,30 @@ def with_scatter_covariance(plain: Fit, components: Components, data: Measuremen
 def _gram_and_meat(
     plain: Fit, components: Components, data: Measurements, rows: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Return ``(K, K)`` X^T X and X^T R X of the rows, scaled by the plain fit's weights."""
+    """Return ``(K, K)`` X^T X and X^T R X of the rows, scaled by the plain fit's weights; by blocks of whole places."""
     part = data.subset(rows)
+    place, visit = places(part), visit_numbers(part)
+    gram = meat = np.zeros((plain.identifiability.columns.size,) * 2)
+    for block in whole_groups(place, BLOCK):
+        more = _of_block(
+            plain, components, part.subset(block), plain.weight[:, rows[block]], place[block], visit[block]
+        )
+        gram, meat = gram + more[0], meat + more[1]
+    return gram, meat
+
+
+def _of_block(
+    plain: Fit,
+    components: Components,
+    part: Measurements,
+    weight: Array,
+    place: NDArray[np.int64],
+    visit: NDArray[np.int64],
+) -> tuple[Array, Array]:
+    """Return ``(K, K)`` X^T X and X^T R X of a block of rows with their weights."""
     count = plain.residual.shape[0]
-    _, jacobian = plain.model.bind(part).linearise(plain.theta, plain.identifiability.columns)
-    weight = plain.weight[:, rows]
-    design = jacobian[:count] * weight[:, None, :]
+    _, jacobian = plain.model.bind(part).linearise(plain.theta, plain.identifiability.columns, count)
+    design = jacobian * weight[:, None, :]
     joints = joint_columns(plain.model, part)[:count] * weight[:, None, :]
     unstated_var = np.square(np.repeat(components.noise, 3))[:count, None]
     noise_var = np.square(weight) * (known_variance(part, count) + unstated_var)
@@ -83,7 +103,7 @@ def _gram_and_meat(
     meat = np.einsum("mkn,mn,mln->kl", design, noise_var, design, optimize=True)
     shared = np.einsum("mkn,mjn->kjn", design, joints, optimize=True)
     scatter = components.scatter
-    for numbers, stds in ((visit_numbers(part), scatter.visit_std), (places(part), scatter.pose_std)):
+    for numbers, stds in ((visit, scatter.visit_std), (place, scatter.pose_std)):
         order = np.argsort(numbers, kind="stable")
         first = np.flatnonzero(np.diff(numbers[order], prepend=-1))
         sums = np.add.reduceat(shared[:, :, order], first, axis=2) * stds[:, None]

@@ -59,7 +59,7 @@ def weight_columns(fit: Fit, data: Measurements) -> WeightColumns:
     bound = fit.model.bind(data)
     count = len(bound.terms)
     extended = dataclasses.replace(bound, terms=(*bound.terms, *added))
-    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))))
+    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))), rows=len(fit.residual))
     residual = residuals(data, poses)
     columns = np.moveaxis(whitening.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
     is_spring = np.array([fit.model.free[owner] in springs for owner in fit.owners])

@@ -16,6 +16,7 @@ is I - A K A^T with K of J x J, so the work grows with the rows of a pose, not w
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
+
+_MOST_NUMBERS = 2**21
+"""Numbers of which copies are made at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +177,10 @@ class Whitening:
     def multiply_by_visit(self, scaled: Array) -> Array:
         """Multiply ``(..., M, N)`` of scaled values in place by the factors of the visits, and return it."""
         for block in self.blocks:
-            _put(scaled, block.rows, block.factor @ _stacked(scaled, block.rows))
+            step = max(1, _MOST_NUMBERS * scaled.shape[-1] // max(1, scaled.size * block.rows.shape[1]))
+            for start in range(0, block.rows.shape[0], step):
+                rows, factor = block.rows[start : start + step], block.factor[start : start + step]
+                _put(scaled, rows, factor @ _stacked(scaled, rows))
         return scaled
 
     def subset(self, rows: NDArray[np.int64]) -> Whitening:
@@ -264,6 +271,17 @@ def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     order = np.argsort(numbers, kind="stable")
     _, first, counts = np.unique(numbers[order], return_index=True, return_counts=True)
     return [order[first[counts == n][:, None] + np.arange(n)].astype(np.int64) for n in np.unique(counts).tolist()]
+
+
+def whole_groups(numbers: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
+    """Yield the rows in blocks of ``size`` rows, or a few more, that leave rows with equal numbers together."""
+    order = np.argsort(numbers, kind="stable")
+    last = np.flatnonzero(np.diff(numbers[order], append=-1)) + 1
+    start = 0
+    for end in last.tolist():
+        if end - start >= size or end == order.size:
+            yield order[start:end].astype(np.int64)
+            start = end
 
 
 def block_columns(columns: Array, rows: NDArray[np.int64]) -> Array:

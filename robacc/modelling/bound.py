@@ -55,16 +55,17 @@ class BoundModel:
         coefficients = self._coefficients(theta)
         return self._scaled(self.arm.chain.poses(self._scalars(coefficients), self.n), coefficients)
 
-    def linearise(self, theta: Array, columns: NDArray[np.int64] | None = None) -> tuple[Poses, Array]:
+    def linearise(self, theta: Array, columns: NDArray[np.int64] | None = None, rows: int = 6) -> tuple[Poses, Array]:
         """Return predicted poses and the exact Jacobian ``(6, P, N)``: dp (m), dphi (rad) per unit of coefficient.
 
         Coefficients that move the arm change the torques that deflect it; the derivative includes this. ``columns``
-        ``(K,)`` are the indices of the requested coefficients, in order; by default all.
+        ``(K,)`` are the indices of the requested coefficients, in order; by default all. With 3 ``rows``, the Jacobian
+        is that of the position.
         """
         layout = self._layout(np.arange(len(self.terms)) if columns is None else columns)
         coefficients = self._coefficients(theta)
         sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, layout.motions, self._elastic.counts)
-        jacobian = self._composed(sweep, layout, coefficients) if layout.composed else sweep.jacobian
+        jacobian = self._composed(sweep, layout, coefficients, rows) if layout.composed else sweep.jacobian[:rows]
         scale = self._instrument_scale(coefficients)
         if np.any(scale):
             jacobian[:3] *= 1.0 + scale
@@ -167,9 +168,9 @@ class BoundModel:
 
     # -- derivative
 
-    def _composed(self, sweep: Sweep, layout: _Layout, coefficients: Array) -> Array:
-        """Return the Jacobian ``(6, P, N)``, composed of the derivatives by the motions of ``sweep``."""
-        jacobian = np.zeros((6, len(layout.column), self.n))
+    def _composed(self, sweep: Sweep, layout: _Layout, coefficients: Array, rows: int) -> Array:
+        """Return the Jacobian ``(rows, P, N)``, composed of the derivatives by the motions of ``sweep``."""
+        jacobian = np.zeros((rows, len(layout.column), self.n))
         rigid = [MotionGain(layout.column[n], motion, gain) for n, motion, gain in self._rigid if n in layout.column]
         slot = {motion: i for i, motion in enumerate(layout.motions)}
         moved = sweep.jacobian
@@ -185,7 +186,7 @@ class BoundModel:
 def _add(jacobian: Array, gains: Sequence[MotionGain], by_motion: Array, slot: Mapping[int, int]) -> None:
     """Add to each coefficient's column the derivatives by the motions that it moves."""
     for column, motion, factor in gains:
-        jacobian[:, column] += by_motion[:, slot[motion]] * factor
+        jacobian[:, column] += by_motion[: len(jacobian), slot[motion]] * factor
 
 
 def _is_plain(part: Part) -> bool:

@@ -171,11 +171,14 @@ def linearise(fit: Fit, pool: CandidatePool) -> LinearisedCandidates:
     count = len(bound.terms)
     added = (*joints, *pool.terms.values(), *(term for terms in pool.step_forms.values() for term in terms))
     extended = dataclasses.replace(bound, terms=(*bound.terms, *added))
-    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))))
+    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))), rows=fit.residual.shape[0])
     residual = residuals(data, poses)
     observed = observed_jacobian(jacobian, residual)
     first_step = count + len(joints) + len(pool.terms)
-    columns = np.moveaxis(whitening.apply(np.moveaxis(observed[:, :first_step], 1, 0)), 0, 1)
+    steps = observed[:, first_step:].copy()
+    columns = np.moveaxis(observed[:, :first_step], 1, 0).copy()
+    del jacobian, observed
+    columns = np.moveaxis(whitening.apply_inplace(columns), 0, 1)
     identified = fit.identifiability.columns
     in_base = identified < pool.declared_count
     precision = np.zeros(count)
@@ -190,7 +193,7 @@ def linearise(fit: Fit, pool: CandidatePool) -> LinearisedCandidates:
         pool_columns=columns[:, count + len(joints) :],
         joint_columns=columns[:, count : count + len(joints)],
         whitening=whitening,
-        step_scans=_step_scans(pool, observed[:, first_step:]),
+        step_scans=_step_scans(pool, steps),
         place_scans=place_scans(arm, data, columns[:, count + len(joints) - 3 : count + len(joints)], pool.only),
         residual=whitened,
         inliers=fit.inliers[pool.rows],

@@ -205,11 +205,8 @@ class _Search:
         self.baseline = refit(self.baseline, self.baseline.model.free, self.data, self.options)
         self.first = self._linearised(self.baseline)
 
-    def beside_scatter(self) -> _Search | None:
-        """Return a search that starts with the joints' scatter; None if it is not significant at the baseline."""
-        components = significant_components(self.baseline, self.data)
-        if components is None:
-            return None
+    def beside_scatter(self, components: Components) -> _Search:
+        """Return a search that starts with the joints' scatter."""
         other = copy.copy(self)
         other.components, other.steps = components, []
         other._use(components)
@@ -304,12 +301,13 @@ def _better_with_scatter(state: _Search, last: _Round, settled: bool) -> tuple[_
     Beside scatter there are fewer; if there are not, what looks like scatter at the baseline is the effects themselves.
     The effects also stay if they predict held-out poses clearly better, which scatter cannot.
     """
-    other = state.beside_scatter()
-    if other is None or other.components is None:
+    components = significant_components(state.baseline, state.data)
+    if components is None:
         return state, last, settled
     worth = state.worth(last, state.first)
-    if scatter_evidence(other.components, state.data) < _LEAST_SHARE * worth:
+    if scatter_evidence(components, state.data) < _LEAST_SHARE * worth:
         return state, last, settled
+    other = state.beside_scatter(components)
     first = other.start(len(last.effects))
     if len(first.next.chosen) >= len(last.effects):
         return state, last, settled

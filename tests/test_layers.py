@@ -14,7 +14,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "robacc"
 
 LAYERS = (
-    ("robacc.errors", "robacc.version"),
+    ("robacc.errors", "robacc.threads", "robacc.version"),
     ("robacc.geometry", "robacc.quantities"),
     ("robacc.io", "robacc.parallel"),
     ("robacc.chain", "robacc.measurements", "robacc.statistics"),

@@ -18,6 +18,7 @@ from robacc.errors import UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.tolerances import tolerance_priors
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -56,6 +57,7 @@ class Calibrated(FitResult, Calibration):
         return calibration_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
 
 
+@single_threaded
 def calibrate(
     poses: PosesSource,
     *,

@@ -23,6 +23,7 @@ from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import fitted_jacobian, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 
 _FEWEST = 3
 """Smallest number of shared targets."""
@@ -50,6 +51,7 @@ class ComparedTargets(Result, PairedTargets):
         return payload(self)
 
 
+@single_threaded
 def compare_paired(
     before: PosesSource,
     after: PosesSource,

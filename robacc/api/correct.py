@@ -24,6 +24,7 @@ from robacc.prediction.fit_record import nominal_robot
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.quantities import size
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
@@ -101,6 +102,7 @@ class Corrected(Result, Correction):
         )
 
 
+@single_threaded
 def correct(
     targets: PosesSource,
     *,

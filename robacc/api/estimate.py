@@ -22,6 +22,7 @@ from robacc.api.measured_targets import with_measured_targets
 from robacc.api.model_use import CampaignUse, use_model
 from robacc.api.result import Provenance, Result, check_choice, check_range, effect_names, fields_of, options_of
 from robacc.measurements import Measurements
+from robacc.threads import single_threaded
 
 if TYPE_CHECKING:
     from robacc.robots.description import Robot
@@ -62,6 +63,7 @@ class Estimate(Result, EstimateResult):
         return per_pose_csv(self, self.data)
 
 
+@single_threaded
 def estimate(
     poses: PosesSource,
     *,

@@ -22,6 +22,7 @@ from robacc.errors import UsageError
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.iso_9283.records import Iso9283Result
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -43,6 +44,7 @@ class Iso9283(Result, Iso9283Result):
         return payload(self)
 
 
+@single_threaded
 def iso9283(
     *poses: PosesSource,
     robot: StrPath | Robot | None = None,

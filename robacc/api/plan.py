@@ -32,6 +32,7 @@ from robacc.planning.design import Criterion
 from robacc.planning.planner import plan_campaign
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -125,6 +126,7 @@ class Planned(Result, CampaignPlan):
         return payload(self, self.csv())
 
 
+@single_threaded
 def plan(
     robot: StrPath | Robot,
     *,

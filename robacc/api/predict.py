@@ -38,6 +38,7 @@ from robacc.prediction.parameters import NORMAL, uncertain_parameters
 from robacc.prediction.predicting import Prediction, predict_accuracy, step_limits
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 
 if TYPE_CHECKING:
     from robacc.prediction.parameters import Tolerances
@@ -104,6 +105,7 @@ class Predicted(Result, Prediction):
         return warranty_map(self, poses.translation, edge).csv()
 
 
+@single_threaded
 def predict(
     robot: StrPath | Robot,
     *,

@@ -23,6 +23,7 @@ from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation
 from robacc.simulation.simulate import simulate as simulate_poses
+from robacc.threads import single_threaded
 
 _FIRST_ROW = 4
 """Line of the first row in a file with outliers, below two comments and the header."""
@@ -86,6 +87,7 @@ class Simulated(Result, Simulation):
         }
 
 
+@single_threaded
 def simulate(
     robot: StrPath | Robot,
     *,

@@ -17,6 +17,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 from robacc.tracing.trace import trace as trace_effects
 from robacc.tracing.trace_result import Trace
 
@@ -58,6 +59,7 @@ class Traced(FitResult, Trace):
         return {**document, "declared": baseline_payload(self.baseline)}
 
 
+@single_threaded
 def trace(
     poses: PosesSource,
     *,

@@ -21,6 +21,7 @@ from robacc.cli import clock
 from robacc.cli.reading import POSE_PARAMETERS, with_reading_options
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.render.text.console import say_error, say_interrupted
+from robacc.threads import VARIABLE
 from robacc.version import __version__
 
 COMMANDS = {
@@ -136,9 +137,8 @@ for _name, _summary in COMMANDS.items():
 
 def main() -> None:
     """Run the command line and exit with its status; a defect of robacc shows a traceback and exits with 1."""
-    # Set before NumPy is imported. On small matrices, threads of the linear algebra spend more time waiting than
-    # computing: 100 poses took eight times as long. One thread also rounds the same on every machine.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Set before NumPy is imported, so that no thread is started.
+    os.environ.setdefault(VARIABLE, "1")
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -256,7 +256,7 @@ class CandidateScorer:
             conditioned.dof,
             np.array([finding.candidate.is_block]),
         )
-        return Ranked(finding.candidate, scores, 0)
+        return self._with_handicap(Ranked(finding.candidate, scores, 0), conditioned)
 
     def strongest_order(self, conditioned: Conditioned, grid: OrderGrid) -> tuple[float, float]:
         """Return the order of a joint with the largest evidence, and that evidence (log Bayes factor)."""

@@ -96,10 +96,10 @@ def describe_finding(
     independent errors, whose mean the p-value allows for. Candidates are in equilibrium form; the final fit may contain
     the effect in the other form.
     """
-    number = with_deflection(final.model.free, "equilibrium").index(effect)
+    number = _number_of(effect, final)
     fitted = final.model.free[number]
-    columns = [i for i, owner in enumerate(final.owners) if owner == number]
-    inflated = float(np.mean(inflation[columns])) if columns else 1.0
+    columns = _columns_of(effect, final)
+    inflated = mean_inflation(effect, final, inflation)
     choice = next(
         (c for c in search_result.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None
     )
@@ -153,6 +153,23 @@ def describe_finding(
         (turn_before, turn_after),
         (_rms_of(turned), None if turned is None else float(np.max(turned))),
     )
+
+
+def mean_inflation(effect: Effect, final: Fit, inflation: Array) -> float:
+    """Return the mean of ``inflation`` ``(P,)``, given for each coefficient of a fit, over those of an effect."""
+    columns = _columns_of(effect, final)
+    return float(np.mean(inflation[columns])) if columns else 1.0
+
+
+def _number_of(effect: Effect, final: Fit) -> int:
+    """Return the number of a candidate's effect among those of the final fit, which may hold it in another form."""
+    return with_deflection(final.model.free, "equilibrium").index(effect)
+
+
+def _columns_of(effect: Effect, final: Fit) -> list[int]:
+    """Return the numbers of an effect's coefficients in the final fit."""
+    number = _number_of(effect, final)
+    return [i for i, owner in enumerate(final.owners) if owner == number]
 
 
 def _rms(residual: Array) -> tuple[float, float | None]:

@@ -130,7 +130,6 @@ def _refined(selection: Selection, finding: Chosen, rival: Ranked) -> Ranked:
     if candidate.key == rival.candidate.key:
         return rival
     better = scorer.score(scorer.as_chosen(candidate, rival.prior_var), conditioned)
-    better = dataclasses.replace(better, handicap=rival.handicap)
     return better if better.total > rival.total else rival
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from robacc.effects.base import Effect
@@ -210,11 +210,18 @@ class Selection:
             return True
         return False
 
-    def prune(self) -> None:
-        """Drop findings that are not significant beside the others, the weakest first."""
+    def prune(self, inflation: Callable[[Effect], float] = lambda effect: 1.0) -> None:
+        """Drop findings that are not significant beside the others, the weakest first.
+
+        ``inflation`` returns the variance of an effect's coefficients over that beside independent errors.
+        """
+
+        def p_value(finding: Chosen) -> float:
+            return self._score(finding).p_value_beside(inflation(finding.candidate.effect))
+
         while self.chosen:
-            weakest = max(self.chosen, key=lambda finding: self._score(finding).p_value)
-            if self._score(weakest).p_value <= self.level:
+            weakest = max(self.chosen, key=p_value)
+            if p_value(weakest) <= self.level:
                 return
             self.chosen.remove(weakest)
             self.steps.append(SelectionStep("drop", str(weakest.candidate.effect), []))

@@ -41,7 +41,7 @@ from robacc.fitting.warnings import (
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.confirmation import reproduced, with_held_out_gain
+from robacc.tracing.confirmation import reproduced, significant_beside_structure, with_held_out_gain
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.directional_weights import with_directional_weights
@@ -117,9 +117,16 @@ def _trace(
         choices = None if validation is None else validation.choices
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     declared, final, form = _final_fits(search_result, data)
+    structured = with_error_structure(final, data)
+    significant, insignificant = significant_beside_structure(search_result, final, structured.inflation, data)
+    if insignificant:
+        choices = None if validation is None else validation.choices
+        validation = cross_validate(significant, choices, data, holdout, n_folds, seed, earlier=validation)
+        search_result = significant
+        declared, final, form = _final_fits(search_result, data)
+        structured = with_error_structure(final, data)
     apart = noise_and_scatter(final, _repeatability(search_result, final, data), data)
     noise, repeatability = apart.noise, apart.repeatability
-    structured = with_error_structure(final, data)
     final = structured.fit
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
@@ -166,6 +173,7 @@ def _trace(
             *([no_held_out_warning(data)] if validation is None else []),
             *([] if holdout is None else _holdout_warnings(moved, stages.after)),
             *withdrawn,
+            *insignificant,
             *([] if rounding is None else [rounding.warning]),
             *apart.warnings_if(structured.shared),
             *structured.warnings,

@@ -57,7 +57,7 @@ def test_a_negative_compliance_is_implausible_and_competes_with_a_handicap() -> 
     robot = dataclasses.replace(arm("puma560").robot, effects=())
     data = simulate(robot, Plan(60, seed=2, noise_position=1e-5, orientation=False)).data
     compliance = JointCompliance(("j2",), masses="known")
-    totals = []
+    totals, tested_again = [], []
     for value in (8e-6, -8e-6):
         bound = Model.of(robot, [compliance]).bind(data)
         theta = np.full(len(bound.terms), value)
@@ -67,6 +67,10 @@ def test_a_negative_compliance_is_implausible_and_competes_with_a_handicap() -> 
         )
         baseline = fit(Model.of(robot, build(parse_requests("base_frame"), Model.of(robot).arm, data)), shifted, SEARCH)
         pool = CandidatePools(shifted).of(baseline.model.arm, baseline.model.free)
-        ranking = linearise(baseline, pool).selection(np.ones(60, dtype=bool)).rank()
-        totals.append(next(r for r in ranking if r.candidate.effect.key() == compliance.key()).log_prior)
+        selection = linearise(baseline, pool).selection(np.ones(60, dtype=bool))
+        ranked = next(r for r in selection.rank() if r.candidate.effect.key() == compliance.key())
+        totals.append(ranked.log_prior)
+        finding = selection.scorer.as_chosen(ranked.candidate, ranked.prior_var)
+        tested_again.append(selection.scorer.score(finding, selection.scorer.condition([])).log_prior)
     assert totals[0] - totals[1] == pytest.approx(HANDICAP)
+    assert tested_again == pytest.approx(totals), "a finding is tested again as it competed"

@@ -19,6 +19,7 @@ from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.statistics.distributions import f_sf
 from robacc.tracing.evidence import Scores
+from robacc.tracing.selection import FALSE_ALARM
 
 NOISE = 2e-5
 
@@ -62,3 +63,11 @@ def test_errors_outside_the_catalogue_are_never_explained(seed: int) -> None:
     result = robacc.trace(data, robot=chosen.robot, declared="base_frame,tool_frame,joint_offset", folds=2)
     assert result.verdict in ("unexplained", "partly_explained")
     assert any("an effect remains that the model lacks" in hint for hint in result.unexplained.hints)
+
+
+@pytest.mark.parametrize("seed", [100, 101, 102, 103])
+def test_findings_are_significant_beside_the_structure_of_the_errors(seed: int) -> None:
+    """Before, findings with p = 1 stood in results, and moved other poses."""
+    data, chosen = measured(3, seed)
+    result = robacc.trace(data, robot=chosen.robot, declared="base_frame,tool_frame,joint_offset", folds=2)
+    assert all(finding.p_value <= FALSE_ALARM for finding in result.findings)

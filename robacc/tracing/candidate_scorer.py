@@ -165,7 +165,9 @@ class CandidateScorer:
             ),
         )
         if with_blocks:
-            others += self._rank_blocks(conditioned)
+            others += self._rank_blocks(
+                conditioned, lambda block: block.key in keys or self.redundancy.is_covered(block, profiles)
+            )
         competing = [entry for entry in ranked if entry.candidate.key not in absent]
         competing.extend(
             entry
@@ -236,11 +238,14 @@ class CandidateScorer:
                 evidence.append(self.families.orders(grid, grid.orders).judge(conditioned).evidence)
         return (np.concatenate(orders), np.concatenate(evidence)) if orders else (np.zeros(0), np.zeros(0))
 
-    def _rank_blocks(self, conditioned: Conditioned) -> list[Ranked]:
+    def _rank_blocks(self, conditioned: Conditioned, is_absent: Callable[[Candidate], bool]) -> list[Ranked]:
+        """Return the rich blocks beside a model, without those that are absent if all of a family are."""
         if len(self._block_families) != len(self.blocks):
             self._block_families = self.families.of(self.blocks, shrunk=True)
         ranked: list[Ranked] = []
         for batch, family in self._block_families:
+            if all(is_absent(candidate) for candidate in batch.candidates):
+                continue
             scores = family.judge(conditioned)
             ranked.extend(Ranked(candidate, scores, i) for i, candidate in enumerate(batch.candidates))
         return ranked

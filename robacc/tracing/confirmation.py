@@ -53,7 +53,7 @@ def reproduced(search_result: SearchResult, choices: FoldChoices | None, data: M
 def _significant(
     search_result: SearchResult, effects: tuple[Effect, ...], selection: Selection, data: Measurements
 ) -> SearchResult:
-    """Return the search with those of ``effects`` that are significant beside each other, fitted together.
+    """Return the search with those of ``effects`` that are significant given each other, fitted together.
 
     ``selection`` holds ``effects`` but for frames, which are not tested.
     """

@@ -31,8 +31,9 @@ from robacc.tracing.step_scans import StepScan, scan_for, scan_of
 from robacc.tracing.whitened_columns import Columns
 
 _SHARE_OF_PRECISION = 1e-3
-"""Share of the precision of a constant's prior that counts beside candidates: thirty times its standard deviation. The
-prior is estimated where effects are missing, which makes it narrow; here it only excludes constants that no arm has."""
+"""Share of the precision of a constant's prior that counts when candidates are scored: thirty times its standard
+deviation. The prior is estimated where effects are missing, which makes it narrow; here it only excludes constants that
+no arm has."""
 _OFF_GRID_LOG_PRIOR = -8.0
 """Log prior of an order on a joint whose orders are not searched: about that of a searched order."""
 

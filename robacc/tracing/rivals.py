@@ -135,7 +135,7 @@ def _refined(selection: Selection, finding: Chosen, rival: Ranked) -> Ranked:
 
 
 def _similarity(selection: Selection, finding: Chosen, rival: Candidate) -> float:
-    """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
+    """Return the cosine between the fits of a finding and of a rival to the residual, given all other findings."""
     scorer = selection.scorer
     columns = scorer.columns(rival)
     conditioned = scorer.condition(selection.chosen, without=finding)

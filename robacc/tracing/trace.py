@@ -251,7 +251,7 @@ def _repeatability(search_result: SearchResult, final: Fit, data: Measurements) 
 
 
 def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measurements) -> tuple[str, ...]:
-    """Return what a reader of the two fits must know of them and of their data."""
+    """Return the warnings of the two fits and of their data."""
     return (
         *suspected_mistakes(final),
         *convergence_warning(final),

@@ -35,7 +35,7 @@ _PASSES = 2
 _LEAST_GAIN = 1e-3
 _RANDOM_DRAWS = 10
 _EXACT = 1e-6
-"""Share of a column that must remain beside a rival: exact equals are separable by no poses."""
+"""Share of a column that must remain given a rival: no poses distinguish exact equals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class ExpectedPower:
 
     detected: float
     separated: float
-    """That it is found and separated from its nearest rival."""
+    """Probability that an effect is found and distinguished from its nearest rival."""
 
 
 def expected_power(problem: PowerProblem, chosen: NDArray[np.int64]) -> ExpectedPower:

@@ -51,7 +51,7 @@ class Layout:
     commanded_orientation: tuple[str, ...] | None
     warnings: tuple[str, ...]
     branches: tuple[BranchColumn, ...] = ()
-    """Joints beside the chain; those with a column have the keys ``branch_q1 …``."""
+    """Joints outside the chain; those with a column have the keys ``branch_q1 …``."""
     angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Conventions that rx, ry, rz may belong to, by the prefix of the keys; without an entry they are documented."""
     without_unit: tuple[Column, ...] = ()

@@ -32,7 +32,7 @@ def _overview(entries: Sequence[CatalogueEntry], width: int) -> Iterator[TextLin
         lines = textwrap.wrap(text, width, initial_indent=first, subsequent_indent=" " * label)
         yield from (TextLine(line) for line in lines)
     yield BLANK
-    text = "the name of an effect shows its equation, unit, usual size, required data and similar effects"
+    text = "robacc effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
     yield from (TextLine(line.text, "dim") for line in wrapped(text, width))
 
 

@@ -28,7 +28,7 @@ FOLDS = 5
 _LARGEST = 300.0
 """Largest limit, in multiples of the typical size."""
 _CERTAIN = 10.0
-"""Multiple of the noncentrality of an even chance from which an effect is found for certain, to nine digits."""
+"""Multiple of the noncentrality at probability 1/2 from which an effect is found for certain, to nine digits."""
 _DETECTABLE = 0.5
 """Power from which an effect counts as detectable at its usual size."""
 

@@ -162,7 +162,7 @@ def linearise(fit: Fit, pool: CandidatePool) -> LinearisedCandidates:
 
     ``pool`` is that of the fit's arm and declared effects. The contribution of the findings is put back into the
     residual, to first order, so that they are candidates again. Weakly identifiable coefficients keep the prior of the
-    fit: without it, some directions of theirs with hardly any effect on the poses would reproduce a finding by
+    fit. Without it, directions with almost no effect on the poses would reproduce a finding by
     coefficients that no arm has.
     """
     model, arm, data = fit.model, pool.arm, pool.data

@@ -274,9 +274,9 @@ def test_what_is_missing_is_said_in_one_line(name: str) -> None:
     assert (why is None) == (cls.missing_reasons == ())
     assert why is None or (why in cls.missing_reasons and "\n" not in why)
     entry = catalogue(name, weightless().robot, BARE)[0]
-    assert entry.offer is not None
-    assert entry.offer.why == why
-    assert (entry.offer.coefficients == ()) == (why is not None)
+    assert entry.availability is not None
+    assert entry.availability.why == why
+    assert (entry.availability.coefficients == ()) == (why is not None)
 
 
 def test_columns_and_masses_are_what_effects_ask_for() -> None:

@@ -75,7 +75,7 @@ class Measurements:
     read_back: Array | None = None
     """``(J, N)`` joint variables as read back at the measurement, rad or m."""
     branches: Array | None = None
-    """``(B, N)`` joint variables beside the chain that move mass, rad or m, in the order of the robot's branches."""
+    """``(B, N)`` joint variables outside the chain that move mass, rad or m, in the order of the robot's branches."""
     branch_names: tuple[str, ...] = ()
     """Their names, B of them."""
     copies: NDArray[np.bool_] | None = None

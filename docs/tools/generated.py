@@ -75,7 +75,10 @@ def _argument(parameter: Any, context: Any) -> str:
 
 
 def _value(parameter: Any, context: Any) -> str:
-    return "" if parameter.is_flag else str(parameter.make_metavar(context)).strip("<>[]{}")
+    if parameter.is_flag:
+        return ""
+    name = str(parameter.make_metavar(context))
+    return name[1:-1] if name[0] + name[-1] in ("<>", "[]", "{}") else name
 
 
 def _names(parameter: Any, context: Any) -> str:
@@ -95,12 +98,12 @@ def _help(parameter: Any, context: Any) -> str:
         return f"{text} Default: {(parameter.opts if default else parameter.secondary_opts)[0]}."
     if default is None or parameter.is_flag or default == "":
         return text
-    return f"{text} Default: {getattr(default, 'value', default)}."
+    return f"{text} Default: {'the current folder' if default == '.' else getattr(default, 'value', default)}."
 
 
 def _paragraphs(text: str) -> str:
     """Return a help text with its example commands set as code."""
-    pieces = re.split(r"(robacc [a-z9-]+ [^;]*?\S)(?=; |\. |\.$|$)", " ".join(text.split()))
+    pieces = re.split(r"(?<=Example: )(robacc [a-z0-9-]+ [^;]*?\S)(?=; |\. |\.$|$)", " ".join(text.split()))
     return "".join(f"`{piece}`" if number % 2 else _prose(piece) for number, piece in enumerate(pieces))
 
 

@@ -69,14 +69,15 @@ def compare_paired(
     Args:
         before: Poses measured without the correction.
         after: Poses measured with the correction.
-        model: Model of the correction, to test whether the remaining error is what it promised.
+        model: Model of the correction, to test whether the remaining error agrees with its prediction.
         nominal: Robot file that the controller computes with; only for files without ``cmd_`` columns.
         noise: Standard deviation of the measurement noise along each axis, m or text; None for that of ``after``, else
             of the model's fit. Where the unexplained error of the model contains the noise of its own measurements, it
             is only the lower bound of that error, with a warning.
 
     Returns:
-        The gain with its interval, the remaining error, and whether the correction was loaded and kept its promise.
+        The gain with its interval, the remaining error, whether the correction was loaded, and whether the remaining
+            error agrees with the model.
 
     Raises:
         InputError: A file cannot be used, or the files share fewer than three targets.

@@ -128,7 +128,7 @@ def correct(
         targets: CSV of targets, or poses read or made before. Joints mean the pose that the nominal robot has there;
             ``cmd_`` columns (else ``x, y, z``) are wanted poses, and joints beside them choose the configuration.
         model: Robot file of the real arm, as ``write_model`` of a trace or a calibration writes it.
-        nominal: Robot file that the controller computes with; None for the one that the model was fitted from.
+        nominal: Robot file that the controller computes with; None for the robot that the model was fitted from.
         frame: Frame of Cartesian targets: ``measuring``, with the model's tool, or ``base``: the robot's base, with
             the tool of the nominal robot.
         ordered: The arm drives from target to target in their order; directions and speeds are derived from it.
@@ -138,7 +138,7 @@ def correct(
         most: Largest correction, m or text such as ``"3mm"`` or ``"3mm,0.5deg"``; None for twice the largest that the
             model has on the poses it was fitted to.
         weight: Length that counts as much as 1 rad for arms with fewer than six axes, m or text.
-        beyond_range: Correct targets outside the ranges that the model was fitted on too.
+        beyond_range: Also correct targets outside the ranges that the model was fitted on.
         campaign: Use of the facts of the campaign that the model was fitted in: ``auto`` applies steps, which stay,
             ``keep`` a warm-up too; ``drop`` leaves out both, and the frames that were registered.
         strict_range: Refuse all targets if one is outside the ranges that the model was fitted on.

@@ -79,7 +79,7 @@ def correct_program(
     Args:
         path: Program of a dialect of :func:`robacc.programs.reading.read_program`.
         model: Robot file of the real arm.
-        nominal: Robot file that the controller computes with; None for the one that the model was fitted from.
+        nominal: Robot file that the controller computes with; None for the robot that the model was fitted from.
         frames: Files with tools and bases that the program only names.
         options: Further arguments of :func:`robacc.api.correct.correct`.
 

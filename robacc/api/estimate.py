@@ -57,7 +57,7 @@ class Estimate(Result, EstimateResult):
         return {**payload(self), **pose_payload(self.data, self.robot, statistics)}
 
     def per_pose_csv(self) -> str:
-        """Return a CSV with one row a pose: line, ids, error vector and its length, in m and rad."""
+        """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
         from robacc.documents.estimate import per_pose_csv
 
         return per_pose_csv(self, self.data)
@@ -80,7 +80,7 @@ def estimate(
     tip_link: str | None = None,
     seed: int = 0,
 ) -> Estimate:
-    """Cartesian error at each measured pose, its covariances, and an accuracy grade.
+    """Compute the Cartesian error at each measured pose, its covariances, and an accuracy grade.
 
     With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
     file or the arrays.

@@ -85,7 +85,7 @@ class FitResult(Result):
 
         source = self.fit_inputs.names["poses"]
         origin = "arrays" if source is None else PurePath(source).name
-        caution = ("do not use this model before the following is settled:",) if self.suspicions else ()
+        caution = ("do not use this model until the following is resolved:",) if self.suspicions else ()
         origin = f"written by robacc {__version__} {self.command} from {origin}"
         return model_text(self.robot, (origin, *caution, *self.suspicions))
 

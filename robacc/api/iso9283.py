@@ -60,7 +60,7 @@ def iso9283(
     tip_link: str | None = None,
     seed: int = 0,
 ) -> Iso9283:
-    """Pose criteria of ISO 9283 from cycles of commanded poses, and the conditions of the standard that they meet.
+    """Compute the pose criteria of ISO 9283 from cycles of commanded poses, and check the standard's conditions.
 
     With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
     file or the arrays. If neither is known, the result has repeatability but no accuracy.

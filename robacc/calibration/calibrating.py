@@ -59,7 +59,7 @@ class Calibration:
     """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
     noise: LackOfFit
     repeatability: Repeatability | None
-    """Scatter of the joints; None if it is not significant beside the noise."""
+    """Scatter of the joints; None if it is not significant given the noise."""
     nominal_unregistered: Stage
     """The nominal model as it stands in the robot file."""
     nominal: Stage

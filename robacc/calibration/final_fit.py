@@ -20,7 +20,7 @@ from robacc.measurements import Measurements
 
 @dataclass(frozen=True, slots=True)
 class FinalFit:
-    """Fit of all effects to all calibration poses, and what was found beside it."""
+    """Fit of all effects to all calibration poses, and further results."""
 
     fit: Fit
     predicting: Fit
@@ -33,7 +33,7 @@ class FinalFit:
     deflection: DeflectionChoice | None
     """Model of the torques behind elastic effects; None if no elastic effect is fitted."""
     repeatability: Repeatability | None
-    """Scatter of the joints; None if it is not significant beside the noise."""
+    """Scatter of the joints; None if it is not significant given the noise."""
     directional: DirectionalNoise | None
     """Noise that is larger along one direction than along others; None if it is not."""
     warnings: tuple[str, ...]

@@ -100,7 +100,7 @@ def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | 
         repeated = next(path for i, path in enumerate(paths) if os.path.realpath(path) in _real_paths(paths[:i]))
         raise UsageError(f"{repeated} is given twice; give each file once")
     if per_pose is not None and _folder(per_pose) is None:
-        raise UsageError(f"--per-pose {per_pose}: several files need a folder; name one that ends with /")
+        raise UsageError(f"--per-pose {per_pose}: several files need a folder, whose name ends with /")
     load_optional_robot(options.robot, options.base_link, options.tip_link)
     if options.align:
         check_frames(options.align)

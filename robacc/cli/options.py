@@ -85,14 +85,14 @@ IgnoreLimitsOption = Annotated[
     bool,
     typer.Option(
         "--ignore-limits",
-        help="Only warn of joint values outside the limits; by default 0.05 deg or 0.5 mm outside is an error.",
+        help="Only warn of joint values outside the limits; by default, more than 0.05 deg or 0.5 mm is an error.",
     ),
 ]
 CampaignOption = Annotated[
     CampaignUseName,
     typer.Option(
         "--campaign",
-        help="Apply drift and other effects of the campaign in which a model was measured; auto: to its poses only.",
+        help="Apply drift and other effects of the campaign in which a model was measured; auto: if they fit.",
     ),
 ]
 StrictRangeOption = Annotated[

@@ -79,7 +79,7 @@ def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, ta
         result.write_model(write_model)
     deliver(outlets, result, table)
     if result.suspicions and write_model is not None:
-        say_warnings((f"{write_model} is not to be used before the suspected data mistake is settled",))
+        say_warnings((f"{write_model} must not be used until the suspected data mistake is resolved",))
     if result.suspicions or not result.converged:
         raise typer.Exit(5)
 

@@ -1,4 +1,4 @@
-"""Circumstances of targets beside the joints: from columns, from the order of the targets, and from options."""
+"""Circumstances of targets other than the joints: from columns, from the order of the targets, and from options."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Memory of a joint's play: errors that depend on how its torque changed since the visit before.
+"""Memory of a joint's play: errors that depend on how its torque changed since the previous visit.
 
 Play without memory has two values, given by the approach. Where friction and springs act together (hysteresis), the
-joint also remembers the load of the visit before: the error follows the sign of the change of gravity's torque. That
+joint also remembers the load of the previous visit: the error follows the sign of the change of gravity's torque. That
 sign depends on the present pose too, so its least-squares fit by polynomials of the ranks of torque and joint is
 subtracted. The difference is independent of the residual of a complete model. The sum of their products, over the root
 of the sum of the squared products, is then a standard Gaussian to good accuracy (as in

@@ -79,7 +79,7 @@ def interactions(robot: Robot) -> list[JointChange]:
             changes.append(
                 JointChange(
                     f"the column of joint {names[i]} seems to hold "
-                    f"{formula.format(j=names[i], k=names[k])} (interaction not undone)",
+                    f"{formula.format(j=names[i], k=names[k])} (interaction not removed)",
                     f"{'add' if sign > 0 else 'subtract'} the column of {names[k]} {'to' if sign > 0 else 'from'} that "
                     f"of {names[i]}, or give joint {names[i]} `coupling: {{{names[k]}: {sign:g}}}` in the robot file",
                     _added(i, k, sign),

@@ -41,7 +41,7 @@ class PartMistake:
     rows: NDArray[np.int64]
     """Indices of the rows of the stretch."""
     mistake: Mistake | None
-    """What is wrong with them; None if nothing that was tried explains it."""
+    """Mistake in these rows; None if no tested hypothesis explains it."""
     text: str
 
 

@@ -1,4 +1,4 @@
-"""Joints read back beside commanded ones: which of them the measured positions follow."""
+"""Choice between joints read back and commanded joints: which of them the measured positions follow."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from robacc.measurements import Measurements
 READ_BACK = "read_back"
 """Effect whose coefficient is the share."""
 _SURE, _IMPLAUSIBLE = 3.0, 0.1
-"""Standard errors, and share, by which a share outside 0 to 1 contradicts that the arm follows the difference."""
+"""Standard errors, and share, by which a share must lie outside 0 to 1 to be impossible."""
 _UNDECIDED = 0.25
-"""Standard error of the share from which the poses do not decide."""
+"""Standard error of the share above which the poses do not decide."""
 
 
 def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
@@ -38,15 +38,15 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
     fitted = fit(dataclasses.replace(model, free=(*model.free, effect)), data)
     number = fitted.names.index(READ_BACK)
     share, std = float(fitted.theta[number]), float(np.sqrt(fitted.covariance[number, number]))
-    start = f"the joints read back are {1e3 * size:.3g} mm rms (at the target) off the commanded ones"
+    start = f"the joints read back differ from the commanded joints by {1e3 * size:.3g} mm rms at the target"
     if not np.isfinite(std) or std > _UNDECIDED:
         yield f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used"
         return
     margin = _SURE * std + _IMPLAUSIBLE
     if not -margin <= share <= 1.0 + margin:
         yield (
-            f"{start}; a fit gives them a share of {share:.2f} ± {std:.2f} in the measured positions, where 0 to 1 is "
-            "possible: the model lacks an effect that resembles the difference; the commanded joints are used"
+            f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference, but only "
+            "0 to 1 is possible: the model lacks an effect that resembles it; the commanded joints are used"
         )
         return
     cause = "the joints were read before the arm had settled"
@@ -56,6 +56,6 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
             "joints read back as q1 … qN"
         )
     yield (
-        f"{start}; the measured positions follow them by a share of {share:.2f} ± {std:.2f}: the commanded joints are "
-        f"used, and {cause}"
+        f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference (0: the arm "
+        f"stood at the commanded joints, 1: at those read back); the commanded joints are used; {cause}"
     )

@@ -64,7 +64,7 @@ def read_robot_poses(
 
 
 def joints_of(robot: Robot) -> KnownRobot:
-    """Return the robot's joints for the reader of a pose file: names, types, limits, and joints beside the chain."""
+    """Return the robot's joints for the reader of a pose file: names, types, limits, and joints outside the chain."""
     return KnownRobot(
         joint_names=robot.variable_names,
         joint_types=[joint.type for joint in robot.variables],
@@ -82,7 +82,7 @@ def _rule_text(joint: Joint, rule: Mimic) -> str:
 
 
 def branch_columns(robot: Robot) -> tuple[BranchColumn, ...]:
-    """Return the columns of the joints beside the robot's chain that move mass."""
+    """Return the columns of the joints outside the robot's chain that move mass."""
     return tuple(
         BranchColumn(
             branch.joint.name,

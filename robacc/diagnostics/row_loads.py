@@ -2,7 +2,7 @@
 
 A load of m_k kg on row k moves the tool by m_k sum_j c_j u_jk, with u_jk the displacement by the torque of 1 kg on
 joint j and c_j the compliance of the joint. Both factors are unknown, so they are fitted in turn (alternating least
-squares), beside every coefficient of the model and beside a constant load. Loads come in a few sizes: the fitted loads
+squares), together with every coefficient of the model and a constant load. Loads come in a few sizes: the fitted loads
 are then grouped, and each group has a common load.
 
 The groups count as loads if they explain the error far better than chance, than a continuum of loads divided into as
@@ -37,7 +37,7 @@ _STEPS = 40
 _SETTLED = 1e-4
 """Share of the sum of squares by which the last step of the alternation lowers it."""
 _LEAST_NEW = 1e-9
-"""Share of a column, beside others, below which it adds nothing."""
+"""Share of a column, given others, below which it adds nothing."""
 _REGROUPED = 10
 """Largest number of times that rows are grouped anew."""
 _LEAST_GAIN = 4.0
@@ -65,9 +65,9 @@ class RowLoads:
         sizes, shares = (" : ".join(entries) for entries in ([str(rows.size) for rows in self.rows], self._shares()))
         return (
             f"a load at the flange that differs from row to row explains the errors: {len(self.rows)} groups of "
-            f"{sizes} rows, their loads above the lightest as {shares}; the payload was not logged: if it changed, "
-            "write payload_kg for each row, or the load's name in payload_group, and trace again; if it did not "
-            "change, the cause is outside the catalogue"
+            f"{sizes} rows, whose loads above the lightest are in the ratio {shares}; the payload was not logged: if "
+            "it changed, write payload_kg for each row, or the load's name in payload_group, and trace again; if it "
+            "did not change, the cause is outside the catalogue"
         )
 
     def _shares(self) -> list[str]:

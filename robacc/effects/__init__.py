@@ -1,4 +1,4 @@
-"""Effects: deviations of an arm from its nominal table, one effect a file.
+"""Effects: deviations of an arm from its nominal table, one effect per file.
 
 Importing the package fills the registry in the order of the catalogue, which is also the order in which parameters keep
 their place if they are not distinguishable on the poses: frames before joints, constants before what varies.

@@ -61,7 +61,7 @@ class ApproachLag(Effect):
         return Driver("speed", "1", needed(data.speed, "speed_q1 …", self.name)[arm.number(joint)], True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term per joint."""
         speed = needed(data.speed, "speed_q1 … (or `ordered`)", self.name)
         if self.common:
             parts = tuple(Part(arm.axis_motion(joint), speed[arm.number(joint)]) for joint in self.joints)
@@ -92,5 +92,5 @@ class ApproachLag(Effect):
         return cls(joints, common)
 
     def __str__(self) -> str:
-        """``approach_lag[j1]``, ``approach_lag[common]``."""
+        """Return ``approach_lag[j1]`` or ``approach_lag[common]``."""
         return f"{self.name}[common]" if self.common else super().__str__()

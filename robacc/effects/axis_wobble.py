@@ -26,7 +26,7 @@ def tilt_motions(arm: Arm, joint: str) -> dict[str, int]:
 @register
 @dataclass(frozen=True)
 class AxisWobble(Effect):
-    """alpha_j and the rotation about y, each with cosine and sine of n q_j."""
+    """Tilt of a joint's axis: alpha_j and the rotation about y, each plus cosine and sine of n q_j."""
 
     orders: tuple[float, ...] = (1.0, 2.0)
     tilts: tuple[str, ...] = ()
@@ -69,7 +69,7 @@ class AxisWobble(Effect):
         return joint_driver(arm, data, self.joints[0], is_only=False)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return four terms a joint and order."""
+        """Return four terms per joint and order."""
         q = commanded(data, self.name)
         terms = []
         for joint in self.joints:

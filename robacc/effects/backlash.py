@@ -121,7 +121,7 @@ class Backlash(Effect):
         return Driver("direction", "1", direction, True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term per joint."""
         if self.by == "approach":
             sign = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
         else:
@@ -156,7 +156,7 @@ class Backlash(Effect):
         by, friction = unknown.pop("by", "approach"), unknown.pop("friction_nm", 0.0)
         if unknown or by not in ("approach", "gravity"):
             raise ValueError(
-                f"{cls.name} knows the setting by: approach or gravity, and friction_nm with by: gravity; "
+                f"{cls.name}: expected by: approach, or by: gravity with or without friction_nm, "
                 f"found {dict(settings)!r}"
             )
         if isinstance(friction, bool) or not isinstance(friction, int | float) or not 0 <= friction < math.inf:

@@ -82,7 +82,7 @@ class Effect(abc.ABC):
     is_bounded: ClassVar[bool] = False
     """True if it is as large beyond its validity range as within: a periodic error."""
     odds_beside: ClassVar[float] = 1.0
-    """Prior odds of each form that is a candidate only beside a finding, against a form of any other effect."""
+    """Prior odds of each form that is a candidate only given a finding, against a form of any other effect."""
     missing_reasons: ClassVar[tuple[str, ...]] = ()
     """Every text that :meth:`missing` can return, except texts that name a part of a robot."""
 
@@ -122,7 +122,7 @@ class Effect(abc.ABC):
                 continue
             if abs(value) > limit:
                 usual = f"{self.about.usual_range[0]:.2g} to {self.about.usual_range[1]:.2g}"
-                return f"{term.name} = {value:.3g} {unit} is implausible: usual are {usual} {unit}"
+                return f"{term.name} = {value:.3g} {unit} is implausible; usual values are {usual} {unit}"
             if self.is_nonnegative and value < 0:
                 return f"{term.name} = {value:.3g} {unit} is implausible: it cannot be negative"
         return None
@@ -149,7 +149,7 @@ class Effect(abc.ABC):
 
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield forms that are candidates only beside the finding ``other``; by default none."""
+        """Yield forms that are candidates only given the finding ``other``; by default none."""
         yield from ()
 
     def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -160,7 +160,7 @@ class Effect(abc.ABC):
         yield from ()
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings besides the joints, as plain values for a robot file."""
+        """Return the settings other than the joints, as plain values for a robot file."""
         return {}
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
@@ -214,7 +214,7 @@ class Effect(abc.ABC):
 
     @property
     def resembles_wander(self) -> bool:
-        """Return whether errors that wander slowly look like it, so that a search tests it beside a wander."""
+        """Return whether errors that wander slowly look like it, so that a search tests it against a wander."""
         return False
 
     @property
@@ -291,7 +291,7 @@ class Effect(abc.ABC):
         return self.is_empirical
 
     def __str__(self) -> str:
-        """``backlash[j2]``."""
+        """Return the name with joints, as in ``backlash[j2]``."""
         return f"{self.name}[{','.join(self.joints)}]" if self.joints else self.name
 
 

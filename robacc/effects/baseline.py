@@ -18,7 +18,7 @@ from robacc.robots.arm import Arm
 
 FRAMES = ("base_frame", "tool_frame")
 CONSTANTS = ("joint_offset", "link_geometry")
-"""Effects of every arm beside its frames, in the order in which the poses have to support them."""
+"""Effects of every arm other than its frames, in the order in which the poses have to support them."""
 _COORDINATES_PER_COEFFICIENT = 1.5
 """Fewest measured coordinates of distinct commanded poses for each coefficient: a fold of cross-validation lacks a
 fifth of the poses, which leaves 1.2 for each.

@@ -14,7 +14,7 @@ from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
+class Availability:
     """Availability of an effect for a robot and its poses."""
 
     why: str | None
@@ -33,14 +33,14 @@ class CatalogueEntry:
     about: About
     per_joint: bool
     is_constant: bool
-    offer: Offer | None
+    availability: Availability | None
     """None if no robot is given."""
 
 
 def catalogue(
     name: str | None = None, robot: Robot | None = None, data: Measurements | None = None
 ) -> tuple[CatalogueEntry, ...]:
-    """Return every effect, or the effect called ``name``, with its offer for ``robot`` and its poses if given.
+    """Return every effect, or the effect called ``name``, with its availability for ``robot`` and its poses if given.
 
     Raises:
         UsageError: there is no such effect.
@@ -49,13 +49,13 @@ def catalogue(
     arm = None if robot is None else Arm.of(robot)
     return tuple(
         CatalogueEntry(
-            cls.name, cls.about, cls.per_joint, cls.is_constant, None if arm is None else _offer(cls, arm, data)
+            cls.name, cls.about, cls.per_joint, cls.is_constant, None if arm is None else _availability(cls, arm, data)
         )
         for cls in classes
     )
 
 
-def _offer(cls: type[Effect], arm: Arm, data: Measurements | None) -> Offer:
+def _availability(cls: type[Effect], arm: Arm, data: Measurements | None) -> Availability:
     # Without poses, every column is assumed to be present.
     poses = every_column(arm) if data is None else data
     joints = cls.possible_joints(arm)
@@ -63,9 +63,9 @@ def _offer(cls: type[Effect], arm: Arm, data: Measurements | None) -> Offer:
     if why is None and cls.per_joint and not joints:
         why = "no joint that it can act on"
     if why is not None:
-        return Offer(why, (), ())
+        return Availability(why, (), ())
     terms = cls.default(arm, poses).terms(arm, poses)
-    return Offer(None, joints, tuple((term.name, term.unit) for term in terms))
+    return Availability(None, joints, tuple((term.name, term.unit) for term in terms))
 
 
 def document(entries: tuple[CatalogueEntry, ...]) -> dict[str, Any]:
@@ -76,11 +76,11 @@ def document(entries: tuple[CatalogueEntry, ...]) -> dict[str, Any]:
 def _entry_document(entry: CatalogueEntry) -> dict[str, Any]:
     record: dict[str, Any] = {"name": entry.name, **dataclasses.asdict(entry.about)}
     record |= {"per_joint": entry.per_joint, "is_constant": entry.is_constant}
-    if entry.offer is not None:
+    if entry.availability is not None:
         record |= {
-            "offered": entry.offer.why is None,
-            "why": entry.offer.why,
-            "joints": list(entry.offer.joints),
-            "coefficients": [{"name": name, "unit": unit} for name, unit in entry.offer.coefficients],
+            "offered": entry.availability.why is None,
+            "why": entry.availability.why,
+            "joints": list(entry.availability.joints),
+            "coefficients": [{"name": name, "unit": unit} for name, unit in entry.availability.coefficients],
         }
     return record

@@ -23,7 +23,7 @@ from robacc.robots.arm import Arm
 class ComplianceVariation(TorqueDriven):
     """Joint variable plus gravity's torque times c cos(n q_j) + s sin(n q_j).
 
-    It stands beside ``joint_compliance``, the mean over a turn. The torque is that at the commanded pose.
+    It adds to ``joint_compliance``, the mean over a turn. The torque is that at the commanded pose.
     """
 
     orders: tuple[float, ...] = (2.0,)

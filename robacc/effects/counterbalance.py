@@ -88,7 +88,7 @@ class Counterbalance(Effect):
         return None if joint is None else joint_driver(arm, data, joint)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return two terms a joint."""
+        """Return two terms per joint."""
         q = commanded(data, self.name)
         terms = []
         for joint in self.joints:

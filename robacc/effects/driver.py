@@ -1,4 +1,4 @@
-"""The driver of an effect: the quantity, one number a pose, that the effect is a function of."""
+"""The driver of an effect: the quantity, one number per pose, that the effect is a function of."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Elastic(Effect):
 
     @property
     def uses_masses(self) -> bool:
-        """True: the weights behind a joint are the file's."""
+        """Return True: the weights behind a joint are the file's."""
         return True
 
     def part(self, motion: int, loads: tuple[Load, ...]) -> Part:

@@ -71,7 +71,7 @@ class FrameDrift(Effect):
 
     @property
     def of_campaign(self) -> bool:
-        """True: the instrument stands differently the next time."""
+        """Return True: the instrument stands differently the next time."""
         return True
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
@@ -83,7 +83,7 @@ class FrameDrift(Effect):
         return circumstance_driver("time_s", data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return three or six terms a power of time."""
+        """Return three or six terms per power of time."""
         elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
         terms = []
         for power in range(1, self.degree + 1):
@@ -109,6 +109,7 @@ class FrameDrift(Effect):
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         if not span > 0 or degree not in range(1, 10) or not isinstance(turning, bool):
             raise ValueError(
-                f"{cls.name}: span_s above 0, degree 1 to 9, turning true or false; found {dict(settings)!r}"
+                f"{cls.name}: expected span_s above 0, degree 1 to 9 and turning true or false, "
+                f"found {dict(settings)!r}"
             )
         return cls(origin=origin, span=span, degree=degree, turning=turning)

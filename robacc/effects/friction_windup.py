@@ -37,12 +37,12 @@ class FrictionWindup(Effect):
 
     @property
     def uses_masses(self) -> bool:
-        """True: the torque is that of the file's masses."""
+        """Return True: the torque is that of the file's masses."""
         return True
 
     @property
     def follows_approach(self) -> bool:
-        """True: friction acts against the approach."""
+        """Return True: friction acts against the approach."""
         return True
 
     @classmethod
@@ -59,7 +59,7 @@ class FrictionWindup(Effect):
         return Driver("signed_torque", "N m", self._regressor(arm, data)[arm.number(joint)], True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term per joint."""
         regressor = self._regressor(arm, data)
         return tuple(
             Term(

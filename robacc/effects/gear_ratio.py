@@ -34,7 +34,7 @@ class GearRatio(Effect):
         return None if joint is None else joint_driver(arm, data, joint)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term per joint."""
         q = commanded(data, self.name)
         return tuple(
             Term(f"{self.name}.{joint}", "1", 1e-4, (Part(arm.axis_motion(joint), q[arm.number(joint)]),))

@@ -59,7 +59,7 @@ class LineOfSight(Effect):
 
     @property
     def of_campaign(self) -> bool:
-        """True: the instrument stands elsewhere the next time."""
+        """Return True: the instrument stands elsewhere the next time."""
         return True
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:

@@ -80,7 +80,7 @@ class InstrumentScale(Effect):
 
     @property
     def of_campaign(self) -> bool:
-        """True: the scale belongs to the instrument on that day."""
+        """Return True: the scale belongs to the instrument on that day."""
         return True
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
@@ -102,7 +102,7 @@ class InstrumentScale(Effect):
         return Driver("distance", "m", np.sqrt(np.sum(np.square(data.position), axis=0)), True)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term, or four a power of time."""
+        """Return one term, or four per power of time."""
         if not self.drift:
             return (Term(self.name, "1", 1e-5, (Part(SCALE_OF_INSTRUMENT),)),)
         elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
@@ -184,5 +184,5 @@ class InstrumentScale(Effect):
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise ValueError(f"{cls.name}: origin_s and span_s must be numbers, found {value!r}")
         if type(degree) is not int or degree not in range(10) or not span > 0:
-            raise ValueError(f"{cls.name}: drift is a degree from 0 to 9, span_s above 0; found {dict(settings)!r}")
+            raise ValueError(f"{cls.name}: expected drift from 0 to 9 and span_s above 0, found {dict(settings)!r}")
         return cls(joints, degree, float(origin), float(span)) if degree else cls(joints)

@@ -87,7 +87,7 @@ class JointCompliance(Elastic):
         return torque_driver(arm, data, joint, is_only=self.masses == "known")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint, or one for each base regressor."""
+        """Return one term per joint, or one for each base regressor."""
         terms = []
         own_weight = () if self.masses == "unknown" else weight_needed(arm, data, self.name)
         for joint in self.joints:

@@ -21,7 +21,7 @@ from robacc.robots.arm import Arm
 @register
 @dataclass(frozen=True)
 class JointCorrection(Effect):
-    """theta_j plus a polynomial, in Chebyshev form, of one driver or of two together.
+    """Joint variable plus a polynomial, in Chebyshev form, of one driver or of two together.
 
     A driver is a joint's name, ``torque`` (of the arm's own weight about the joint's axis), ``payload_kg``,
     ``temperature_c``, ``time_s``, or ``direction`` (of approach; it only multiplies another driver). The terms share a

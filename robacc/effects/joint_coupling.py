@@ -42,7 +42,7 @@ class JointCoupling(Effect):
         return joint_driver(arm, data, self.drivers[0]) if len(self.drivers) == 1 else None
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a pair of joints."""
+        """Return one term per pair of joints."""
         q = commanded(data, self.name)
         return tuple(
             Term(

@@ -122,7 +122,7 @@ class JointHardening(TorqueDriven):
         return dataclasses.replace(self, largest_torques=largest) if largest else self
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term per joint."""
         torque = self.torques(arm, data)
         terms = []
         for joint in self.joints:

@@ -48,7 +48,7 @@ class JointOffset(Effect):
         return None if joint is None else joint_driver(arm, data, joint)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term per joint."""
         return tuple(
             Term(
                 f"{self.name}.{joint}",

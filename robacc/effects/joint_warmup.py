@@ -65,7 +65,7 @@ class JointWarmup(Effect):
 
     @property
     def of_campaign(self) -> bool:
-        """True: it counts the time since the campaign began."""
+        """Return True: it counts the time since the campaign began."""
         return True
 
     def is_same_finding(self, other: Effect) -> bool:
@@ -85,7 +85,7 @@ class JointWarmup(Effect):
         return circumstance_driver("time_s", data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint."""
+        """Return one term per joint."""
         elapsed = np.maximum(needed(data.time, "time_s", self.name) - self.origin, 0.0)
         risen = 1 - np.exp(-elapsed / self.time_constant)
         return tuple(

@@ -66,7 +66,7 @@ class LateralCompliance(Elastic):
         yield from (cls.default(arm, data, (joint,)) for joint in possible)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint, or one for each base regressor."""
+        """Return one term per joint, or one for each base regressor."""
         if self.masses == "unknown":
             return tuple(term for joint in self.joints for term in self._base_regressors(arm, joint))
         weight = weight_needed(arm, data, self.name)

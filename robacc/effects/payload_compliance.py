@@ -67,7 +67,7 @@ class PayloadCompliance(Elastic):
 
     @property
     def uses_masses(self) -> bool:
-        """False: the payload's mass is a column of the poses."""
+        """Return False: the payload's mass is a column of the poses."""
         return False
 
     @classmethod

@@ -55,12 +55,12 @@ class ReadBack(Effect):
 
     @property
     def rejects_implausible(self) -> bool:
-        """True: a share far above 1 is not that of an arm that stood between its command and the joints read back."""
+        """Return True: an arm stands between its command and the joints read back, so no share is far above 1."""
         return True
 
     @property
     def of_campaign(self) -> bool:
-        """True: it says where the arm stood while it was measured."""
+        """Return True: it says where the arm stood while it was measured."""
         return True
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
@@ -80,8 +80,9 @@ class ReadBack(Effect):
         share = values.get(self.name, 0.0)
         if share < FOLLOWED_SHARE:
             return (
-                f"the measured positions follow the joints read back by a share of {share:.2g} only: the joints were "
-                "read before the arm had settled; read and measure at the same time"
+                f"the measured positions follow only a share of {share:.2g} of the difference between the joints read "
+                "back and those commanded: the joints were read before the arm had settled; read and measure at the "
+                "same time"
             )
         return (
             f"the measured positions follow the joints read back, not those commanded (share {share:.2g}): the arm was "

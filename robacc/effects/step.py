@@ -74,7 +74,7 @@ class Step(Effect):
 
     @property
     def of_campaign(self) -> bool:
-        """True: the step happened between two poses of one campaign."""
+        """Return True: the step happened between two poses of one campaign."""
         return True
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
@@ -124,7 +124,7 @@ class Step(Effect):
         return (data.rows >= self.from_line).astype(float)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return one term a joint, or three or six of the base or the target."""
+        """Return one term per joint, or three or six of the base or the target."""
         after = self.after(data)
         if self.part == "payload":
             after = after * unit_torques(arm, data)
@@ -193,15 +193,15 @@ class Step(Effect):
             raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
         if part not in ("base", "target", "joint", "payload") or (part in ("joint", "payload")) != bool(joints):
             raise ValueError(
-                f"{cls.name}: part is base or target without joints, or payload with joints, or leave it out and "
-                "give joints"
+                f"{cls.name}: expected part: base or part: target without joints, part: payload with joints, or joints "
+                "without part"
             )
         if (line is None) == (time is None):
             raise ValueError(f"{cls.name} needs from_line or from_time_s, the place of the step")
         if not _is_number(line, int) or not _is_number(time, int, float):
             raise ValueError(f"{cls.name}: from_line must be a whole number, from_time_s a number of seconds")
         if any(not isinstance(text, str | None) for text in (file, target)) or not isinstance(turning, bool):
-            raise ValueError(f"{cls.name}: file and target are names, turning true or false")
+            raise ValueError(f"{cls.name}: file and target must be names, turning must be true or false")
         if (target is not None and part != "target") or (turning and part in ("joint", "payload")):
             raise ValueError(f"{cls.name}: target belongs to part: target, turning to the base or the target")
         return cls(joints, part, line, None if time is None else float(time), file, target, turning)
@@ -237,7 +237,7 @@ class Step(Effect):
         return f"line {self.from_line}" if self.from_time is None else f"{self.from_time:.6g} s"
 
     def __str__(self) -> str:
-        """``step[j2]``, ``step[base]``."""
+        """Return ``step[j2]`` or ``step[base]``."""
         if self.part == "payload":
             return f"{self.name}[payload]"
         return f"{self.name}[{','.join(self.joints) or self.target or self.part}]"

@@ -98,5 +98,5 @@ class TargetDecentre(LineOfSight):
         place, other_settings = place_setting(cls.name, settings)
         axis = other_settings.pop("axis", "x")
         if other_settings or axis not in ("x", "y", "z"):
-            raise ValueError(f"{cls.name} knows axis: x, y or z, and instrument, found {dict(settings)!r}")
+            raise ValueError(f"{cls.name}: expected axis: x, y or z, and instrument, found {dict(settings)!r}")
         return cls(joints, place, axis)

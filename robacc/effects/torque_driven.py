@@ -16,14 +16,14 @@ from robacc.robots.arm import Arm
 class TorqueDriven(Effect):
     """An effect of each joint's own torque, which is that of the file's masses and of no deflection.
 
-    It stands beside ``joint_compliance``, the part in proportion to the torque.
+    It adds to ``joint_compliance``, the part in proportion to the torque.
     """
 
     missing_reasons = ("no masses in the robot file",)
 
     @property
     def uses_masses(self) -> bool:
-        """True: the torque is that of the file's masses."""
+        """Return True: the torque is that of the file's masses."""
         return True
 
     @classmethod

@@ -80,8 +80,8 @@ class TrackerError(LineOfSight):
         if size <= _LARGEST_ANGLE:
             return None
         return (
-            f"{self.name}: an error of {1e3 * size:.2g} mrad of the {self.kind} angle is implausible: usual are "
-            "0.002 to 0.1 mrad"
+            f"{self.name}: an error of {1e3 * size:.2g} mrad of the {self.kind} angle is implausible; usual "
+            "amplitudes are 0.002 to 0.1 mrad"
         )
 
     def at(self, place: Place) -> LineOfSight:
@@ -119,6 +119,6 @@ class TrackerError(LineOfSight):
         kind = other_settings.pop("kind", "range")
         if other_settings or kind not in ("range", "horizontal", "vertical"):
             raise ValueError(
-                f"{cls.name} knows kind: range, horizontal or vertical, and instrument, found {dict(settings)!r}"
+                f"{cls.name}: expected kind: range, horizontal or vertical, and instrument, found {dict(settings)!r}"
             )
         return cls(joints, place, kind)

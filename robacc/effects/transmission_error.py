@@ -26,7 +26,7 @@ _SHORT = 0.5 * math.pi
 @register
 @dataclass(frozen=True)
 class TransmissionError(Effect):
-    """theta_j with cosine and sine of n q_j for each order n, whole or not.
+    """Joint variable plus cosine and sine of n q_j for each order n, whole or not.
 
     With ``shrunk`` the orders are a joint's profile: its terms share a Gaussian prior whose standard
     deviation is estimated, so that a profile is shrunk if the poses determine little of it.
@@ -136,7 +136,7 @@ class TransmissionError(Effect):
         return self.shrunk
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return two terms a joint and order."""
+        """Return two terms per joint and order."""
         q = commanded(data, self.name)
         # The orders of a profile together are as large as a single order usually is.
         typical = 1e-4 / (math.sqrt(len(self.orders)) if self.shrunk else 1.0)

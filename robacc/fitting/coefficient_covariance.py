@@ -1,4 +1,4 @@
-"""Covariance of a fit's coefficients under errors other than independent, equal ones."""
+"""Covariance of a fit's coefficients under errors that are not independent and equal."""
 
 from __future__ import annotations
 

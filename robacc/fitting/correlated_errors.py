@@ -6,7 +6,7 @@ visits imitates get standard errors that are too small. The whitened errors of e
 
     e_i = sqrt(c / (1 + g)) (n_i + sqrt(g) w(t_i)),   cov(w(s), w(t)) = exp(-|s - t| / tau),   var(n_i) = 1,
 
-an Ornstein-Uhlenbeck process beside white noise (G. E. Uhlenbeck, L. S. Ornstein, Phys. Rev. 36 (1930) 823). c, g and
+an Ornstein-Uhlenbeck process plus white noise (G. E. Uhlenbeck, L. S. Ornstein, Phys. Rev. 36 (1930) 823). c, g and
 tau are those of the largest restricted likelihood (H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545), g and tau
 on a grid, for position and for orientation. The inverse K^-1 of the process' correlations is tridiagonal, so that
 

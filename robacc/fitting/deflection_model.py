@@ -94,7 +94,7 @@ def choose_deflection(
 
 
 def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect, ...]:
-    """Return the effects, elastic ones in the form."""
+    """Return the effects, elastic effects in the form."""
     return tuple(dataclasses.replace(e, deflection=form) if isinstance(e, Elastic) else e for e in effects)
 
 

@@ -81,10 +81,10 @@ class DirectionalNoise:
 
     @property
     def warning(self) -> str:
-        """Return the direction that differs, for a fit that weighted all directions alike."""
+        """Return the direction that differs, for a fit that weighted all directions equally."""
         return (
-            f"{self._structure}: an effect that the model lacks, or noise of the instrument, which differs along its "
-            "line of sight; the fit allows for such noise where columns sigma_x, sigma_y, sigma_z state it"
+            f"{self._structure}: the model lacks an effect, or the instrument's noise differs along its line of sight; "
+            "if it is noise, state it in the columns sigma_x, sigma_y, sigma_z, and the fit allows for it"
         )
 
     @property
@@ -92,8 +92,8 @@ class DirectionalNoise:
         """Return the direction that differs, for a fit that allowed for it."""
         sizes = ", ".join(f"{1e3 * std:.3g}" for std in self.std)
         return (
-            f"{self._structure}, as the noise of an instrument may be along its line of sight: {sizes} mm along three "
-            "axes; the fit gives each direction the weight of its own noise"
+            f"{self._structure} (an instrument's noise may differ along its line of sight): {sizes} mm along three "
+            "axes; the fit weights each direction by its own noise"
         )
 
 
@@ -103,7 +103,7 @@ class NoiseAndScatter:
 
     noise: LackOfFit
     repeatability: Repeatability | None
-    """Scatter of the joints; None if it is not significant beside the noise."""
+    """Scatter of the joints; None if it is not significant given the noise."""
     directional: DirectionalNoise | None = None
     """Noise that is much larger along one direction than along others; None if it is not."""
 
@@ -136,7 +136,7 @@ def noise_and_scatter(fit: Fit, repeatability: Repeatability | None, data: Measu
 
 
 def _beside_equal_noise(fit: Fit, data: Measurements) -> DirectionalNoise | None:
-    """Return directional noise that is significant beside noise that is equal along all axes."""
+    """Return directional noise that is significantly more likely than noise that is equal along all axes."""
     residual = fit.residual[:3, fit.inliers]
     if data.q is None or data.position_variance is not None or residual.shape[1] < 2:
         return None

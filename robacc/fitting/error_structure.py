@@ -1,4 +1,4 @@
-"""Fit and standard errors beside errors as they are: shared by poses, correlated, unequal, beside uncertain scatter."""
+"""Fit and standard errors that allow for shared, correlated and unequal errors, and for uncertain scatter."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class StructuredFit:
     predicting: Fit
     """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
     inflation: Array
-    """``(P,)`` variance of each coefficient over that beside independent, equal errors, at least 1."""
+    """``(P,)`` variance of each coefficient over that for independent, equal errors, at least 1."""
     shared: tuple[str, ...]
     """Sentence on errors that poses share where that is evident: an effect remains that the model lacks."""
     warnings: tuple[str, ...]

@@ -78,7 +78,7 @@ def repeatability_of(fit: Fit, components: Components, data: Measurements) -> Re
 
 
 def measured_alone(repeatability: Repeatability | None) -> Repeatability | None:
-    """Return the repeatability that holds beside an error of the model: that of repeated visits, or None."""
+    """Return the repeatability that holds in spite of an error of the model: that of repeated visits, or None."""
     return repeatability if repeatability is not None and repeatability.source == "repeated visits" else None
 
 
@@ -90,7 +90,7 @@ def components_of(fit: Fit, data: Measurements) -> Components | None:
 
 
 def mixed_model(fit: Fit, data: Measurements) -> tuple[NDArray[np.int64], MixedModel]:
-    """Return the numbers of coefficients that are estimated beside the scatter, and the residuals of a fit with them.
+    """Return the numbers of coefficients that are estimated with the scatter, and the residuals of a fit with them.
 
     Many rows are thinned.
     """
@@ -130,7 +130,7 @@ def scatter_evidence(components: Components, data: Measurements) -> float:
 def settle_scatter(
     fitted: Fit, data: Measurements, options: Options, refit: Callable[[Options], Fit]
 ) -> tuple[Options, Components | None, Fit]:
-    """Return options with the joints' scatter estimated beside the fit, the scatter, and the fit with these options.
+    """Return options with the joints' scatter estimated with the fit, the scatter, and the fit with these options.
 
     ``refit`` fits again with given options: scatter and coefficients are estimated in turn until they agree. The
     scatter is None if it is not significant.

@@ -37,7 +37,7 @@ of a physics engine reach 0.05 by errors that are not white noise, and 0.1 or mo
 def with_gravity_direction(model: Model, data: Measurements) -> Model:
     """Return the model with gravity along the base where the deflections show that the measuring frame is not level.
 
-    Springs at all joints are fitted beside the free effects with gravity as the robot file states it in the measuring
+    Springs at all joints are fitted with the free effects, with gravity as the robot file states it in the measuring
     frame, with gravity turned as registration turned the base, and along the base's own axis. The robot file holds
     unless another direction fits better by odds of 20,000 to 1 and leaves errors at least 7 % smaller.
 

@@ -199,7 +199,7 @@ class PoseEquations:
 
     @property
     def _built(self) -> NDArray[np.int64]:
-        """``(D,)`` numbers of the sought coefficients whose columns are built."""
+        """Return ``(D,)`` the numbers of the sought coefficients whose columns are built."""
         if not self._factored:
             return self.columns
         return np.setdiff1d(self.columns, np.concatenate([numbers for _, numbers in self._factored]))

@@ -46,7 +46,7 @@ class OutlierPattern:
         """Return the pattern as a sentence."""
         return (
             f"{self.inside} of {self.outliers} outliers have {self.quantity} {self.side} {self.limit:.4g} {self.unit}, "
-            f"as {100 * self.share:.0f} % of all rows have: they have a common cause and are not accidents"
+            f"but only {100 * self.share:.0f} % of all rows have: the outliers have a common cause"
         )
 
 

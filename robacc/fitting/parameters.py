@@ -106,7 +106,7 @@ def _stds(covariance: Array) -> Array:
 
 
 def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
-    """``(P, P)`` covariance with roll, pitch and yaw of frames in place of the turns about their own axes.
+    """Return ``(P, P)`` the covariance with roll, pitch and yaw of frames in place of the turns about their own axes.
 
     A frame's turns w are the rates of its angles times a matrix of roll and pitch, which is the identity only where
     these are zero. A turn that is not identifiable stands still. At a pitch of 90 degrees roll and yaw have no

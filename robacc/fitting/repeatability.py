@@ -1,4 +1,4 @@
-"""Intrinsic repeatability of the joints, estimated beside the measurement noise by restricted maximum likelihood.
+"""Intrinsic repeatability of the joints, estimated with the measurement noise by restricted maximum likelihood.
 
 Newton's step on the average information (:mod:`robacc.fitting.restricted_likelihood`) is taken in the logarithms of the
 variances, so that they stay positive. Where it does not raise the likelihood, the step
@@ -23,7 +23,8 @@ from robacc.geometry import Array
 MOST_ROWS = 1200
 """Largest number of rows that variances are estimated from."""
 MANY_COEFFICIENTS = 120
-"""Coefficients from which shrunk ones are not estimated anew beside the variances: the time grows with their square."""
+"""Coefficients from which shrunk coefficients are not estimated again with the variances: the time grows with their
+square."""
 _ROUNDS = 80
 _SETTLED = 1e-2
 """Change of the restricted log-likelihood below which the iteration stops."""

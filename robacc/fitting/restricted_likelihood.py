@@ -51,7 +51,7 @@ class MixedModel:
     poses: NDArray[np.int64]
     """``(N,)`` number of the commanded pose of each row."""
     correlated_noise: Array | None = None
-    """``(3, 3)`` known covariance of each position beside :attr:`known_var`, m²; None without."""
+    """``(3, 3)`` known covariance of each position in addition to :attr:`known_var`, m²; None without."""
 
     @property
     def is_repeated(self) -> bool:

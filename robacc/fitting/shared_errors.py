@@ -49,7 +49,7 @@ _SIGNIFICANT = 4.0
 """Standard deviations by which kappa must exceed 1. Of 480 simulated sets of independent errors 3 exceeded it by more,
 the largest 4.5; models of a measured arm exceed it by 12 to 60."""
 _EVIDENT = 8.0
-"""Standard deviations from which the reader is told. Errors that are independent, but unequal, reached 6.8."""
+"""Standard deviations from which a warning is given. Errors that are independent, but unequal, reached 6.8."""
 _STANDS_STILL = 1e-3
 """Range of a joint, rad or m, below which it divides no poses."""
 _MOST_VISITS = 3000
@@ -66,7 +66,7 @@ class SharedErrors:
 
     joint: str
     ratio: float
-    """Variance of the coefficients over that beside independent errors: kappa."""
+    """Variance of the coefficients over that for independent errors: kappa."""
     excess: float
     """Standard deviations by which the ratio exceeds 1."""
 
@@ -129,7 +129,7 @@ def shared_errors(fitted: Fit, data: Measurements) -> tuple[SharedErrors, ...]:
 
 
 def _total(joints: Sequence[SharedErrors]) -> float:
-    """Return the variance of the coefficients, over that beside independent errors, by the errors of all joints."""
+    """Return the variance of the coefficients over that for independent errors, by the errors of all joints."""
     return 1.0 + sum(errors.ratio - 1.0 for errors in joints)
 
 

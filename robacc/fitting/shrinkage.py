@@ -51,7 +51,7 @@ class Priors:
     def __init__(
         self, terms: Sequence[Term], prior_stds: Array | None, start: Mapping[str, float], hold: bool = False
     ) -> None:
-        """``prior_stds`` ``(P,)`` are standard deviations, inf or NaN for none.
+        """Start from ``prior_stds`` ``(P,)``, standard deviations, inf or NaN for none.
 
         A group starts at its standard deviation in ``start``, and keeps it with ``hold``, or at its terms' usual size.
         """

@@ -14,7 +14,7 @@ the variance of coefficient k grows by (M. G. Kenward, J. H. Roger, Biometrics 5
 and its degrees of freedom are 2 Phi_kk^2 / (h^T W h), h_j = [Phi X^T R^-1 V_j R^-1 X Phi]_kk (F. E. Satterthwaite,
 Biometrics Bull. 2 (1946) 110-114). A variance that is estimated to be zero is as uncertain as any: all joints count.
 The standard error is stated so that the estimate ± 1.96 standard errors is the 95 % interval. The scatter from visit to
-visit and the noise show in many more values than errors that visits share, and beside these they count as known;
+visit and the noise show in many more values than errors that visits share, and compared with these they count as known;
 without these, visits are the groups, and their scatter counts.
 """
 

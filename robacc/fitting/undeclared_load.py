@@ -68,9 +68,9 @@ class UndeclaredLoad:
     """Whether the torques point to a load on one link."""
 
     joints: tuple[str, ...]
-    """Joints whose deflections it is judged by."""
+    """Joints whose deflections show it."""
     places: tuple[LoadPlace, ...]
-    """Links that the poses do not tell from the best, best first; if no load is named, the best alone."""
+    """Links that the poses do not distinguish from the best, best first; if no load is named, the best alone."""
     is_named: bool
     """True if the best is far more likely than errors of the file's masses alone."""
     mass_error: float

@@ -38,7 +38,9 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
     lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:_MAX_NAMES])
     pattern = outlier_pattern(data, ~fit.inliers, fit.model.arm.names)
     shared = () if pattern is None else (pattern.text,)
-    return (f"outliers left out of the fit: {fit.outliers.size} row(s), on {data.counted}(s) {lines}", *shared)
+    several, more = "s" * (fit.outliers.size > 1), " …" * (fit.outliers.size > _MAX_NAMES)
+    counted = f"{fit.outliers.size} row{several}, on {data.counted}{several} {lines}{more}"
+    return (f"outliers left out of the fit: {counted}", *shared)
 
 
 def few_places_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
@@ -53,8 +55,8 @@ def few_places_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
         return ()
     return (
         f"visits of a pose, or of poses close together, share an error; {n_places} places give {values} independent "
-        f"values for {coefficients} coefficients, so this error is known roughly, and standard errors are "
-        "larger for it: measure at other poses",
+        f"values for {coefficients} coefficients, so this error is known only roughly, and standard errors "
+        "are larger: measure at more different poses",
     )
 
 

@@ -214,7 +214,7 @@ def whitening(
         scatter: Standard deviations of the joints.
         visits: ``(N,)`` number of the visit of each row.
         poses: ``(N,)`` number of the commanded pose of each row; all rows of a visit share it.
-        noise: ``(3, 3)`` covariance of each position beside the weights, m²; None without.
+        noise: ``(3, 3)`` covariance of each position in addition to the weights, m²; None without.
     """
     if scatter.is_none:
         return Whitening(weight) if noise is None else whitening_of_noise(weight, noise)

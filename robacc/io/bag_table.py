@@ -127,8 +127,8 @@ def _check_clocks(path: str, recording: Recording, options: BagOptions) -> None:
     low, high = min(delays, key=delays.__getitem__), max(delays, key=delays.__getitem__)
     if delays[high] - delays[low] > _SAME_CLOCK:
         message = (
-            f"the stamps of {low} and {high} are not of one clock: against the recorder, "
-            f"{high} is {delays[high] - delays[low]:.3g} s later"
+            f"the time stamps of {low} and {high} are not from the same clock: compared with the times of recording, "
+            f"{high} is {delays[high] - delays[low]:.3g} s later than {low}"
         )
         fix = "synchronise the clocks, or use the times of recording: `bag` with clock=recorder"
         raise InputError(Problem(message, path, fix=fix))
@@ -237,5 +237,5 @@ def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, 
     if recording.commanded is not None:
         parts.append(f"commands of {recording.commanded.topic}")
     if are_stands:
-        parts.append(f"{n_standing} of {n_samples} samples in {n_rows} stands, one pose each")
+        parts.append(f"{n_standing} of {n_samples} samples at {n_rows} stops, one pose each")
     return "; ".join(parts)

@@ -124,7 +124,7 @@ class LineReader:
 
     def _too_long(self, line: int) -> InputError:
         message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
-        return InputError(Problem(message, self._log.file, line, fix="expected one line a pose"))
+        return InputError(Problem(message, self._log.file, line, fix="expected one line per pose"))
 
     def _lines(self, data: memoryview, first: int) -> list[str]:
         try:

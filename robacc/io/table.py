@@ -224,16 +224,16 @@ class TableReader:
         return None
 
     def _report_widths(self, body_rows: int) -> None:
-        """Log the rows that do not have as many fields as the header; once if no row fits and all are alike."""
+        """Log rows with another number of fields than the header; once if no row fits and all have the same number."""
         expected = len(self._names)
         widths = {width for _, width in self._widths}
-        alike = not body_rows and len(widths) == 1 and len(self._widths) > 1
-        for number, width in self._widths[:1] if alike else self._widths:
-            more = f" here and in the {len(self._widths) - 1} rows below" if alike else ""
+        is_same = not body_rows and len(widths) == 1 and len(self._widths) > 1
+        for number, width in self._widths[:1] if is_same else self._widths:
+            more = f" here and in the {len(self._widths) - 1} rows below" if is_same else ""
             fix = "write decimals with a point, not a comma" if width > 1.5 * expected else None
             if fix is None and width < expected and body_rows > 1:
                 fix = "if another table or a footer begins here, delete it"
-            if alike and fix is None:
+            if is_same and fix is None:
                 fix = "give each column one name, with the same separator as in the rows"
             fields = "field" if width == 1 else "fields"
             self.log.add(f"found {width} {fields}{more}, expected {expected} as in the header", number, fix=fix)

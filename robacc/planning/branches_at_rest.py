@@ -1,4 +1,4 @@
-"""Joints beside the chain in a plan: they stand still at their positions of the robot file."""
+"""Joints outside the chain in a plan: they stand still at their positions of the robot file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _EQUAL = 1e-4
 
 
 def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
-    """Return positions ``(B, n)`` and names of the joints beside the chain; None if they load no joint of the chain."""
+    """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
     variables = robot.branch_variables
     if not _loading(robot):
         return None, ()
@@ -23,19 +23,19 @@ def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...
 
 
 def at_rest_warning(robot: Robot) -> tuple[str, ...]:
-    """Return a sentence about the joints beside the chain that must stand still; nothing if there are none."""
+    """Return a sentence about the joints outside the chain that must stand still; nothing if there are none."""
     loading = _loading(robot)
     if not loading:
         return ()
     listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in loading)
     return (
-        f"the plan holds the joints beside the chain still: {listed}; their weight counts there, and the planned rows "
-        "state it; position in the robot file changes it",
+        f"the plan holds the joints outside the chain still: {listed}; their weight counts at these positions, which "
+        "the planned rows state; to change them, set position in the robot file",
     )
 
 
 def check_at_rest(robot: Robot, poses: Measurements) -> None:
-    """Check that columns of joints beside the chain hold these at their positions.
+    """Check that columns of joints outside the chain hold these at their positions.
 
     Raises:
         InputError: One of them is elsewhere.
@@ -47,14 +47,14 @@ def check_at_rest(robot: Robot, poses: Measurements) -> None:
         if off.size:
             row = int(off[0])
             found = _with_unit(branch, float(values[row]))
-            message = f"found {found}, expected {_with_unit(branch)}: a plan moves the joints of the chain alone"
+            message = f"found {found}, expected {_with_unit(branch)}: a plan moves only the joints of the chain"
             fix = "set the position of this joint in the robot file to where it stands, or remove the column"
             line = None if poses.rows is None else int(poses.rows[row])
             raise InputError(Problem(message, poses.source, line, branch.joint.name, fix))
 
 
 def _loading(robot: Robot) -> list[BranchJoint]:
-    """Return the moving joints beside the chain whose weight a joint of the chain carries."""
+    """Return the moving joints outside the chain whose weight a joint of the chain carries."""
     if not robot.has_masses:
         return []
     return [branch for branch in robot.branch_variables if robot.carrier(branch) is not None]

@@ -29,7 +29,7 @@ _REFRESHED = 15
 _REFRESHED_WORST = 4
 """The same for the worst error, whose weights change."""
 EXCHANGED = 1000
-"""Candidates besides the chosen poses that exchange looks at."""
+"""Candidates other than the chosen poses that exchange looks at."""
 _LEAST_PIVOT = 1e-12
 PASSES = 3
 """Most passes of exchange over the chosen poses."""
@@ -107,7 +107,7 @@ def choose(
         problem: Candidates and criterion.
         count: Number of candidates to choose.
         allowed: ``(N,)`` candidates that may be chosen; all if None.
-        exchanged: Candidates besides the chosen poses that exchange looks at; 0 for no exchange.
+        exchanged: Candidates other than the chosen poses that exchange looks at; 0 for no exchange.
         passes: Most passes of exchange over the chosen poses.
     """
     free = np.ones(problem.rows.shape[1], dtype=bool) if allowed is None else allowed.copy()

@@ -1,4 +1,4 @@
-"""Detection limits and power of every effect at planned poses, and pairs of effects that stay inseparable.
+"""Detection limits and power of every effect at planned poses, and pairs of effects that are not distinguishable.
 
 The poses are in their planned order, so directions and speeds of approach and the time are known. The noise is known
 too; the test is that of a trace (:mod:`robacc.tracing.detection`).
@@ -28,7 +28,7 @@ FOLDS = 5
 _LARGEST = 300.0
 """Largest limit, in multiples of the typical size."""
 _CERTAIN = 10.0
-"""Multiple of the noncentrality of an even chance from which an effect is found for certain, to nine digits."""
+"""Multiple of the noncentrality at probability 1/2 from which an effect is found for certain, to nine digits."""
 _DETECTABLE = 0.5
 """Power from which an effect counts as detectable at its usual size."""
 
@@ -101,7 +101,7 @@ class _Form:
 
 
 def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Detectability:
-    """Return detection limits beside the free effects of ``model``, for the rows of ``data`` in their order."""
+    """Return detection limits given the free effects of ``model``, for the rows of ``data`` in their order."""
     pool, missing = named_candidates(model.arm, data, model.free)
     pool = [c for c in pool if not c.is_block and len({term.unit for term in c.terms}) == 1]
     names = [{term.name for term in candidate.terms} for candidate in pool]
@@ -194,7 +194,7 @@ def usual_size(effect: str) -> float:
 
 
 def _pairs(forms: list[_Form], gram: Array) -> tuple[tuple[InseparablePair, ...], int]:
-    """Return the pairs of detectable effects, one form for each effect and joint, that stay inseparable."""
+    """Return the pairs of detectable effects, one form for each effect and joint, that are not distinguishable."""
     first_forms: dict[tuple[str, tuple[str, ...]], _Form] = {}
     for form in forms:
         if form.limit.power >= _DETECTABLE:

@@ -1,9 +1,9 @@
-"""Choice of poses for a trace: every effect of the catalogue is found at its usual size, and separated from its rivals.
+"""Choice of poses on which a trace finds every effect at its usual size, and distinguishes it from its rivals.
 
-Beside the free effects, a coefficient k of the usual size has the noncentrality v_k, the squared length of its whitened
+Given the free effects, a coefficient k of the usual size has the noncentrality v_k, the squared length of its whitened
 column orthogonal to theirs. A trace finds it with a probability near Phi(sqrt(v_k) - sqrt(c_k)), where c_k is the
-noncentrality of an even chance. Beside its nearest rival r as well, v_k - c_kr^2 / v_r remains; from twice the evidence
-that makes a rival an alternative, the two are separable. The design maximises the mean of the two probabilities.
+noncentrality at probability 1/2. Given its nearest rival r as well, v_k - c_kr^2 / v_r remains; from twice the evidence
+that makes a rival an alternative, the two are distinguishable. The design maximises the mean of the two probabilities.
 
 With x = C A^T b the regression of the columns b on the free ones A, pose n adds r^T (I + A_n C A_n^T)^-1 r to the
 products of the columns, r = b_n - A_n x; recursive least squares updates x (Å. Björck, "Numerical Methods for Least
@@ -35,7 +35,7 @@ _PASSES = 2
 _LEAST_GAIN = 1e-3
 _RANDOM_DRAWS = 10
 _EXACT = 1e-6
-"""Share of a column that must remain beside a rival: exact equals are separable by no poses."""
+"""Share of a column that must remain given a rival: no poses distinguish exact equals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class PowerProblem:
     products: Array
     """``(K, K)`` products of the catalogue's columns over the poses measured already."""
     even_chance: Array
-    """``(K,)`` noncentrality of an even chance."""
+    """``(K,)`` noncentrality at which the coefficient is found with probability 1/2."""
     rival: NDArray[np.int64]
     """``(K,)`` nearest rival of each coefficient; itself where it has none."""
 
@@ -92,7 +92,7 @@ class ExpectedPower:
 
     detected: float
     separated: float
-    """That it is found and separated from its nearest rival."""
+    """Probability that an effect is found and distinguished from its nearest rival."""
 
 
 def expected_power(problem: PowerProblem, chosen: NDArray[np.int64]) -> ExpectedPower:

@@ -20,6 +20,6 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
     enough = math.ceil(n_coefficients / components) - n_known
     return (
         f"{n_poses + n_known} pose{'s' * (n_poses + n_known != 1)} measure {measured} coordinates, fewer than the "
-        f"{n_coefficients} coefficients of the fit: it would stay near the nominal model in some directions and be "
-        f"arbitrary in others; plan at least {enough} poses, and more for a check on poses that are held out",
+        f"{n_coefficients} coefficients of the fit: the fit would stay near the nominal model in some directions and "
+        f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses",
     )

@@ -63,7 +63,7 @@ FIXED_KINDS: Mapping[str, Kind] = _fixed_kinds()
 """Kind of every column name without a joint's number."""
 JOINT_COLUMN = re.compile(r"(dir_|speed_|read_)?q([1-9]\d{0,2})", re.ASCII)
 BRANCH_KEY = re.compile(r"branch_q(\d+)", re.ASCII)
-"""Key of a joint beside the chain."""
+"""Key of a joint outside the chain."""
 COMMANDED_JOINT = re.compile(r"cmd_q[1-9]\d{0,2}", re.ASCII)
 """Another name of a commanded joint."""
 
@@ -93,7 +93,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class BranchColumn:
-    """Joint beside the robot's chain that moves mass, and may have a column."""
+    """Joint outside the robot's chain that moves mass, and may have a column."""
 
     name: str
     type: str
@@ -111,9 +111,9 @@ class Names:
     joint_names: tuple[str, ...]
     joint_types: tuple[str, ...]
     keys_by_joint_name: dict[str, str] = field(default_factory=dict)
-    """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``; of a joint beside the chain too."""
+    """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``; of a joint outside the chain too."""
     branches: tuple[BranchColumn, ...] = ()
-    """Joints beside the chain, whose keys are ``branch_q1 …``."""
+    """Joints outside the chain, whose keys are ``branch_q1 …``."""
 
     @classmethod
     def of(

@@ -204,12 +204,12 @@ def _read_back(values: Values) -> tuple[Array | None, tuple[str, ...]]:
     largest = float(np.max(np.abs(read_back - q)))
     if largest <= READ_BACK_TOLERANCE:
         return read_back, ()
-    text = f"the attained joints are up to {largest:.3g} (rad or m) off the commanded ones, so they are not used"
+    text = f"the attained joints are up to {largest:.3g} (rad or m) off the commanded joints, so they are not used"
     return None, (text,)
 
 
 def _branches(values: Values) -> tuple[Array | None, tuple[str, ...]]:
-    """Return the joints beside the chain ``(B, N)``, and a warning of those without a column that load the chain."""
+    """Return the joints outside the chain ``(B, N)``, and a warning of those without a column that load the chain."""
     branches = values.layout.branches
     if not branches:
         return None, ()
@@ -224,7 +224,8 @@ def _branches(values: Values) -> tuple[Array | None, tuple[str, ...]]:
     if not lacking:
         return np.array(rows), ()
     names, verb = listing([branch.name for branch in lacking]), "has" if len(lacking) == 1 else "have"
+    counts = "counts" if len(lacking) == 1 else "count"
     where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
     fix = f"add the column {lacking[0].name}" if len(lacking) == 1 else "add a column for each"
-    text = f"{names} beside the chain {verb} no column and count at {where}; if they moved, their weight did: {fix}"
+    text = f"{names} outside the chain {verb} no column and {counts} as fixed at {where}; if the arm moved them, {fix}"
     return np.array(rows), (text,)

@@ -76,7 +76,7 @@ def find_columns(
             if not key.removeprefix(prefix).startswith("q"):
                 result.angles[prefix] = _CANDIDATES[candidate.meaning.family]
         if candidate.meaning.commanded is False and key.startswith("q"):
-            result.remarks.append("joint variables are attained ones, used as commanded")
+            result.remarks.append("joint variables are attained values, used as commands")
     result.without_unit = tuple(_with_unit_of_position(nameless, result))
     _ask_coverage([item for item in chosen.values() if item.meaning.expanded], reading, log, header.line)
     taken = {column.index for column in result.columns.values()}

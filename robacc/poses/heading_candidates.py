@@ -144,7 +144,7 @@ def _without_conflicts(
 
 
 def _read_back(items: Sequence[HeadingCandidate]) -> HeadingCandidate | None:
-    """Return the attained joint of a pair of a commanded and an attained one, written alike; else None."""
+    """Return the attained joint of a commanded and an attained joint in the same unit; else None."""
     commanded = [item for item in items if item.meaning.commanded is not False]
     attained = [item for item in items if item.meaning.commanded is False]
     if len(commanded) != 1 or len(attained) != 1 or commanded[0].heading.unit != attained[0].heading.unit:

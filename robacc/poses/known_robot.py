@@ -29,7 +29,7 @@ class KnownRobot:
     """Targets of the robot file, empty for a robot with one tool; None: no robot is known, and any name is valid.
     ``any``: several targets are valid although the robot has one tool, as columns ``x1 … z2`` too."""
     branches: Sequence[BranchColumn] = ()
-    """Joints beside the chain that move mass; each stands at its position where it has no column."""
+    """Joints outside the chain that move mass; each stands at its position where it has no column."""
     outside: Mapping[str, str] = field(default_factory=dict)
     """Joints outside the chain that a joint variable follows, and the rule by which it does."""
     orientation_at: OrientationAt | None = None

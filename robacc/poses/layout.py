@@ -35,7 +35,7 @@ _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
 _ANGLES_OF_SIGHT = frozenset({"az", "azimuth", "hz", "horizontal", "theta"})
-_ALIKE = 0.8
+_SIMILAR = 0.8
 """Similarity of two names (0 to 1) from which one may be a slip of the other."""
 
 
@@ -51,7 +51,7 @@ class Layout:
     commanded_orientation: tuple[str, ...] | None
     warnings: tuple[str, ...]
     branches: tuple[BranchColumn, ...] = ()
-    """Joints beside the chain; those with a column have the keys ``branch_q1 …``."""
+    """Joints outside the chain; those with a column have the keys ``branch_q1 …``."""
     angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Conventions that rx, ry, rz may belong to, by the prefix of the keys; without an entry they are documented."""
     without_unit: tuple[Column, ...] = ()
@@ -175,8 +175,8 @@ def _foreign_layout(
 def _with_suggestion(name: str, names: Names) -> str:
     """Return a name in quotes, with the documented name that it resembles."""
     nearest = names.nearest(name)
-    alike = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= _ALIKE
-    return f"{clip(name)} (did you mean {nearest}?)" if alike else clip(name)
+    is_similar = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= _SIMILAR
+    return f"{clip(name)} (did you mean {nearest}?)" if is_similar else clip(name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -181,7 +181,7 @@ class UnitChecks:
         if ratio is None:
             return
         names = [self.values.layout.columns[key].name for key in (*AXES, *COMMANDED_AXES)]
-        message = f"attained positions spread {ratio:.3g} times as far as commanded ones, so one of the two is in mm"
+        message = f"attained positions spread {ratio:.3g} times as far as commanded positions, so one of them is in mm"
         self.log.add(
             message, self.line, ", ".join(names), "put the unit in the columns' names, for example x_mm and cmd_x_m"
         )

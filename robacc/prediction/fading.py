@@ -1,7 +1,7 @@
 """Uncertainty that profiles add beyond the ranges that they were fitted on.
 
 Beyond its range a profile fades to its level at the end of the range, while the variance of its coefficients grows to
-that of the prior. What fading takes from the profile counts as a standard deviation besides: near the range the poses
+that of the prior. What fading takes from the profile also counts as a standard deviation: near the range the poses
 still say something of it.
 """
 

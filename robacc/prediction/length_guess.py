@@ -20,7 +20,7 @@ class QuantileGuess:
     """Polynomial of the squared radius of one probability over the shares of the variances."""
 
     def __init__(self, solve: Callable[[Array], Array]) -> None:
-        """``solve`` returns the squared radii ``(N,)`` of shares ``(3, N)``, exactly."""
+        """Fit the polynomial; ``solve`` returns the squared radii ``(N,)`` of shares ``(3, N)``, exactly."""
         # Chebyshev's points of the first kind, and the discrete orthogonality of the polynomials on them.
         angle = (np.arange(_DEGREE + 1) + 0.5) * np.pi / (_DEGREE + 1)
         at = 0.5 + 0.5 * np.cos(angle)

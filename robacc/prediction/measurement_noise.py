@@ -59,7 +59,7 @@ def noise_scales(
     triangles: Sequence[Array],
     counts: Sequence[int],
 ) -> tuple[list[float], list[NoiseSource]]:
-    """Return the standard deviation of each triangle besides the file's weights, and its source."""
+    """Return the standard deviation of each triangle in addition to the file's weights, and its source."""
     in_file = (data.sigma_position is not None, data.sigma_rotation is not None)
     sigma: list[float | None] = []
     sources: list[NoiseSource] = []

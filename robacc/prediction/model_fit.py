@@ -82,7 +82,7 @@ class ModelFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return a warning for users of the model whose fit made a data mistake likely."""
-        return tuple(f"the model is doubtful since its fit: {text}" for text in self.suspicions)
+        return tuple(f"doubtful model: {text}" for text in self.suspicions)
 
 
 def model_fit(robot: Robot) -> ModelFit | None:

@@ -97,12 +97,12 @@ class Arm:
 
     @cached_property
     def branches_follow(self) -> bool:
-        """Return whether a joint beside the chain follows a joint of the chain."""
+        """Return whether a joint outside the chain follows a joint of the chain."""
         first = len(self.robot.branch_variables)
         return any(drive.joint >= first for _, chain in self.branches for drive in chain.drives)
 
     def _branch_path(self, last: BranchJoint) -> list[BranchJoint]:
-        """Return the joints beside the chain up to ``last``."""
+        """Return the joints outside the chain up to ``last``."""
         beside = {branch.joint.name: branch for branch in self.robot.branches}
         path = [last]
         while path[0].parent in beside:

@@ -83,7 +83,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class BranchJoint:
-    """Joint beside the chain that moves mass: the other arm of a torso, a slide with a tool."""
+    """Joint outside the chain that moves mass: the other arm of a torso, a slide with a tool."""
 
     joint: Joint
     """Joint and its link, in the convention of a URDF."""
@@ -143,7 +143,7 @@ class Robot:
     fit: Mapping[str, Any] | None = None
     """Part ``fit:`` of a model file, unchanged; :mod:`robacc.prediction.model_fit` reads it."""
     branches: tuple[BranchJoint, ...] = ()
-    """Joints beside the chain that move mass; each stands behind its parent."""
+    """Joints outside the chain that move mass; each stands behind its parent."""
     identity: Mapping[str, str] = field(default_factory=dict)
     """What was tested, by the keys of :data:`robacc.robots.identity.IDENTITY`."""
     file_text: str | None = field(default=None, compare=False, repr=False)
@@ -161,7 +161,7 @@ class Robot:
 
     @property
     def branch_variables(self) -> tuple[BranchJoint, ...]:
-        """Joints beside the chain that move, in the order of :attr:`branches`: the rows of a measurement's branches."""
+        """Moving joints outside the chain, in the order of :attr:`branches`: the rows of a measurement's branches."""
         return tuple(branch for branch in self.branches if branch.joint.is_variable)
 
     def carrier(self, branch: BranchJoint) -> str | None:

@@ -53,7 +53,7 @@ def parse_urdf(
             :func:`~robacc.robots.urdf_chain.choose_chain` chooses the chain.
 
     A joint that follows a joint outside the chain becomes a joint variable, because nothing in the chain moves it.
-    Masses of links beside the chain, such as a gripper's, count with the link of the chain that carries them; joints
+    Masses of links outside the chain, such as a gripper's, count with the link of the chain that carries them; joints
     that move much of it, such as those of another arm, are branches.
 
     Raises:

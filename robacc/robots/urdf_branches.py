@@ -1,4 +1,4 @@
-"""Masses of a URDF's links beside the chain: grippers, hoses' clamps, cameras, a second arm."""
+"""Masses of a URDF's links outside the chain: grippers, hoses' clamps, cameras, a second arm."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def with_branches(
 ) -> tuple[list[Joint], tuple[BranchJoint, ...]]:
     """Return the joints of a chain, each link with the mass that it carries rigidly, and the joints of branches.
 
-    A joint beside the chain that moves little mass stands at zero, as if it were fixed. Joints that follow others are
+    A joint outside the chain that moves little mass stands at zero, as if it were fixed. Joints that follow others are
     not resolved yet (:mod:`.urdf_mimics`). A chain without any mass stays without.
 
     Args:

@@ -32,7 +32,7 @@ def resolve_branch_mimics(
     joints: Sequence[Joint],
     branches: Sequence[BranchJoint],
 ) -> tuple[BranchJoint, ...]:
-    """Return the joints beside the chain with every mimic made to follow, directly, a variable of chain or branches.
+    """Return the joints outside the chain with every mimic made to follow, directly, a variable of chain or branches.
 
     A joint that a joint of the chain follows moves as that one tells: ``q_m = (q_a - o_a) / m_a``. A joint that follows
     one which stands at zero keeps a variable.
@@ -42,7 +42,7 @@ def resolve_branch_mimics(
         elements: Each joint's element, by its name.
         all_joints: Joints of the file, as yourdfpy reads them.
         joints: Joints of the chain, whose mimics are not resolved.
-        branches: Joints beside the chain, whose mimics are not resolved.
+        branches: Joints outside the chain, whose mimics are not resolved.
     """
     inside = {joint.name for joint in joints}
     leaders: dict[str, tuple[str, Mimic]] = {}

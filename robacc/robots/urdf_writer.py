@@ -127,7 +127,7 @@ class _Writer:
             _add_inertial(link, joint, tail)
 
     def place_branches(self, robot: Robot) -> None:
-        """Add the joints beside the chain, each on the link that carries it; the chain's last link stays the last."""
+        """Add the joints outside the chain, each on the link that carries it; the chain's last link stays the last."""
         last = self.link
         for branch in robot.branches:
             self.link, tail = self.carriers[branch.parent]

@@ -1,4 +1,4 @@
-"""Read the joints beside the chain of a robot file: what else the arm's links carry and what moves it."""
+"""Read the joints outside the chain of a robot file: what else the arm's links carry and what moves it."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from robacc.robots.yaml_units import Units
 
 
 def read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tuple[BranchJoint, ...]:
-    """Return the joints beside the chain of the key ``branches``; each parent must be ``base`` or an earlier joint.
+    """Return the joints outside the chain of the key ``branches``; each parent must be ``base`` or an earlier joint.
 
-    A joint may follow another one beside the chain, or a joint of the chain.
+    A joint may follow another one outside the chain, or a joint of the chain.
     """
     node, source = top.get("branches"), top.source
     if node is None:
         return ()
     names = {joint.name for joint in joints}
     branches, nodes = [], []
-    for i, item in enumerate(source.items(node, "branches", "joints beside the chain")):
+    for i, item in enumerate(source.items(node, "branches", "joints outside the chain")):
         path = f"branches[{i}]"
         branch = read_branch(source, item, i, units)
         if branch is None:

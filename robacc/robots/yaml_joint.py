@@ -51,7 +51,7 @@ def read_joint(source: Source, node: yaml.Node, index: int, convention: Conventi
 
 
 def read_branch(source: Source, node: yaml.Node, index: int, units: Units) -> BranchJoint | None:
-    """Return the joint beside the chain of a list entry, None where it cannot be read."""
+    """Return the joint outside the chain of a list entry, None where it cannot be read."""
     section = source.section(node, f"branches[{index}]", _BRANCH_KEYS)
     if section is None:
         return None

@@ -40,7 +40,7 @@ _LINEARISED_POSES = 4 * SELECTION_POSES
 
 @dataclass(frozen=True, eq=False)
 class CandidatePool:
-    """Candidates beside the declared effects of an arm, on n of N poses: all, or :data:`_LINEARISED_POSES` of them."""
+    """Candidates given the declared effects of an arm, on n of N poses: all, or :data:`_LINEARISED_POSES` of them."""
 
     arm: Arm
     data: Measurements
@@ -57,7 +57,7 @@ class CandidatePool:
     _refined_forms: dict[tuple[object, ...], list[Candidate]] = dataclasses.field(default_factory=dict)
     """Forms of the effects that any selection has refined, by their keys."""
     _forms_beside: dict[tuple[object, ...], list[Candidate]] = dataclasses.field(default_factory=dict)
-    """Candidates beside the effects that any selection has found, by their keys."""
+    """Candidates that need an effect that any selection has found, by the keys of these effects."""
 
     @classmethod
     def of(
@@ -133,7 +133,7 @@ class CandidatePool:
         return batches(self.arm, self._refined_forms[key], at)
 
     def beside(self, effect: Effect, at: NDArray[np.int64]) -> list[Batch]:
-        """Return what is a candidate only beside an effect, on the poses ``at``."""
+        """Return the candidates that need an effect, on the poses ``at``."""
         key = effect.key()
         if key not in self._forms_beside:
             classes = [cls for name, cls in REGISTRY.items() if self.only is None or name in self.only]
@@ -155,7 +155,7 @@ class CandidatePools:
         self._pools: list[CandidatePool] = []
 
     def of(self, arm: Arm, declared: Sequence[Effect]) -> CandidatePool:
-        """Return the pool of an arm beside its declared effects."""
+        """Return the pool of an arm given its declared effects."""
         effects = tuple(declared)
         for pool in self._pools:
             if pool.arm is arm and pool.declared == effects:
@@ -165,7 +165,7 @@ class CandidatePools:
 
 
 def log_prior_beside(effect: Effect) -> float:
-    """Return the log prior of an effect that is a candidate only beside a finding."""
+    """Return the log prior of an effect that is a candidate only if there is a certain finding."""
     return math.log(effect.odds_beside / TYPICAL_CANDIDATES)
 
 

@@ -1,4 +1,4 @@
-"""Candidates on one linearisation, and the score of each beside a given model."""
+"""Candidates on one linearisation, and the score of each given a model."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Expand = Callable[[Candidate], Array]
 
 @dataclass
 class CandidateScorer:
-    """Scorer of all candidates on some poses, beside the columns of the present model."""
+    """Scorer of all candidates on some poses, given the columns of the present model."""
 
     system: Columns
     base: tuple[int, ...]
@@ -144,7 +144,7 @@ class CandidateScorer:
         with_blocks: bool = False,
         among: Collection[EffectName] | None = None,
     ) -> list[Ranked]:
-        """Return all candidates beside ``present``, or those of the effects ``among``, best first.
+        """Return all candidates given ``present``, or those of the effects ``among``, best first.
 
         Of each joint's orders only the best competes.
         """
@@ -200,7 +200,7 @@ class CandidateScorer:
         return replace(entry, handicap=IMPOSSIBLE if candidate.effect.rejects_implausible else HANDICAP)
 
     def rank_high_orders(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
-        """Return the best high order of each joint beside ``present``, best first."""
+        """Return the best high order of each joint given ``present``, best first."""
         if self._high_orders is None:
             self._high_orders = SearchedForms([self._orders(grid) for grid in self.high_grids])
         orders = _single_orders(present)
@@ -209,7 +209,7 @@ class CandidateScorer:
         )
 
     def rank_places(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
-        """Return the best place of each form of an effect of the line of sight beside ``present``, best first."""
+        """Return the best place of each form of an effect of the line of sight given ``present``, best first."""
         if self._sights is None:
             self._sights = SearchedForms([self._places_of(scan) for scan in self.place_scans])
         keys = {finding.candidate.effect.search_key() for finding in present}
@@ -217,7 +217,7 @@ class CandidateScorer:
         return sorted_by_odds(r for r in best if r.candidate.effect.search_key() not in keys)
 
     def rank_beside(self, conditioned: Conditioned, present: Sequence[Chosen]) -> list[Ranked]:
-        """Return what is a candidate only beside one of the findings ``present``, best first."""
+        """Return the candidates that need one of the findings ``present``, best first."""
         keys = {finding.candidate.effect.search_key() for finding in present}
         ranked: list[Ranked] = []
         for batch, family in (pair for finding in present for pair in self.families.beside(finding.candidate.effect)):
@@ -251,7 +251,7 @@ class CandidateScorer:
         return ranked
 
     def score(self, finding: Chosen, conditioned: Conditioned) -> Ranked:
-        """Return the score of a candidate with columns in the system, beside a model without it."""
+        """Return the score of a candidate with columns in the system, given a model without it."""
         weight = finding.candidate.weights if finding.candidate.terms else np.ones(finding.columns.size)
         scores = judge(
             (conditioned.block(finding.columns) * weight[:, None] * weight)[None],

@@ -1,4 +1,4 @@
-"""Choice of effects on one linearisation: named effects first, or corrections beside them from the start."""
+"""Choice of effects on one linearisation: named effects first, or corrections together with them from the start."""
 
 from __future__ import annotations
 

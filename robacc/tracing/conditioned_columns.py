@@ -264,7 +264,7 @@ class Family:
         return np.stack([self._products[number] for number in numbers.tolist()]) if numbers.size else self._none
 
     def best(self, conditioned: Conditioned) -> tuple[int, Scores]:
-        """Return the number of the best candidate beside a model, and the scores."""
+        """Return the number of the best candidate given a model, and the scores."""
         scores = self.judge(conditioned, (slice(0, len(self.rhs)),))
         return int(np.argmax(scores.evidence)), scores
 
@@ -274,7 +274,7 @@ class Family:
         return np.asarray(shared @ self.basis.reshape(-1, self.basis.shape[2]).T)
 
     def judge(self, conditioned: Conditioned, best_of: Sequence[slice] | None = None) -> Scores:
-        """Return the scores of all candidates beside a model; with ``best_of`` of those that can be a group's best."""
+        """Return the scores of all candidates given a model; with ``best_of`` of those that can be a group's best."""
         gram, rhs = conditioned.remaining(self)
         count = rhs.shape[0]
         return judge(

@@ -52,17 +52,17 @@ def reproduced(search_result: SearchResult, choices: FoldChoices | None, data: M
     return _significant(search_result, effects, selection, data)
 
 
-def significant_beside_structure(
+def significant_given_structure(
     search_result: SearchResult, final: Fit, inflation: Array, data: Measurements
 ) -> tuple[SearchResult, tuple[str, ...]]:
-    """Return the search without findings that are not significant beside the errors that remain, and a warning.
+    """Return the search without findings that are not significant given the errors that remain, and a warning.
 
     Errors that poses share, or that are correlated or unequal, let effects fit them by chance.
 
     Args:
         search_result: The findings.
         final: Their fit.
-        inflation: ``(P,)`` variance of each of its coefficients over that beside independent errors.
+        inflation: ``(P,)`` variance of each of its coefficients over that for independent errors.
         data: Poses of the search.
     """
     by_key = {
@@ -77,9 +77,7 @@ def significant_beside_structure(
     withdrawn = [str(effect) for effect in search_result.effects if effect not in kept.effects]
     if not withdrawn:
         return search_result, ()
-    return kept, _withdrawn_warnings(
-        {"it is not significant beside the structure of the errors that remain": withdrawn}
-    )
+    return kept, _withdrawn_warnings({"it is not significant given the structure of the errors that remain": withdrawn})
 
 
 def _significant(
@@ -89,7 +87,7 @@ def _significant(
     data: Measurements,
     inflation: Callable[[Effect], float] = lambda effect: 1.0,
 ) -> SearchResult:
-    """Return the search with those of ``effects`` that are significant beside each other, fitted together.
+    """Return the search with those of ``effects`` that are significant given each other, fitted together.
 
     ``selection`` holds ``effects`` but for frames, which are not tested. ``inflation`` is as in
     :meth:`Selection.prune`.

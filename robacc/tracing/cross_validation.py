@@ -80,7 +80,7 @@ class CrossValidation:
     choices: FoldChoices | None = None
     """What each fold chose; None if poses of another file are held out."""
     model_effects: tuple[frozenset[Effect], ...] = ()
-    """Effects that each fold's model has beside the declared ones."""
+    """Effects that each fold's model has in addition to the declared effects."""
 
     @property
     def folds(self) -> int:
@@ -97,7 +97,7 @@ class _Fold:
     without: tuple[Array | None, ...]
     """Residuals without each finding, in their order; None if the model cannot be fitted without it."""
     model_effects: frozenset[Effect]
-    """Effects of the model beside the declared ones."""
+    """Effects of the model in addition to the declared effects."""
 
 
 def fold_choices(

@@ -1,6 +1,6 @@
 """Detection limits: the smallest size at which each effect is found on these poses with probability 1/2.
 
-An effect of coefficients c whose columns have, beside the present model, the new part G (whitened Gram matrix) raises
+An effect of coefficients c whose columns have, given the present model, the new part G (whitened Gram matrix) raises
 the F test's noncentrality to c' G c over the noise variance. Its detection limit is the size at which the test, at the
 level corrected for all candidates, finds it with probability 1/2. With cross-validation the test is that
 of a fold: on its share of the poses, at the level of folds (:func:`robacc.tracing.selection.fold_level`).
@@ -49,7 +49,7 @@ class DetectionLimit:
 
 
 def detection_limits(selection: Selection, weight: Array, n_folds: int = 0, share: float = 1.0) -> list[DetectionLimit]:
-    """Return the limit of every named candidate beside the findings, except forms of mixed units.
+    """Return the limit of every named candidate given the findings, except forms of mixed units.
 
     ``weight`` ``(M, n)`` are the whitening weights of the poses that the selection uses, which are the ``share`` of all
     poses. A finding must recur in half of ``n_folds`` folds; 0 for no cross-validation.

@@ -54,7 +54,7 @@ class Scores:
     def p_value(self, i: int, inflation: float = 1.0) -> float:
         """Return the significance of candidate ``i`` alone, not corrected for the number of candidates.
 
-        ``inflation`` is the variance of its coefficients over that beside independent errors.
+        ``inflation`` is the variance of its coefficients over that for independent errors.
         """
         if self.rank[i] == 0:
             return 1.0

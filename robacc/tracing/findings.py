@@ -189,7 +189,7 @@ def _score_when_added(
 
 
 def _change(search_result: SearchResult, effect: Effect, choice: Chosen | None) -> tuple[float, float, float] | None:
-    """Return the place of a step with its interval, beside all other findings."""
+    """Return the place of a step with its interval, given all other findings."""
     if not is_step(effect):
         return None
     place = place_of(effect)
@@ -226,7 +226,7 @@ def _finding_warnings(effect: Effect, moved: Array | None, chosen: tuple[int, in
     warnings = []
     if p_value > FALSE_ALARM:
         warnings.append(
-            f"{effect} lowers the error of held-out poses, but is not significant beside the structure of the errors "
+            f"{effect} lowers the error of held-out poses, but is not significant given the structure of the errors "
             f"that remain (p = {p_value:.2g}): it may stand for an effect that the model lacks"
         )
     if chosen[1] and chosen[0] < _LEAST_STABILITY * chosen[1]:

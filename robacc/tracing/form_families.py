@@ -46,7 +46,7 @@ class FormFamilies:
             whitening: Whitening of these poses.
             step_scans: Forms of a step.
             refinements: Function that returns the forms in which a search refines an effect.
-            beside: Function that returns what is a candidate only beside an effect.
+            beside: Function that returns the candidates that need an effect.
         """
         self._system, self._joint_columns, self._poses, self._step_scans = system, joint_columns, poses, step_scans
         self._adjoints = Adjoints(whitening)
@@ -97,7 +97,7 @@ class FormFamilies:
         return self._refined[key]
 
     def beside(self, effect: Effect) -> Sequence[BatchFamily]:
-        """Return what is a candidate only beside an effect."""
+        """Return the candidates that need an effect."""
         key = effect.key()
         if key not in self._beside:
             self._beside[key] = self.of(self._make_beside(effect))

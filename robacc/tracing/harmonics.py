@@ -75,7 +75,7 @@ def profile_harmonics(selection: Selection, profile: Chosen) -> tuple[Harmonic, 
     """Return the strong harmonics of a joint's complete profile, by descending evidence.
 
     Neighbouring orders of a profile share a physical harmonic, and the model mostly reproduces the profile's slow part.
-    So the profile is removed and single orders, integer or not, are added in its place in turn, each beside those
+    So the profile is removed and single orders, integer or not, are added in its place in turn, each given those
     before.
     """
     joint = profile.candidate.effect.joints[0]
@@ -135,8 +135,8 @@ def counterbalance_statement(effect: Effect, harmonics: Sequence[Harmonic], effe
     if not springs or not harmonics or any(harmonic.order > _OF_COUNTERBALANCE for harmonic in harmonics):
         return None
     return (
-        f"beside {springs[0]}, a counterbalance across {effect.joints[0]} has this shape too: a spring or cylinder "
-        "whose torque follows the joint's angle, which the robot file does not state"
+        f"with {springs[0]}, a counterbalance across {effect.joints[0]} has the same shape: a spring or cylinder that "
+        "the robot file does not state, whose torque follows the joint's angle"
     )
 
 

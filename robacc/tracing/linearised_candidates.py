@@ -31,8 +31,9 @@ from robacc.tracing.step_scans import StepScan, scan_for, scan_of
 from robacc.tracing.whitened_columns import Columns
 
 _SHARE_OF_PRECISION = 1e-3
-"""Share of the precision of a constant's prior that counts beside candidates: thirty times its standard deviation. The
-prior is estimated where effects are missing, which makes it narrow; here it only excludes constants that no arm has."""
+"""Share of the precision of a constant's prior that counts when candidates are scored: thirty times its standard
+deviation. The prior is estimated where effects are missing, which makes it narrow; here it only excludes constants that
+no arm has."""
 _OFF_GRID_LOG_PRIOR = -8.0
 """Log prior of an order on a joint whose orders are not searched: about that of a searched order."""
 
@@ -161,7 +162,7 @@ def linearise(fit: Fit, pool: CandidatePool) -> LinearisedCandidates:
 
     ``pool`` is that of the fit's arm and declared effects. The contribution of the findings is put back into the
     residual, to first order, so that they are candidates again. Weakly identifiable coefficients keep the prior of the
-    fit: without it, some directions of theirs with hardly any effect on the poses would reproduce a finding by
+    fit. Without it, directions with almost no effect on the poses would reproduce a finding by
     coefficients that no arm has.
     """
     model, arm, data = fit.model, pool.arm, pool.data

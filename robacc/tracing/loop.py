@@ -31,9 +31,9 @@ _SCATTER_ROUNDS = 3
 _LEAST_SHARE = 0.25
 """Least evidence for scatter alone, as a share of that for effects, for which a search starts with scatter too."""
 _CLEARLY_BETTER = 2.0
-"""Standard errors by which effects must predict held-out poses better than fewer effects beside scatter do, to stay."""
+"""Standard errors by which effects must predict held-out poses better than fewer effects with scatter do, to stay."""
 _LEAST_WORTH = 5.0
-"""Least evidence (log Bayes factor) of a step or a drift of the scale beside errors that wander (odds of 150 to 1)."""
+"""Least evidence (log Bayes factor) of a step or a drift of the scale given errors that wander (odds of 150 to 1)."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class _Search:
                 last = self._round_of(effects, self._fit_of(last, effects))
 
     def _fit_of(self, last: _Round, effects: tuple[Effect, ...]) -> Fit:
-        """Return the fit of exactly these effects beside the baseline, started at the last one."""
+        """Return the fit of the baseline and exactly these effects, started at the last one."""
         return refit(last.fit, (*self.baseline.model.free, *frames_first(effects)), self.data, self.options)
 
     def _round_of(self, effects: tuple[Effect, ...], fitted: Fit) -> _Round:
@@ -188,7 +188,7 @@ class _Search:
         return evidence - explained_by_wander(without, last.fit, self.data)
 
     def update_scatter(self, last: _Round) -> bool:
-        """Estimate the joints' scatter beside the findings; return whether it changed, with the baseline refitted."""
+        """Estimate the joints' scatter with the findings; return whether it changed, with the baseline refitted."""
         components = significant_components(last.fit, self.data)
         if components is None:
             return False

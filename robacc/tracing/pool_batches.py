@@ -20,7 +20,7 @@ _SIZES = (1, 2, 3, 4, 9)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PoolBatch:
-    """Candidates of the pool that are scored together; smaller ones have columns of weight zero besides theirs."""
+    """Candidates of the pool that are scored together; smaller candidates have additional columns of weight zero."""
 
     members: tuple[int, ...]
     """Numbers of B candidates."""
@@ -46,7 +46,7 @@ class PoolBatch:
         return cls(tuple(members), columns, weights, products, np.array([pool[i].is_block for i in members]))
 
     def judge(self, conditioned: Conditioned) -> Scores:
-        """Return the scores of the candidates beside a model."""
+        """Return the scores of the candidates given a model."""
         return judge(
             conditioned.blocks(self.columns) * self.products,
             conditioned.rhs[self.columns] * self.weights,

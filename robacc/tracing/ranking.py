@@ -1,4 +1,4 @@
-"""Candidates in a model, and the scores of candidates beside it."""
+"""Candidates in a model, and the scores of candidates given it."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ _ROUNDS = 4
 
 
 def refined(scorer: CandidateScorer, conditioned: Conditioned, finding: Chosen) -> Candidate:
-    """Return a finding with its searched setting improved, beside the model ``conditioned`` without it."""
+    """Return a finding with its searched setting improved, given the model ``conditioned`` without it."""
     effect = finding.candidate.effect
     if is_step(effect):
         return _best_step(scorer, conditioned, effect) or finding.candidate

@@ -76,8 +76,8 @@ def _candidate_hints(search_result: SearchResult, best: Ranked) -> Iterator[str]
     ]
     if absent:
         yield (
-            f"every arm deviates in {' and '.join(absent)} too, which were not declared: "
-            f"`declared={','.join(absent)}` beside the declared effects may explain it"
+            f"every arm deviates in {' and '.join(absent)} too, which were not declared: add "
+            f"{','.join(absent)} to the effects of `declared`"
         )
 
 
@@ -103,21 +103,23 @@ def _size_hints(
     most = math.hypot(_MOST_PRESUMED, 0.0 if rounding is None else _UNCERTAIN * rounding.position)
     if unconfirmed and search_result.effects and rms > most:
         yield (
-            f"the remaining error, {1e3 * rms:.3g} mm rms, is more than usual instrument noise and repeatability; "
-            "neither sigma columns nor repeated poses confirm it, so part of it may have a cause outside the model"
+            f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "
+            "and neither sigma columns nor repeated poses show that it is noise: part of it may have a cause outside "
+            "the model"
         )
 
 
 def _memory_hints(search_result: SearchResult, final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
-    """Yield p-value and hint on each joint whose play remembers the visit before."""
+    """Yield p-value and hint on each joint whose play remembers the previous visit."""
     playing = {joint: effect for effect in search_result.effects if effect.follows_approach for joint in effect.joints}
     p_values = memory_of_play(final, data, tuple(playing))
     for joint, p_value in p_values.items():
         if p_value * len(p_values) <= FALSE_ALARM:
             yield (
                 p_value * len(p_values),
-                f"beside {playing[joint]} the errors of {joint} follow the change of its torque since the visit "
-                "before: its play has a memory (hysteresis), which the direction of approach alone does not describe",
+                f"in addition to {playing[joint]}, the errors of {joint} follow the change of its torque since the "
+                "previous visit: its play has a memory (hysteresis), which the direction of approach alone does not "
+                "describe",
             )
 
 
@@ -132,7 +134,7 @@ def remaining_error(
 ) -> Unexplained:
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause.
 
-    ``shared`` says of errors that poses share that an effect remains.
+    ``shared`` are sentences on errors that poses share, which show that the model lacks an effect.
     """
     best = next(iter(search_result.selection.rank(with_blocks=True)), None)
     best_p_value = 1.0 if best is None else best.p_value
@@ -158,7 +160,7 @@ def remaining_error(
         source = "repeats" if noise.noise.source == "repeats" else "the file"
         hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
         if best is not None and best_p_value > FALSE_ALARM:
-            hints.append("nothing that was tried depends on it: repeatability, or an effect outside the catalogue")
+            hints.append("no candidate explains this error: it is repeatability, or an effect outside the catalogue")
     return Unexplained(
         rms=rms,
         noise_rms=None if noise.p_value is None else math.sqrt(3) * noise.noise.position,

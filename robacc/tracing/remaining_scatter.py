@@ -1,10 +1,10 @@
 """Scatter of the joints in the fits of a search, and what remains of it where findings are withdrawn.
 
-Scatter is estimated beside the findings. The baseline lacks them, so its errors are not scatter alone: where they
+Scatter is estimated with the findings. The baseline lacks them, so its errors are not scatter alone. Where they
 contradict it (:mod:`robacc.fitting.scatter_check`), the baseline is fitted with equal weights, as a calibration is.
 
-A finding may have explained scatter by chance. Where it is withdrawn, the scatter is estimated anew, and the findings
-that remain are tested again beside it.
+A finding may have explained scatter by chance. Where it is withdrawn, the scatter is estimated again, and the remaining
+findings are tested again with it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from robacc.tracing.refitting import frames_of, refit
 def with_scatter_in_fits(result: SearchResult, data: Measurements) -> SearchResult:
     """Return a search with fits weighted by the joints' scatter; a baseline that contradicts it has equal weights.
 
-    Profiles of joints are chosen without scatter, which would take their place, and fitted beside what remains of it.
+    Profiles of joints are chosen without scatter, which would take their place, and fitted with the remaining scatter.
     """
     components = result.components
     if components is None:
@@ -59,7 +59,7 @@ def _refitted(fitted: Fit, data: Measurements, options: Options) -> Fit:
 
 
 def with_remaining_scatter(before: SearchResult, after: SearchResult, data: Measurements) -> SearchResult:
-    """Return a search with the joints' scatter estimated beside its findings, if some were withdrawn.
+    """Return a search with the joints' scatter estimated together with its findings, if some were withdrawn.
 
     Args:
         before: The search with all its findings.

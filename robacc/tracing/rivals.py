@@ -77,8 +77,8 @@ def rivals(
     """Return a finding's score and its rivals near in evidence, nearest first: at most one for each effect and joint.
 
     Rivals are scored at the fit that contains the finding at full size. The linearisation ignores the curvature of a
-    rival, so an equal of a large finding seems to fall behind. ``refitted`` is asked about those. A rival competes as
-    the finding does: in the form of largest evidence near the best of those that a search tries first. With ``among``,
+    rival, so an equal of a large finding seems to have less evidence: ``refitted`` compares those. A rival is judged as
+    the finding is: in the form of largest evidence near the best of those that a search tries first. With ``among``,
     only rivals of these effects and joints are judged.
     """
     # Whether a rival is refitted depends on its place among all.
@@ -134,7 +134,7 @@ def _refined(selection: Selection, finding: Chosen, rival: Ranked) -> Ranked:
 
 
 def _similarity(selection: Selection, finding: Chosen, rival: Candidate) -> float:
-    """Return the cosine between the fits of a finding and of a rival to the residual, beside all other findings."""
+    """Return the cosine between the fits of a finding and of a rival to the residual, given all other findings."""
     scorer = selection.scorer
     columns = scorer.columns(rival)
     conditioned = scorer.condition(selection.chosen, without=finding)

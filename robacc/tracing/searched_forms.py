@@ -31,7 +31,7 @@ class SearchedForm:
         return self.candidate(0).effect_name
 
     def best_allowed(self, conditioned: Conditioned, is_excluded: Callable[[Candidate], bool]) -> Ranked | None:
-        """Return the best candidate that is not excluded, beside a model; None if all are."""
+        """Return the best candidate that is not excluded, given a model; None if all are."""
         scores = self.family.judge(conditioned)
         for number in np.argsort(-scores.evidence, kind="stable").tolist():
             candidate = self.candidate(number)
@@ -87,7 +87,7 @@ class SearchedForms:
         is_excluded: Callable[[Candidate], bool] = lambda candidate: False,
         is_absent: Callable[[SearchedForm], bool] = lambda form: False,
     ) -> list[Ranked]:
-        """Return the best candidate of each form beside a model, of those that are not excluded.
+        """Return the best candidate of each form given a model, of those that are not excluded.
 
         Forms that are scored together are left out if all of them are absent.
         """

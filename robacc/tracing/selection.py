@@ -69,7 +69,7 @@ class Selection:
     """What each finding explained (sum of squares) when it was tested against all rivals, by its key."""
 
     def rank(self, with_blocks: bool = False) -> list[Ranked]:
-        """Return all candidates beside the chosen ones, best first."""
+        """Return all candidates given the chosen effects, best first."""
         return self.scorer.rank(self.scorer.condition(self.chosen), self.chosen, with_blocks)
 
     def start_with(self, candidate: Candidate) -> None:
@@ -211,9 +211,9 @@ class Selection:
         return False
 
     def prune(self, inflation: Callable[[Effect], float] = lambda effect: 1.0) -> None:
-        """Drop findings that are not significant beside the others, the weakest first.
+        """Drop findings that are not significant given the others, the weakest first.
 
-        ``inflation`` returns the variance of an effect's coefficients over that beside independent errors.
+        ``inflation`` returns the variance of an effect's coefficients over that for independent errors.
         """
 
         def p_value(finding: Chosen) -> float:
@@ -227,11 +227,11 @@ class Selection:
             self.steps.append(SelectionStep("drop", str(weakest.candidate.effect), []))
 
     def _score(self, finding: Chosen) -> Ranked:
-        """Return the score of a finding beside all others."""
+        """Return the score of a finding given all others."""
         return self.scorer.score(finding, self.scorer.condition(self.chosen, without=finding))
 
     def contest(self, finding: Chosen, among: Collection[EffectName] | None = None) -> tuple[Ranked, list[Ranked]]:
-        """Return the score of a finding and of all named rivals for its place, beside all other findings.
+        """Return the score of a finding and of all named rivals for its place, given all other findings.
 
         With ``among``, all rivals of these effects are there, and perhaps some of others.
         """
@@ -245,7 +245,7 @@ class Selection:
         return ranked, [rival for rival in ranking if rival.candidate.key != key]
 
     def total(self) -> float:
-        """Return the log posterior odds of all findings together against none: each in turn beside those before."""
+        """Return the log posterior odds of all findings together against none: each in turn given those before."""
         return sum(
             self.scorer.score(finding, self.scorer.condition(self.chosen[:i])).total
             for i, finding in enumerate(self.chosen)

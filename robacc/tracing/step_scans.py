@@ -139,7 +139,7 @@ def usable_places(mixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def places_of(scan: StepScan, at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return eligible places of which no two divide the poses ``at`` alike, with enough visits on either side."""
+    """Return eligible places of which no two divide the poses ``at`` equally, with enough visits on either side."""
     visits = np.unique(scan.number[at])
     count = np.cumsum(np.bincount(visits, minlength=scan.places.size + 1))[:-1]
     before = count[scan.eligible]

@@ -41,7 +41,7 @@ from robacc.fitting.warnings import (
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.confirmation import reproduced, significant_beside_structure, with_held_out_gain
+from robacc.tracing.confirmation import reproduced, significant_given_structure, with_held_out_gain
 from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.directional_weights import with_directional_weights
@@ -118,7 +118,7 @@ def _trace(
         validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
     declared, final, form = _final_fits(search_result, data)
     structured = with_error_structure(final, data)
-    significant, insignificant = significant_beside_structure(search_result, final, structured.inflation, data)
+    significant, insignificant = significant_given_structure(search_result, final, structured.inflation, data)
     if insignificant:
         choices = None if validation is None else validation.choices
         validation = cross_validate(significant, choices, data, holdout, n_folds, seed, earlier=validation)
@@ -259,7 +259,7 @@ def _repeatability(search_result: SearchResult, final: Fit, data: Measurements) 
 
 
 def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measurements) -> tuple[str, ...]:
-    """Return what a reader of the two fits must know of them and of their data."""
+    """Return the warnings of the two fits and of their data."""
     return (
         *suspected_mistakes(final),
         *convergence_warning(final),

@@ -52,7 +52,7 @@ class Trace:
     """Whether the torques point to a load on one link; None unless masses are uncertain."""
     unexplained: Unexplained
     repeatability: Repeatability | None
-    """Scatter of the joints; None if it is not significant beside the noise."""
+    """Scatter of the joints; None if it is not significant given the noise."""
     explained_share: float | None
     """Share of the baseline's held-out variance above noise and repeatability that the findings explain."""
     steps: tuple[SelectionStep, ...]
@@ -62,7 +62,7 @@ class Trace:
     """Whether the search ended because its choice repeated itself."""
     missing: dict[str, str]
     detection: tuple[DetectionLimit, ...]
-    """Detection limits of these poses, beside the findings."""
+    """Detection limits of these poses, given the findings."""
     n_folds: int
     next_poses: tuple[Advice, ...]
     """Poses that distinguish a finding from its nearest rival."""

@@ -30,7 +30,7 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
 
 
 def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bool:
-    """Return whether the residual alone tells noise from repeatability, and leaves almost nothing for the noise."""
+    """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
     if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
         return False
     return math.sqrt(3) * noise.noise.position < _HIDDEN * repeatability.position

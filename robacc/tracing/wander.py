@@ -2,7 +2,7 @@
 
 An instrument's mounting that creeps with the temperature of the hall, or a tracker whose compensation comes and goes,
 gives errors that are correlated over many poses. Steps describe such errors piecewise. The wander is an
-Ornstein-Uhlenbeck process in each component beside white noise,
+Ornstein-Uhlenbeck process in each component in addition to white noise,
 
     r_i = w(t_i) + e_i,   cov(w(s), w(t)) = a exp(-|s - t| / tau),   var(e_i) = 1,
 
@@ -45,7 +45,7 @@ def explained_by_wander(without: Fit, with_step: Fit, data: Measurements) -> flo
 
 
 def likelihood_gain(residual: Array, time: Array) -> float:
-    """Return the gain of log-likelihood of a wander beside the noise over noise alone, at the best of a grid.
+    """Return the gain of log-likelihood of a wander plus noise over noise alone, at the best of a grid.
 
     Args:
         residual: ``(M, N)`` whitened residuals, in the order of time.

@@ -207,7 +207,7 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     done = run(*arguments)
     found = json.loads(done.stdout)
     assert [one["line"] for one in found["outliers"]] == [header + 8]
-    assert f"outliers left out of the fit: 1 row(s), on line(s) {header + 8}" in done.stderr
+    assert f"outliers left out of the fit: 1 row, on line {header + 8}" in done.stderr
     every = json.loads(run(*arguments, "--all-rows").stdout)
     assert every["outliers"] == []
     assert every["after"]["fitted"]["position"]["max_m"] > 5e-3

@@ -71,7 +71,7 @@ def test_enough_or_the_next_ten(tmp_path: Path) -> None:
         *("--target-error", "1um"),
     )
     assert "Not enough: measure the next 10" in strict.stdout
-    assert "rows measured already: fit them together with the new ones" in " ".join(strict.stdout.split())
+    assert "rows measured already: fit them together with the new rows" in " ".join(strict.stdout.split())
     assert strict.stdout.count("more poses  ") == 1
     assert read_poses(tmp_path / "next.csv", attained=False).n == 10
 

@@ -148,7 +148,7 @@ def test_a_clean_arm(files: Path) -> None:
     assert (found["verdict"], found["findings"]) == ("clean", [])
     assert found["after"] == found["before"]
     done = run(*command(files, poses="clean"))
-    assert "clean: no effect beyond the declared ones" in done.stdout
+    assert "clean: no effect beyond the declared effects" in done.stdout
     assert "none, at a false-alarm rate" in done.stdout
     assert "extended model" not in done.stdout
 

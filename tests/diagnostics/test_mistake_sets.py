@@ -89,7 +89,7 @@ def test_an_interaction_that_was_not_undone(sign: float) -> None:
     q, position, _ = made()
     mistake = judged(interaction(q, sign), position)
     assert mistake.name == (
-        f"the column of joint j3 seems to hold j3 {'+' if sign > 0 else '-'} j2 (interaction not undone)"
+        f"the column of joint j3 seems to hold j3 {'+' if sign > 0 else '-'} j2 (interaction not removed)"
     )
     assert f"coupling: {{j2: {-sign:g}}}" in mistake.fix
 

@@ -160,7 +160,7 @@ def test_commands_in_whole_steps_are_exact() -> None:
 def test_an_error_that_resembles_the_difference_is_no_settling() -> None:
     """The measured positions move against the difference, as no arm between command and reading does."""
     (text,) = read_back_warning(fitted(with_both(-0.8)), with_both(-0.8))
-    assert "where 0 to 1 is possible" in text
+    assert "only 0 to 1 is possible" in text
     assert "settled" not in text
     data = with_both(-0.8)
     declared = build(parse_requests(DECLARED), ARM, data)

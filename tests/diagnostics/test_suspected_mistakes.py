@@ -84,11 +84,11 @@ def test_a_model_with_a_suspected_mistake_says_so_wherever_it_is_used(
     words = [command, *files(tmp_path, 0.2), option, EFFECTS, "--folds", "2", "--write-model", str(model)]
     outcome = run(*words)
     assert outcome.exit_code == 5
-    assert "is not to be used before the suspected data mistake is settled" in outcome.stderr
+    assert "must not be used until the suspected data mistake is resolved" in outcome.stderr
     head = model.read_text().splitlines()[:3]
-    assert head[1] == "# do not use this model before the following is settled:"
+    assert head[1] == "# do not use this model until the following is resolved:"
     assert "link_geometry.j4.d is corrected by -" in head[2]
-    text = "the model is doubtful since its fit: suspected data mistake: link_geometry.j4.d is corrected by -"
+    text = "doubtful model: suspected data mistake: link_geometry.j4.d is corrected by -"
     for result in (robacc.predict(model, samples=20), robacc.export(model, format="mdh")):
         assert any(warning.startswith(text) for warning in result.warnings)
     # The model itself is as it was fitted: only the words are added.
@@ -112,6 +112,4 @@ def test_a_trace_heeds_the_suspicions_on_its_final_fit(tmp_path: Path, monkeypat
     words = ["trace", *files(tmp_path, 2e-3), "--declared", EFFECTS, "--folds", "2", "--write-model", str(model)]
     assert run(*words).exit_code == 5
     assert model.read_text().splitlines()[2] == "# suspected data mistake: a test"
-    assert robacc.predict(model, samples=5).warnings == (
-        "the model is doubtful since its fit: suspected data mistake: a test",
-    )
+    assert robacc.predict(model, samples=5).warnings == ("doubtful model: suspected data mistake: a test",)

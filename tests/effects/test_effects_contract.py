@@ -274,9 +274,9 @@ def test_what_is_missing_is_said_in_one_line(name: str) -> None:
     assert (why is None) == (cls.missing_reasons == ())
     assert why is None or (why in cls.missing_reasons and "\n" not in why)
     entry = catalogue(name, weightless().robot, BARE)[0]
-    assert entry.offer is not None
-    assert entry.offer.why == why
-    assert (entry.offer.coefficients == ()) == (why is not None)
+    assert entry.availability is not None
+    assert entry.availability.why == why
+    assert (entry.availability.coefficients == ()) == (why is not None)
 
 
 def test_columns_and_masses_are_what_effects_ask_for() -> None:
@@ -317,7 +317,7 @@ WRONG = {
     "{effect: backlash, joints: [j2], values: {j2: big}}": "values.j2 must be a finite number, found 'big'",
     "{effect: backlash, joints: [j2], values: {j2: true}}": "values.j2 must be a finite number",
     "{effect: backlash, joints: [j2], values: 3}": "values must be a mapping of name to number, found 3",
-    "{effect: backlash, joints: [j2], by: luck}": "backlash knows the setting by: approach or gravity",
+    "{effect: backlash, joints: [j2], by: luck}": "backlash: expected by: approach, or by: gravity",
     "{effect: backlash, joints: [j2], by: gravity, friction_nm: -1}": "friction_nm must be a number of at least 0",
     "{effect: backlash, joints: [j2], friction_nm: 1}": "friction_nm belongs to by: gravity",
     "{effect: payload_compliance, joints: [j2], com: far}": "com must be known or uncertain",
@@ -341,7 +341,7 @@ WRONG = {
     "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be above 0",
     "{effect: thermal_expansion, slides: 2}": "slides must be true or false, found 2",
     "{effect: frame_drift, tooth: 3}": "frame_drift has no setting 'tooth'",
-    "{effect: frame_drift, span_s: 0}": "span_s above 0, degree 1 to 9",
+    "{effect: frame_drift, span_s: 0}": "span_s above 0, degree 1 to 9 and turning",
     "{effect: joint_correction, joints: [j2], tooth: 3}": "joint_correction has no setting 'tooth'",
     "{effect: joint_correction, joints: [j2]}": "drivers must be a list of one or two names",
     "{effect: joint_correction, joints: [j2], drivers: [j3], range: [3]}": "range must be a list of [low, high]",

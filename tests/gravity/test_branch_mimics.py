@@ -1,4 +1,4 @@
-"""Joints beside the chain that follow others, against matrices and a potential energy of their own."""
+"""Joints outside the chain that follow others, against matrices and a potential energy of their own."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_without_columns_masters_stand_at_their_positions(poses: tuple[np.ndarra
 
 def test_a_master_that_a_joint_of_the_chain_follows_stands_as_that_one_tells() -> None:
     text = robot_to_urdf(parse_robot(YAML, "torso.yaml"))[0]
-    # Lift follows the shoulder beside the chain: lift = 2 shoulder + 0.1, and lift has the column.
+    # Lift follows the shoulder outside the chain: lift = 2 shoulder + 0.1, and lift has the column.
     follows = '<mimic joint="shoulder" multiplier="2" offset="0.1"/>'
     text = re.sub(r'(<joint name="lift".*?)(</joint>)', rf"\1{follows}\2", text, flags=re.DOTALL)
     robot = parse_urdf(text, "torso.urdf", tip_link="lift_link")

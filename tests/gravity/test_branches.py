@@ -191,8 +191,8 @@ def test_joints_beside_the_chain_without_a_column_stand_at_zero_and_are_named(tm
     assert data.branches is not None
     assert not data.branches[[0, 2]].any()
     assert data.branches[1].any()
-    (warning,) = [text for text in data.warnings if "beside the chain" in text]
-    assert "left_pan, left_elbow beside the chain have no column and count at zero" in warning
+    (warning,) = [text for text in data.warnings if "outside the chain" in text]
+    assert "left_pan, left_elbow outside the chain have no column and count as fixed at zero" in warning
 
 
 def test_a_branch_of_a_robot_file_stands_at_its_position(tmp_path: Path) -> None:

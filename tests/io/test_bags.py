@@ -101,7 +101,7 @@ def test_stands_of_a_bag_are_its_poses(tmp_path: Path, plugin: StoragePlugin, wh
     np.testing.assert_allclose(data.rotation, DATA.rotation, atol=1e-9)
     assert data.time is not None
     np.testing.assert_allclose(data.time, 43200 + 2 * np.arange(DATA.n) + 1.35, atol=1e-3)
-    assert any("24 of 29 samples in 6 stands" in text for text in data.warnings)
+    assert any("24 of 29 samples at 6 stops" in text for text in data.warnings)
 
 
 def test_samples_of_one_stand_are_one_visit(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_joints_in_motion_are_interpolated_to_the_times_of_the_poses(tmp_path: P
 
 def test_stamps_of_two_clocks_are_refused(tmp_path: Path) -> None:
     path = Bag(tmp_path / "bag", tracker_clock=3.0).write()
-    with pytest.raises(InputError, match=r"not of one clock: .* 3 s later"):
+    with pytest.raises(InputError, match=r"not from the same clock: .* 3 s later"):
         robacc.read_poses(path, robot=ROBOT)
     data = robacc.read_poses(path, robot=ROBOT, bag="clock=recorder")
     assert data.q is not None

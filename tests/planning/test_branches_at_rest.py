@@ -42,7 +42,7 @@ def planned(folder: Path, candidates: str | None = None) -> Planned:
 
 def test_planned_rows_state_where_the_joints_beside_the_chain_stand(tmp_path: Path) -> None:
     plan = planned(tmp_path)
-    (warning,) = [text for text in plan.warnings if "beside the chain" in text]
+    (warning,) = [text for text in plan.warnings if "outside the chain" in text]
     assert "other at 30°" in warning
     plan.write(tmp_path / "plan.csv")
     again = read_robot_poses(tmp_path / "plan.csv", robacc.read_robot(tmp_path / "torso.yaml"), attained=False)

@@ -27,7 +27,7 @@ BAD_FILES = {
     "q1,x,y,z\n".encode("utf-16-le"): "the file is not UTF-8 text (it is UTF-16 or binary)",
     b'"q1,x,y,z\n': "1: the header row cannot be read (unexpected end of data); close every quote",
     b",".join(b"c%d" % i for i in range(100_000)): "1: found 100000 columns; expected at most 2000",
-    b"q1,x,y,z\n" + b"1" * (1 << 21): "2: the line is longer than 1 MB; expected one line a pose",
+    b"q1,x,y,z\n" + b"1" * (1 << 21): "2: the line is longer than 1 MB; expected one line per pose",
 }
 
 
@@ -56,7 +56,7 @@ def test_a_long_line_deep_in_a_file(read: Reader) -> None:
     rows = [b"%d,1,2,3" % (i % 7) for i in range(100_000)]
     rows[50_000] = b"1" * ((1 << 20) + 1) + b",1,2,3"
     assert problem_texts(read, b"\n".join([b"q1,x_m,y_m,z_m", *rows])) == [
-        "50002: the line is longer than 1 MB; expected one line a pose"
+        "50002: the line is longer than 1 MB; expected one line per pose"
     ]
     rows[50_000] = b"1.0" + b"0" * ((1 << 20) - 20) + b",1,2,3"
     assert read(b"\n".join([b"q1,x_m,y_m,z_m", *rows])).n == 100_000

@@ -155,7 +155,7 @@ def test_small_moves_in_millimetres_are_noticed_beside_commanded_ones(tmp_path: 
         data[f"cmd_{axis}"] = data[f"cmd_{axis}"] * 0.02
         data[axis] = data[f"cmd_{axis}"] * 1e3
     (problem,) = problem_texts(tmp_path, data)
-    assert "attained positions spread 1e+03 times as far as commanded ones, so one of the two is in mm" in problem
+    assert "attained positions spread 1e+03 times as far as commanded positions, so one of them is in mm" in problem
     assert problem.endswith("put the unit in the columns' names, for example x_mm and cmd_x_m")
     assert read(tmp_path, renamed(data, "mm", *"xyz")).n == N
 

@@ -270,7 +270,7 @@ def test_masses_beside_the_chain_count_with_the_link_that_carries_them() -> None
 
 
 def test_a_joint_beside_the_chain_that_moves_mass_is_a_branch() -> None:
-    """The left arm moves 4 kg by 0.5 m; a lighter link beside the chain counts as fixed."""
+    """The left arm moves 4 kg by 0.5 m; a lighter link outside the chain counts as fixed."""
     robot = parse_urdf(BRANCHED, "torso.urdf", "base", "flange")
     assert robot.joints[0].mass == pytest.approx(12.0)
     ((joint, parent, position),) = [(b.joint, b.parent, b.position) for b in robot.branches]

@@ -51,6 +51,6 @@ def test_a_counterbalance_is_named_beside_the_spring_of_its_joint() -> None:
     low = [Harmonic(order, 1e-4, 1e-6, 0.0, 0.1) for order in (1.0, 2.0)]
     text = periodic_statement(wave, low, (wave, other, spring))
     assert text is not None
-    assert "beside joint_compliance[j2], a counterbalance across j2" in text
+    assert "with joint_compliance[j2], a counterbalance across j2" in text
     for effects, harmonics in (((wave, other), low), ((spring,), [*low, Harmonic(51.0, 1e-5, 1e-6, 0.0, 0.1)])):
         assert "counterbalance" not in (periodic_statement(wave, harmonics, effects) or "")

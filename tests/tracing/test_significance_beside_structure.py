@@ -66,7 +66,7 @@ def test_errors_outside_the_catalogue_are_never_explained(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [100, 101, 102, 103])
-def test_findings_are_significant_beside_the_structure_of_the_errors(seed: int) -> None:
+def test_findings_are_significant_given_the_structure_of_the_errors(seed: int) -> None:
     """Before, findings with p = 1 stood in results, and moved other poses."""
     data, chosen = measured(3, seed)
     result = robacc.trace(data, robot=chosen.robot, declared="base_frame,tool_frame,joint_offset", folds=2)

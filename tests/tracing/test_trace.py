@@ -231,7 +231,7 @@ def test_a_beam_break_is_no_effect() -> None:
     found = traced(arm("puma560").robot, made.data)
     assert named(found) == []
     assert found.final.outliers.tolist() == made.outliers.tolist()
-    assert any(warning.startswith("outliers left out of the fit: 3 row(s)") for warning in found.warnings)
+    assert any(warning.startswith("outliers left out of the fit: 3 rows") for warning in found.warnings)
 
 
 def test_frames_that_nobody_declared_are_found() -> None:

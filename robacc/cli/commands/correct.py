@@ -47,7 +47,7 @@ def correct(
         typer.Option(
             "--nominal",
             metavar="FILE",
-            help="Robot file that the controller computes with; default: the one that the model was fitted from.",
+            help="Robot file that the controller computes with; default: the robot that the model was fitted from.",
         ),
     ] = None,
     frame: Annotated[

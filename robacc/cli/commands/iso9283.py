@@ -32,7 +32,7 @@ def iso9283(
         list[str],
         typer.Argument(
             metavar="POSES [POSES …]",
-            help="Measured poses (CSV, export, workbook, Parquet, ROS bag), one file a robot; - reads standard input.",
+            help="Measured poses: CSV, export, workbook, Parquet or ROS bag, one per robot; - reads standard input.",
         ),
     ],
     robot: RobotOption = None,

@@ -172,7 +172,7 @@ def _inseparable(document: Document) -> ReportSection:
     ]
     if len(texts) > _LISTED:
         blocks.append(Text(f"The first {_LISTED} of {len(texts)} pairs; the JSON result has all of them."))
-    return ReportSection("Effects that stay inseparable", blocks)
+    return ReportSection("Effects that are not distinguishable", blocks)
 
 
 def _visits(document: Document) -> ReportSection:

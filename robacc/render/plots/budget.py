@@ -32,7 +32,7 @@ def budget_charts(document: Document) -> Iterator[Chart]:
 def _chart(kind: str, shares: Sequence[Mapping[str, Any]], name: str, label: str) -> Chart:
     first = shares[0]
     top = shares[:_BARS]
-    omitted = f" The table has the {len(shares) - len(top)} smaller ones." if len(shares) > len(top) else ""
+    omitted = f" The table has the {len(shares) - len(top)} smaller shares." if len(shares) > len(top) else ""
     return Chart(
         kind,
         f"Error budget by {label}",

@@ -22,7 +22,7 @@ _PARTS = (slice(0, 3), slice(3, 6))
 _CAUSES = {
     "unreached": "not reached by the nominal robot",
     "limit": "joint limit",
-    "approach": "direction of approach open",
+    "approach": "unknown direction of approach",
     "singular": "near a singular pose",
     "configuration": "another configuration",
     "too_large": "correction too large",

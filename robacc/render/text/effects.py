@@ -26,13 +26,13 @@ def _overview(entries: Sequence[CatalogueEntry], width: int) -> Iterator[TextLin
     label = max(len(entry.name) for entry in entries) + 2
     for entry in entries:
         text = entry.about.summary
-        if entry.offer is not None and entry.offer.why is not None:
-            text += f" (not applicable: {entry.offer.why})"
+        if entry.availability is not None and entry.availability.why is not None:
+            text += f" (not applicable: {entry.availability.why})"
         first = f"{entry.name:<{label}}"
         lines = textwrap.wrap(text, width, initial_indent=first, subsequent_indent=" " * label)
         yield from (TextLine(line) for line in lines)
     yield BLANK
-    text = "the name of an effect shows its equation, unit, usual size, required data and similar effects"
+    text = "robacc effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
     yield from (TextLine(line.text, "dim") for line in wrapped(text, width))
 
 
@@ -59,12 +59,13 @@ def _facts(entry: CatalogueEntry) -> Iterator[tuple[str, str]]:
     yield "confused with", about.confused_with
     yield "source", about.source
     yield "in a file", about.example
-    if entry.offer is None:
+    if entry.availability is None:
         return
-    if entry.offer.why is not None:
-        yield "this robot", f"not applicable: {entry.offer.why}"
+    if entry.availability.why is not None:
+        yield "this robot", f"not applicable: {entry.availability.why}"
         return
-    yield "this robot", "applicable" + (f" to {', '.join(entry.offer.joints)}" if entry.offer.joints else "")
-    names = [f"{name} ({unit})" for name, unit in entry.offer.coefficients]
+    joints = f" to {', '.join(entry.availability.joints)}" if entry.availability.joints else ""
+    yield "this robot", f"applicable{joints}"
+    names = [f"{name} ({unit})" for name, unit in entry.availability.coefficients]
     more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
     yield "coefficients", ", ".join(names[:_COEFFICIENTS_SHOWN]) + more

@@ -85,9 +85,9 @@ def _sufficiency(sufficiency: Sufficiency) -> list[str]:
         now, later = (three_digits(value * _IN_MM) for value in (sufficiency.now, sufficiency.later))
         texts.append(f"predicted error with repeatability: {now} mm now, {later} mm with the next poses")
     if sufficiency.of_model:
-        texts.append(f"this counts the {sufficiency.n} poses of the model's fit: fit them together with the new ones")
+        texts.append(f"this counts the {sufficiency.n} poses of the model's fit: fit them together with the new poses")
     else:
-        texts.append(f"this counts the {sufficiency.n} rows measured already: fit them together with the new ones")
+        texts.append(f"this counts the {sufficiency.n} rows measured already: fit them together with the new rows")
     return texts
 
 
@@ -121,7 +121,7 @@ def _facts(plan: CampaignPlan) -> list[str]:
     if plan.payload_blocks:
         facts.append(f"payloads: {_payloads(plan)}")
     if plan.validation is not None:
-        facts.append(f"{plan.validation.shape[1]} validation poses apart")
+        facts.append(f"{plan.validation.shape[1]} more poses for validation only")
     return facts
 
 
@@ -230,8 +230,8 @@ def _detectability(
         notes.insert(
             0,
             f"mean over the catalogue at the usual sizes: found with probability {fixed(power.detected, 2)} "
-            f"({fixed(random_power.detected, 2)} on random poses), found and separated from the nearest rival with "
-            f"{fixed(power.separated, 2)} ({fixed(random_power.separated, 2)})",
+            f"({fixed(random_power.detected, 2)} on random poses), found and distinguished from the most similar "
+            f"effect with {fixed(power.separated, 2)} ({fixed(random_power.separated, 2)})",
         )
     hidden = list(dict.fromkeys(hidden))
     if hidden:
@@ -243,7 +243,7 @@ def _detectability(
         notes += [f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()]
     yield from (TextLine(line.text, "dim") for line in items(notes, width))
     if detectability.pairs:
-        yield from (BLANK, heading("Pairs that stay inseparable at the usual size"))
+        yield from (BLANK, heading("Pairs that are not distinguishable at the usual size"))
         texts = pair_texts(detectability.pairs)
         yield from items(texts[:_LISTED_PAIRS], width)
         if len(texts) > _LISTED_PAIRS:
@@ -256,9 +256,9 @@ def pair_texts(pairs: Sequence[InseparablePair]) -> list[str]:
     texts = []
     for pair in pairs:
         if (pair.second, pair.first) not in ways:
-            texts.append(f"{pair.first} looks like {pair.second} (similarity {pair.similarity:.2f})")
+            texts.append(f"{pair.second} explains {pair.first} (similarity {pair.similarity:.2f})")
         elif pair.first < pair.second:
-            texts.append(f"{pair.first} and {pair.second} look alike (similarity {pair.similarity:.2f})")
+            texts.append(f"{pair.first} and {pair.second} explain each other (similarity {pair.similarity:.2f})")
     return texts
 
 

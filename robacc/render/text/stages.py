@@ -58,7 +58,7 @@ def repeatability_items(repeatability: Repeatability | None, arm: Arm) -> Iterat
         if std is not None
     )
     size = three_digits(repeatability.position * IN_MM)
-    yield f"intrinsic repeatability: {size} mm rms at the target ({joints or 'no joint singled out'})"
+    yield f"intrinsic repeatability: {size} mm rms at the target ({joints or 'not identifiable joint by joint'})"
     if repeatability.source == "residual":
         yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
 

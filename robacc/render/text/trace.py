@@ -24,7 +24,7 @@ from robacc.tracing.trace_result import Trace
 from robacc.tracing.verdict import is_hidden_noise
 
 _VERDICTS = {
-    "clean": "clean: no effect beyond the declared ones",
+    "clean": "clean: no effect beyond the declared effects",
     "explained": "explained",
     "partly_explained": "partly explained",
     "unexplained": "unexplained: the residual is structured and no candidate explains it",

@@ -30,6 +30,8 @@ _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
 _LISTED = 5
 """Refused targets that a warning names."""
+_ADVICE = "check that model, nominal robot and frame belong to these targets"
+_ADVICE_OUTSIDE = "fit the model to poses that include these targets, or give `beyond_range` to extrapolate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -100,6 +102,20 @@ class Corrected(Result, Correction):
             f"{len(listed)} of {self.n_targets} targets are not corrected and keep their nominal command: "
             f"{'; '.join(listed[:_LISTED])}{more}"
         )
+
+
+class NothingCorrectedError(InputError):
+    """No target can be corrected; ``result`` has the reason of each."""
+
+    def __init__(self, result: Corrected) -> None:
+        """Store the reason of each target as a problem, and the advice once."""
+        refused = [(i, refusal) for i, refusal in enumerate(result.targets.refusals) if refusal is not None]
+        outside = all(refusal.cause is Cause.out_of_range for _, refusal in refused)
+        fix = "no target can be corrected: " + (_ADVICE_OUTSIDE if outside else _ADVICE)
+        given = result.given
+        problems = [Problem(f"not corrected: {refusal.reason}", given.source, given.line(i)) for i, refusal in refused]
+        super().__init__([replace(problems[0], fix=fix), *problems[1:]])
+        self.result = result
 
 
 @single_threaded
@@ -205,7 +221,7 @@ def correct(
         made=Provenance(options, (record, arm_record, *nominal_record, *scale_record), None),
     )
     if result.n_targets and not result.n_corrected:
-        _refuse_all(result)
+        raise NothingCorrectedError(result)
     return result
 
 
@@ -218,17 +234,6 @@ def _refuse_out_of_range(body: Correction, data: Measurements) -> None:
             )
             fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
             raise InputError(Problem(message, data.source, data.line(i), fix=fix))
-
-
-def _refuse_all(result: Corrected) -> None:
-    """Raise InputError with the reason of each target."""
-    problems = [
-        Problem(f"not corrected: {refusal.reason}", result.given.source, result.given.line(i))
-        for i, refusal in enumerate(result.targets.refusals)
-        if refusal is not None
-    ]
-    fix = "no target can be corrected: check that model, nominal robot and frame belong to these targets"
-    raise InputError([replace(problems[0], fix=fix), *problems[1:]])
 
 
 def load_nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:

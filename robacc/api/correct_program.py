@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.api.correct import Corrected, correct, load_nominal
+from robacc.api.correct import Corrected, NothingCorrectedError, correct, load_nominal
 from robacc.api.inputs import StrPath, load_robot
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
@@ -40,16 +40,21 @@ class CorrectedProgram:
     """Corrections of the joint targets and of the Cartesian ones, as far as the program has them."""
     unchanged: tuple[tuple[int, str, str], ...]
     """Line, name and reason of each target that is not corrected."""
+    doubts: tuple[str, ...] = ()
+    """Doubts about the model and the robot that the controller computes with."""
 
     @property
     def n_corrected(self) -> int:
         """Number of corrected targets."""
-        return sum(result.n_corrected for result in self.corrections)
+        return len(self.program.targets) - len(self.unchanged)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the configuration, the unchanged targets and what the program computes."""
-        lines = [f"line {line}: {name} is not corrected: {reason}" for line, name, reason in self.unchanged]
+        """Warnings about the model, the unchanged targets, what the program computes, and the configuration."""
+        lines = list(self.doubts)
+        for line, name, reason in self.unchanged:
+            place = f"line {line}"
+            lines.append(f"{place if name == place else f'{place}: {name}'} is not corrected: {reason}")
         lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
         count = self.corrections[0].targets.q.shape[0]
         if any(
@@ -92,25 +97,32 @@ def correct_program(
         fix = "give the file that declares them"
         raise InputError(Problem("has no targets that can be corrected", program.file, fix=fix))
     arm, _ = load_robot(model)
-    controller = load_nominal(nominal, arm)[0]
+    controller, _, doubts = load_nominal(nominal, arm)
     flange_arm = dataclasses.replace(controller, tool=Frame(), targets={})
     values: list[Sequence[float] | None] = [None] * len(program.targets)
     unchanged: list[tuple[int, str, str]] = []
     results = []
     cartesian = flange_targets(program)
     for index, reason in cartesian.unknown:
-        unchanged.append((program.targets[index].line, program.targets[index].name, reason))
+        hint = "; give the file that defines it with `frames`" if "is in none of the files" in reason else ""
+        unchanged.append((program.targets[index].line, program.targets[index].name, reason + hint))
     numbers, q = joint_targets(program)
     groups: list[tuple[tuple[int, ...], Measurements]] = []
     if numbers:
-        groups.append((numbers, Measurements(np.zeros((3, len(numbers))), q=q)))
+        groups.append((numbers, _located(program, numbers, Measurements(np.zeros((3, len(numbers))), q=q))))
     if cartesian.numbers:
         solved, q_start, refused = _configured(program, cartesian, flange_arm)
         unchanged += refused
         if solved.size:
-            groups.append((tuple(cartesian.numbers[i] for i in solved), _wanted(cartesian, solved, q_start)))
+            group = tuple(cartesian.numbers[i] for i in solved)
+            groups.append((group, _located(program, group, _wanted(cartesian, solved, q_start))))
+    advice: str | None = None
     for group, data in groups:
-        result = correct(data, model=arm, nominal=flange_arm, frame="base", **options)
+        try:
+            result = correct(data, model=arm, nominal=flange_arm, frame="base", **options)
+        except NothingCorrectedError as error:
+            # Targets of the other kind may be correctable.
+            result, advice = error.result, error.problems[0].fix
         results.append(result)
         new = _values(program, group, result)
         reasons = _reasons(program, group, result)
@@ -121,10 +133,22 @@ def correct_program(
                 unchanged.append((program.targets[index].line, program.targets[index].name, doubt))
     if not any(value is not None for value in values):
         problems = [
-            Problem(f"{name} is not corrected: {reason}", program.file, line) for line, name, reason in unchanged
+            Problem(
+                f"not corrected: {reason}" if name == f"line {line}" else f"{name} is not corrected: {reason}",
+                program.file,
+                line,
+            )
+            for line, name, reason in sorted(unchanged)
         ]
-        raise InputError(problems or [Problem("no target can be corrected", program.file)])
-    return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(sorted(unchanged)))
+        raise InputError([dataclasses.replace(problems[0], fix=advice), *problems[1:]])
+    doubts = tuple(dict.fromkeys((*doubts, *(doubt for result in results for doubt in result.doubts))))
+    return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(sorted(unchanged)), doubts)
+
+
+def _located(program: Program, numbers: Sequence[int], data: Measurements) -> Measurements:
+    """Return poses of the targets ``numbers`` with the file and the line of each."""
+    rows = np.array([program.targets[i].line for i in numbers], dtype=np.int64)
+    return dataclasses.replace(data, rows=rows, source=program.file)
 
 
 def _wanted(targets: FlangeTargets, index: NDArray[np.int64], q: Array | None) -> Measurements:

@@ -262,3 +262,41 @@ def test_a_target_whose_correction_flips_the_wrist_stays(tmp_path: Path) -> None
     path.write_text(tp_program(flange(nominal, np.stack((Q[:, 1], near), axis=1)), ["N U T, 0, 0, 0"] * 2, Q[:, 0]))
     result = correct_program(path, model=real, nominal=nominal, frames=[frames], most="50mm,5deg")
     assert [name for _, name, _ in result.unchanged] == ["P[3]"]
+
+
+def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path: Path) -> None:
+    nominal, _ = arms()
+    path = tmp_path / "home.script"
+    # The zero of the last joint is off, so its correction at the limit leads beyond the limit.
+    last = nominal.variables[5]
+    assert last.limits is not None
+    real = dataclasses.replace(
+        nominal,
+        joints=(
+            *nominal.joints[:5],
+            dataclasses.replace(
+                last, parameters={**last.parameters, "theta": last.parameters.get("theta", 0.0) + 1e-3}
+            ),
+        ),
+    )
+    home = ", ".join(f"{value:.9f}" for value in (*Q[:5, 0], last.limits[0]))
+    matrix = flange(nominal, np.append(Q[:5, 0], last.limits[0] + 0.3)[:, None])[0]
+    rotation = Rotation.from_matrix(matrix[:3, :3]).as_rotvec()
+    pose = ", ".join(f"{value:.9f}" for value in (*matrix[:3, 3], *rotation))
+    path.write_text(f"def p():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n  movej([{home}])\n  movel(p[{pose}])\nend\n")
+    result = correct_program(path, model=real, nominal=nominal, most="5mm")
+    assert result.n_corrected == 1
+    assert [line for line, _, _ in result.unchanged] == [3]
+    path.write_text(f"def p():\n  movej([{home}])\nend\n")
+    with pytest.raises(InputError) as caught:
+        correct_program(path, model=real, nominal=nominal)
+    problem = caught.value.problems[0]
+    assert (problem.file, problem.line) == (str(path), 2)
+    assert "no target can be corrected" in (problem.fix or "")
+
+
+def test_a_model_without_a_fit_is_doubted(tmp_path: Path) -> None:
+    nominal, _ = arms()
+    path = tmp_path / "joints.script"
+    path.write_text(write_program(Dialect.urscript, [joint_target("t", Q[:, 0])]))
+    assert any("every correction is zero" in warning for warning in correct_program(path, model=nominal).warnings)

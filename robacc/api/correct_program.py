@@ -107,6 +107,11 @@ def correct_program(
         hint = "; give the file that defines it with `frames`" if "is in none of the files" in reason else ""
         unchanged.append((program.targets[index].line, program.targets[index].name, reason + hint))
     numbers, q = joint_targets(program)
+    count = len(flange_arm.variables)
+    if numbers and q.shape[0] != count:
+        message = f"the joint target has {q.shape[0]} joints, the model's arm has {count}"
+        fix = "give the model of the arm that runs this program"
+        raise InputError(Problem(message, program.file, program.targets[numbers[0]].line, fix=fix))
     groups: list[tuple[tuple[int, ...], Measurements]] = []
     if numbers:
         groups.append((numbers, _located(program, numbers, Measurements(np.zeros((3, len(numbers))), q=q))))

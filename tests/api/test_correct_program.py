@@ -300,3 +300,11 @@ def test_a_model_without_a_fit_is_doubted(tmp_path: Path) -> None:
     path = tmp_path / "joints.script"
     path.write_text(write_program(Dialect.urscript, [joint_target("t", Q[:, 0])]))
     assert any("every correction is zero" in warning for warning in correct_program(path, model=nominal).warnings)
+
+
+def test_joint_targets_of_another_number_of_joints_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "six.script"
+    path.write_text("def p():\n  movej([0, 0, 0, 0, 0, 0])\nend\n")
+    with pytest.raises(InputError, match="has 6 joints, the model's arm has 7") as caught:
+        correct_program(path, model="lbr_iiwa_7_r800")
+    assert caught.value.problems[0].line == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from robacc.accuracy.grade import NextGrade, QuantityGrade
 from robacc.accuracy.grade_scale import Quantity, Scale
@@ -14,6 +15,8 @@ _NAMES: dict[Statistic, str] = {
     "p95": "95th percentile of the error",
     "max": "largest error",
 }
+_DIGITS = 3
+_MOST_DIGITS = 6
 
 
 def grade_reason(
@@ -29,7 +32,8 @@ def grade_reason(
     statistic = _NAMES[scale.statistic]
     estimates = []
     for name, quantity in quantities.items():
-        text = f"{name}: {statistic} {_amount(quantity.value, quantity.unit)}"
+        limits = [limit for step in scale.steps if (limit := step.limit(name)) is not None]
+        text = f"{name}: {statistic} {_beside(quantity.value, limits, quantity.unit)}"
         if quantity.limit is not None:
             text += f", within {_amount(quantity.limit, quantity.unit)}"
         elif rank == len(scale.steps) and name in limited_by:
@@ -76,8 +80,18 @@ def _bounds(quantities: dict[Quantity, QuantityGrade]) -> str:
     )
 
 
-def _amount(value: float, unit: Unit) -> str:
-    """Format in mm or degrees with three digits."""
+def _beside(value: float, limits: Sequence[float], unit: Unit) -> str:
+    """Format as :func:`_amount`, with more digits where rounding would move the value onto or over a limit."""
+    factor = 1e3 if unit == "m" else math.degrees(1.0)
+    for digits in range(_DIGITS, _MOST_DIGITS):
+        rounded = float(f"{factor * value:.{digits}g}")
+        if all((rounded > factor * limit * (1 + 1e-12)) == (value > limit) for limit in limits):
+            return _amount(value, unit, digits)
+    return _amount(value, unit, _MOST_DIGITS)
+
+
+def _amount(value: float, unit: Unit, digits: int = _DIGITS) -> str:
+    """Format in mm or degrees, with three significant digits unless more are asked for."""
     shown = 1e3 * value if unit == "m" else math.degrees(value)
-    # Three significant digits, without an exponent for errors of metres.
-    return f"{float(f'{shown:.3g}'):g}{' mm' if unit == 'm' else '°'}"
+    # Without an exponent for errors of metres.
+    return f"{float(f'{shown:.{digits}g}'):.{max(digits, 6)}g}{' mm' if unit == 'm' else '°'}"

@@ -118,6 +118,9 @@ def test_reasons_in_words() -> None:
         "not confirmed at 95 % confidence: the upper bound is beyond a limit (position 0.15 mm, orientation 0.0344°); "
         "grade B is confirmed"
     )
+    # 0.1002 mm is not within 0.1 mm, and the text must not read as if it were.
+    assert graded(1.002e-4, 1.5e-4).reason.startswith("position: rms error 0.1002 mm, within 0.2 mm. ")
+    assert graded(1e-4, 1.5e-4).reason.startswith("position: rms error 0.1 mm, within 0.1 mm. ")
     assert graded(0.9e-4, 9e-4).reason.endswith("(position 0.9 mm); no grade is confirmed")
     assert graded(0.9e-4, None, why="one pose").reason.endswith(
         "not confirmed at 95 % confidence: position has no upper bound (one pose)"

@@ -217,7 +217,7 @@ def _in_base(points: Array, robot: Robot | None) -> Array:
 def _cycles(poses: Sequence[CommandedPose]) -> Condition:
     smallest, largest = min(pose.n for pose in poses), max(pose.n for pose in poses)
     count_text = (
-        f"{largest} visits of each commanded pose"
+        f"{largest} visit{'s' * (largest > 1)} of each commanded pose"
         if smallest == largest
         else f"{smallest} to {largest} visits of a commanded pose"
     )

@@ -32,6 +32,8 @@ _OTHER_FILES = {
     b"<html": "an HTML page",
     b"<?xml": "an XML document",
     b"{": "a JSON document",
+    b"[{": "a JSON document",
+    b"[[": "a JSON document",
     b"header:": "a text of ROS messages",
     b"---\nheader:": "a text of ROS messages",
 }
@@ -111,6 +113,8 @@ def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:
 
         return WorkbookReader(stream, file, options or TableOptions())
     start_of_text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if start_of_text.startswith(b"["):
+        start_of_text = b"[" + start_of_text[1:].lstrip()
     for start, kind in _OTHER_FILES.items():
         if first.startswith(start) or start_of_text.lower().startswith(start):
             fix = "unpack it first" if "compressed" in kind or "archive" in kind else "export the poses as CSV"

@@ -31,6 +31,8 @@ class ColumnProposal:
     """What the names of columns leave open, such as Q1 … Q4 beside joints, and what to do about it."""
     n_columns: int
     """Columns with a meaning."""
+    n_named: int
+    """All columns with a name."""
     has_commands: bool
     """Whether the file has joint variables or commanded poses beside the measured ones."""
 
@@ -56,7 +58,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     # The map itself asks for the coverage factor, so that it is not a question of columns.
     foreign = find_columns(header, known, names, replace(AS_NAMED, coverage=1.0), log)
     statements = _statements(foreign)
-    questions = _questions(log, foreign)
+    questions = _questions(log, header, foreign)
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
@@ -69,7 +71,14 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         *_entries(header, foreign),
     ]
     unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
-    return ColumnProposal("\n".join(lines) + "\n", unanswered, questions, len(foreign.columns), _has_commands(foreign))
+    return ColumnProposal(
+        "\n".join(lines) + "\n",
+        unanswered,
+        questions,
+        len(foreign.columns),
+        sum(map(bool, header.names)),
+        _has_commands(foreign),
+    )
 
 
 def _with_names_where_known(header: Header, name: str) -> Header:
@@ -81,11 +90,16 @@ def _with_names_where_known(header: Header, name: str) -> Header:
         return header
 
 
-def _questions(log: ProblemLog, foreign: ForeignColumns) -> tuple[str, ...]:
+def _questions(log: ProblemLog, header: Header, foreign: ForeignColumns) -> tuple[str, ...]:
     """Return what the names leave open: the questions of the log, and joints under the robot's own names."""
     texts = [f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in log.problems]
     result = [f"{text}; name them, or leave them empty" for text in texts]
-    if foreign.unused and not _has_commands(foreign):
+    if not foreign.columns and all(name.startswith("column ") for name in header.names):
+        result.append(
+            "the file has no names; name its columns, in their units, as in q1_deg, q2_deg … (joints in the order of "
+            "the chain) and x_mm, y_mm, z_mm"
+        )
+    elif foreign.unused and not _has_commands(foreign):
         result.append("no column is taken for a joint; name the columns of joints q1 … qN, in the order of the chain")
     return tuple(result)
 

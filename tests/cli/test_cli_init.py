@@ -178,3 +178,21 @@ def test_a_map_asks_for_joints_under_names_of_a_robot(folder: Path) -> None:
     assert '"z1": z\n' in text
     assert '"phiz1": rz\n' in text
     assert '"elbow":    # not read\n' in text
+
+
+def test_a_map_of_a_file_without_names_says_what_to_name(folder: Path) -> None:
+    (folder / "export.csv").write_text("1.5,2.5,300,400,500\n1.6,2.6,310,410,510\n")
+    done = run("init", "export.csv")
+    assert "wrote columns.yaml (reads 0 of 5 columns of export.csv)\n" in done.stdout
+    assert (
+        "decide in columns.yaml: the file has no names; name its columns, in their units, as in q1_deg" in done.stdout
+    )
+
+
+def test_a_file_that_is_no_table_is_named_before_an_existing_map(folder: Path) -> None:
+    (folder / "columns.yaml").write_text("")
+    missing = run("init", "nothing.csv")
+    assert (missing.exit_code, "nothing.csv: the file does not exist" in missing.stderr) == (3, True)
+    (folder / "rows.json").write_text('[\n  {"q1": 1}\n]\n')
+    document = run("init", "rows.json")
+    assert (document.exit_code, "rows.json: is a JSON document" in document.stderr) == (3, True)

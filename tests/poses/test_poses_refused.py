@@ -266,6 +266,8 @@ OTHER_FILES = {
     b"\x1f\x8b\x08\x00": "is compressed by gzip, expected a table of poses; unpack it first",
     b"\xef\xbb\xbf\n<!DOCTYPE HTML><html>": "is an HTML page, expected a table of poses; export the poses as CSV",
     b'{"q1": [1, 2]}': "is a JSON document, expected a table of poses; export the poses as CSV",
+    b'[\n  {"q1": 1}': "is a JSON document, expected a table of poses; export the poses as CSV",
+    b"[[1, 2],": "is a JSON document, expected a table of poses; export the poses as CSV",
 }
 
 

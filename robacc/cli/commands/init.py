@@ -10,8 +10,8 @@ import typer
 
 from robacc.cli.options import BaseLinkOption, TipLinkOption
 
-_TABLES = frozenset({".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".xlsx", ".xls", ".ods", ".parquet"})
-"""Ends of names of exports."""
+_TABLES = frozenset({".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".json", ".xlsx", ".xls", ".ods", ".parquet"})
+"""Ends of names of exports; JSON is refused with advice."""
 
 
 def init(
@@ -90,12 +90,12 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     from robacc.io.files import make_folder, write_text
     from robacc.poses.column_proposal import propose_columns
 
+    proposal = propose_columns(export, PurePath(path).name)
     if os.path.exists(path) and not force:
         raise UsageError(f"{path} exists already; overwrite with --force, or name another file with --columns")
-    proposal = propose_columns(export, PurePath(path).name)
     make_folder(folder)
     write_text(path, proposal.text)
-    print(f"wrote {path} ({proposal.n_columns} columns of {export})")
+    print(f"wrote {path} (reads {proposal.n_columns} of {proposal.n_named} columns of {export})")
     print("next:")
     if proposal.open_statements:
         print(f"  fill in {' and '.join(proposal.open_statements)} in {path}")

@@ -12,10 +12,7 @@ from robacc.io.problem_log import ProblemLog, clip
 from robacc.poses.columns import QUATERNION, SIGMAS
 from robacc.poses.known_robot import JointLimits
 from robacc.poses.layout import listing
-from robacc.poses.plausibility import (
-    EXCESS_TOLERANCE,
-    excess_beyond_limits,
-)
+from robacc.poses.plausibility import EXCESS_TOLERANCE, degrees_likely, excess_beyond_limits
 from robacc.poses.values import COMMANDED_QUATERNION, Values
 
 QUATERNION_TOLERANCE = 1e-3
@@ -122,6 +119,9 @@ class RowChecks:
         small = (excess > 0) & (excess <= tolerance)
         if small.any():
             self._warn_of_excess(column.name, limits_text, f"{excess[small].max() * column.divisor:.3g}{unit}", small)
+        fix = "`ignore_limits` uses these rows all the same"
+        if column.unit == "rad" and degrees_likely(value, limits):
+            fix = "if the joints are in degrees, name the columns as in q1_deg, or give `units` with deg; else " + fix
         self.log.add_rows(
             excess > tolerance,
             self.values.lines,
@@ -130,7 +130,7 @@ class RowChecks:
                 f"found {value[i] * column.divisor:.10g}{unit}, expected a value within the joint's limits "
                 f"{limits_text}"
             ),
-            "`ignore_limits` uses these rows all the same",
+            fix,
         )
 
     def _warn_of_excess(self, name: str, limits_text: str, excess_text: str, rows: NDArray[np.bool_]) -> None:

@@ -184,6 +184,13 @@ def test_joint_limits(read: Reader) -> None:
     assert read(text, robot=KnownRobot(limits=[None, (0, 1)])).n == 2
 
 
+def test_joints_stated_in_rad_beyond_limits_that_degrees_keep_have_advice(read: Reader) -> None:
+    text = "q1_rad,x,y,z\n60,1,2,3\n-85.5,1,2,3\n1,2,2,3\n"
+    problem = problem_texts(read, text, robot=KnownRobot(limits=[(-math.pi / 2, math.pi / 2)]))
+    assert "found 60 rad" in problem[0]
+    assert "if the joints are in degrees, name the columns as in q1_deg, or give `units` with deg; else" in problem[0]
+
+
 @pytest.mark.parametrize(("unit", "over", "is_used"), [("deg", 0.0499, True), ("deg", 0.0501, False)])
 def test_a_small_excess_of_a_limit_is_a_warning(read: Reader, unit: str, over: float, is_used: bool) -> None:
     text = f"q1_{unit},x,y,z\n{90 + over},0,0,1\n0,0,0,1\n-90,0,1,1\n"

@@ -8,11 +8,12 @@ import os
 import numpy as np
 
 from robacc.accuracy.pose_errors import commanded_poses
+from robacc.errors import InputError, Problem
 from robacc.measurements import Measurements
 from robacc.poses.columns import BranchColumn
 from robacc.poses.csv_file import read_poses
 from robacc.poses.known_robot import KnownRobot
-from robacc.poses.plausibility import central_range, check_scale
+from robacc.poses.plausibility import TURN, central_range, check_scale, thousandfold
 from robacc.robots.assembly import build_chain
 from robacc.robots.description import Joint, Mimic, Robot
 
@@ -106,6 +107,7 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
     sample = data.subset(np.linspace(0, data.n - 1, min(data.n, _SCALE_SAMPLE)).astype(int))
     nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
     check_scale(sample.position, nominal, data.source)
+    _check_both_units(sample, robot)
     measured_range, nominal_range = (float(np.max(central_range(p))) for p in (sample.position, nominal))
     if measured_range < _MOST_RATIO * nominal_range + _LEAST_EXCESS:
         return ()
@@ -113,3 +115,26 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
         f"{data.source}: the positions spread over {measured_range:.3g} m, but the joints move the robot over "
         f"{nominal_range:.3g} m only; check the unit of the joint columns (rad or degrees), and the robot",
     )
+
+
+def _check_both_units(data: Measurements, robot: Robot) -> None:
+    """Raise an error for positions in m read as mm beside joints in rad read as degrees, which agree with the robot.
+
+    Read so, no joint turns by more than 2 pi degrees, and the positions spread a thousand times less than they would
+    at the joints in rad.
+    """
+    revolute = np.array([joint.type == "revolute" for joint in robot.variables])
+    if data.q is None or not revolute.any() or (largest := float(np.max(np.abs(data.q[revolute])))) > np.radians(TURN):
+        return
+    turned = dataclasses.replace(data, q=np.where(revolute[:, None], np.degrees(data.q), data.q))
+    nominal, _ = commanded_poses(turned, robot).block(slice(0, data.n))
+    ratio = thousandfold(data.position, nominal)
+    if ratio is None or ratio > 1:
+        return
+    spread = 1e3 * float(np.max(central_range(data.position)))
+    message = (
+        f"the positions spread over {spread:.3g} mm only, and no joint is beyond {np.degrees(largest):.3g} degrees; "
+        "read in m and rad, they agree with the size of the robot"
+    )
+    fix = "if they are in m and rad, give `units` as m,rad, or name the columns x_m, q1_rad and so on"
+    raise InputError(Problem(message, data.source, fix=fix))

@@ -56,6 +56,15 @@ def test_a_unit_that_does_not_suit_the_robot_is_refused(
     assert tip in found.stderr
 
 
+def test_metres_and_radians_read_as_millimetres_and_degrees_are_refused(tmp_path: Path) -> None:
+    path = rewritten(tmp_path, "mm", 1.0)
+    header, *rows = path.read_text().splitlines()
+    names = [f"{name}_deg" if name.startswith("q") and name[1:].isdigit() else name for name in header.split(",")]
+    path.write_text("\n".join([",".join(names), *rows]) + "\n")
+    with pytest.raises(InputError, match=r"spread over 1.* mm only, .*if they are in m and rad, give `units` as m,rad"):
+        read_robot_poses(path, read_robot(str(ROBOT)))
+
+
 def test_rows_in_turn_are_not_judged_by_one_of_them(tmp_path: Path) -> None:
     """60 poses visited a hundred times, and more rows than are looked at: those are of many poses."""
     robot = read_robot(str(ROBOT))

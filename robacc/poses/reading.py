@@ -92,6 +92,10 @@ class SupportsColumns(Protocol):
         """Names of the columns."""
 
 
+_OF_TABLES = ("columns", "column_names", "__arrow_c_stream__", "__dataframe__")
+"""Attributes by which a data frame is known."""
+
+
 class PoseFile(str):
     """Path of a pose file, or a data frame, with statements on what its names leave open.
 
@@ -130,9 +134,15 @@ class PoseFile(str):
             bag: See above.
 
         Raises:
-            UsageError: A statement is wrong.
+            UsageError: A statement is wrong, or ``path`` is neither a path nor a data frame.
             InputError: The column map cannot be read.
         """
+        is_table = isinstance(path, Mapping) or any(hasattr(path, name) for name in _OF_TABLES)
+        if not is_table and not isinstance(path, str | os.PathLike):
+            raise UsageError(
+                f"expected a path, a data frame or Measurements as poses, found {type(path).__name__}; make a data "
+                "frame of records, or Measurements(position=…, q=…) of arrays"
+            )
         result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
         result.frame = (
             path.frame if isinstance(path, PoseFile) else None if isinstance(path, str | os.PathLike) else path

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import robacc
-from robacc.errors import InputError
+from robacc.errors import InputError, UsageError
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 ROBOT = SAMPLES / "robot.yaml"
@@ -121,3 +121,9 @@ def test_the_named_index_of_pandas_is_a_column() -> None:
     data = robacc.read_poses(pandas.DataFrame(table).set_index("pose"))
     assert data.pose is not None
     assert data.pose[:2].tolist() == ["P0", "P1"]
+
+
+@pytest.mark.parametrize("poses", [[{"x": 1.0}], np.zeros((3, 4)), 5, None])
+def test_what_is_no_table_is_a_wrong_argument(poses: Any) -> None:
+    with pytest.raises(UsageError, match="expected a path, a data frame or Measurements as poses, found"):
+        robacc.estimate(poses, robot=ROBOT)

@@ -146,17 +146,22 @@ def _candidate(
     dialect = TableDialect(separator, comma, _COMMENTS)
     best: tuple[int, int, int] | None = None  # rows, start, fields
     start, width, rows = 0, 0, 0
+    first_of_width: dict[int, int] = {}  # of the rows since the last line without numbers
     for i, line in enumerate(lines):
         if not dialect.is_row(line):
             continue
         fields = _split(dialect, line)
         numbers = sum(dialect.is_number(text) for text in fields)
         gaps = sum(text.lower() in GAPS for text in fields if text)
+        if rows and not numbers and gaps >= fewest and len(fields) == width:
+            continue  # a row whose values are all missing
         if not numbers or numbers + gaps < fewest:
             rows = 0
+            first_of_width = {}
             continue
         if rows == 0 or len(fields) != width:
-            start, width, rows = i, len(fields), 0
+            # A row of another width, such as one with a separator in a text, does not begin another table.
+            start, width, rows = first_of_width.setdefault(len(fields), i), len(fields), 0
         rows += 1
         if best is None or rows > best[0]:
             best = (rows, start, width)
@@ -181,7 +186,7 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
             fields = fields[:-1]
         if len(fields) == width - 1 and not _split(dialect, lines[start])[-1]:
             fields = [*fields, ""]  # every row ends with a separator
-        if len(fields) != width:
+        if len(fields) != width or _is_gap(fields):
             continue
         if units is None and all(_UNIT_FIELD.fullmatch(text) for text in fields) and any(fields):
             units = fields
@@ -194,9 +199,25 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
                       for name, unit in zip(names, units, strict=True))  # fmt: skip
     preamble = tuple(line for i, line in enumerate(lines[:start]) if line.strip() and i != header_line)
     rows = [tuple(_split(dialect, line)) for line in lines[start : start + _SAMPLED] if dialect.is_row(line)]
+    if names and header_line is not None:
+        # Rows of another width below the names are rows too: the reader reports them.
+        below = (i for i in range(header_line + 1, start) if _has_values(lines[i], dialect))
+        start = next(below, start)
     return replace(
         dialect, header_line=header_line, first_row=start, names=names, preamble=preamble, sample=tuple(rows)
     )
+
+
+def _is_gap(fields: Sequence[str]) -> bool:
+    """Return whether a row has missing values, such as ``---``, and is no line of units (``-`` is a unit too)."""
+    marks = sum(text.lower() in GAPS for text in fields if text)
+    return marks >= _FEWEST_NUMBERS and not all(map(_UNIT_FIELD.fullmatch, fields))
+
+
+def _has_values(line: str, dialect: TableDialect) -> bool:
+    """Return whether a line is a row of a table: several numbers, or marks of missing ones."""
+    fields = _split(dialect, line) if dialect.is_row(line) else []
+    return sum(map(dialect.is_number, fields)) >= _FEWEST_NUMBERS or _is_gap(fields)
 
 
 def _with_groups(names: tuple[str, ...], above: Sequence[str], dialect: TableDialect) -> tuple[str, ...]:

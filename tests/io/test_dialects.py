@@ -336,3 +336,29 @@ def test_the_map_of_every_export_reads_it_alike(
     result, _ = graded(Path("export.txt"), "--columns", "columns.yaml", *skip, robot=export.robot)
     expected, _ = graded(Path("export.txt"), *export.options, robot=export.robot)
     assert result["grade"] == expected["grade"]
+
+
+@pytest.mark.parametrize("bad", [0, 1, 2, 20])
+def test_a_row_of_another_width_is_reported_wherever_it_stands(tmp_path: Path, bad: int) -> None:
+    """A separator in a remark, near the names or far below, must not make a later row the first of the table."""
+    rows = [f"{i};{i},5;{10 * i},25;{400 + i},1;sauber" for i in range(30)]
+    rows[bad] = rows[bad].replace("sauber", "SMR; neu")
+    path = tmp_path / "export.csv"
+    path.write_text("\n".join(["Nr.;X [mm];Y [mm];Z [mm];Bemerkung", *rows]) + "\n")
+    with pytest.raises(robacc.InputError) as caught:
+        robacc.read_poses(path)
+    assert [problem.line for problem in caught.value.problems if "found 6 fields" in problem.message] == [bad + 2]
+
+
+@pytest.mark.parametrize("gap", [0, 1, 2, 20])
+def test_a_row_without_any_value_is_a_gap_wherever_it_stands(tmp_path: Path, gap: int) -> None:
+    rows = [f"P{i};{i},5;{10 * i},25;{400 + i},1;{i},4;{10 * i},2;{400 + i},3" for i in range(30)]
+    rows[gap] = f"P{gap};---;---;---;---;---;---"
+    path = tmp_path / "export.csv"
+    names = "Punkt;Soll X [mm];Soll Y [mm];Soll Z [mm];Ist X [mm];Ist Y [mm];Ist Z [mm]"
+    path.write_text("\n".join([names, *rows]) + "\n")
+    with pytest.raises(robacc.InputError) as caught:
+        robacc.read_poses(path)
+    assert {problem.line for problem in caught.value.problems} == {gap + 2}
+    data = robacc.read_poses(path, skip_gaps=True)
+    assert data.n == 29

@@ -265,4 +265,14 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     """Warn of errors that are too large for an arm."""
     far = _moves(data) and too_far(rms_length(errors.position), data.position)
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
-    return (unregistered_warning(alignment is not None),) if far or turned else ()
+    if not (far or turned):
+        return ()
+    if alignment is None:
+        return (unregistered_warning(registered=False),)
+    warning = unregistered_warning(registered=True)
+    if not far:
+        warning = (
+            "the positions agree, but the orientation errors are too large for an arm: check the order of the "
+            "quaternion or the convention of the angles"
+        )
+    return (f"{warning}{'' if data.q is None else '; a trace names the probable mistake'}",)

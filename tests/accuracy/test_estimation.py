@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
 N = 40
 
@@ -252,3 +255,11 @@ def test_a_correction_used_outside_its_validity_range_gives_a_warning() -> None:
     inside = robacc.estimate(data.subset(np.arange(2, 4)), robot=robot).warnings
     assert not any("validity range" in text for text in inside)
     assert not any("validity range" in text for text in robacc.estimate(data, robot=puma.robot).warnings)
+
+
+def test_a_quaternion_in_another_order_is_not_blamed_on_the_joints(tmp_path: Path) -> None:
+    text = (SAMPLES / "poses.csv").read_text(encoding="utf-8").replace("qw,qx,qy,qz", "qx,qy,qz,qw", 1)
+    path = tmp_path / "poses.csv"
+    path.write_text(text, encoding="utf-8")
+    result = robacc.estimate(path, robot=SAMPLES / "robot.yaml", align="base_frame,tool_frame")
+    assert any("the positions agree, but the orientation errors" in warning for warning in result.warnings)

@@ -61,6 +61,12 @@ class Result(ABC):
         files = ", ".join(file.name for file in self.made.inputs)
         return f"<robacc.{type(self).__name__} of {files}>"
 
+    def __str__(self) -> str:
+        """Return the headline and key figures as lines of text."""
+        from robacc.render.html.notebook import notebook_text
+
+        return notebook_text(self._plain())
+
     @abstractmethod
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""

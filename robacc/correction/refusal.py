@@ -66,7 +66,8 @@ def refusals(
 
 
 def _unreached(wanted: WantedPoses) -> dict[int, Refusal]:
-    reason = "the nominal robot does not reach the wanted pose in this configuration"
+    configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
+    reason = f"the nominal robot does not reach the wanted pose{configuration}"
     return {int(i): Refusal(Cause.unreached, reason) for i in np.flatnonzero(~wanted.reached)}
 
 

@@ -43,12 +43,16 @@ class RowChecks:
             limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
             target_names: Targets, as in :func:`robacc.poses.csv_file.read_poses`.
             skip_limits: Joints whose unit is wrong; a limit check of every row would repeat that problem.
+
+        Where the file lacks joints, its columns may belong to others: no limit is checked.
         """
         for keys in (QUATERNION, COMMANDED_QUATERNION):
             self._quaternion(keys)
-        for key, limit in zip(self.values.layout.joints(), limits or (), strict=False):
-            if limit is not None and key not in skip_limits:
-                self._limits(key, limit)
+        layout = self.values.layout
+        if all(key in layout.columns for key in layout.joints()):
+            for key, limit in zip(layout.joints(), limits or (), strict=False):
+                if limit is not None and key not in skip_limits:
+                    self._limits(key, limit)
         for key in self.values.layout.joints("dir_"):
             self._column(key, lambda v: ~np.isin(v, (-1.0, 0.0, 1.0)), "expected -1, 0 or 1")
         for key in self.values.layout.joints("speed_"):

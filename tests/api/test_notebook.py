@@ -25,6 +25,13 @@ def test_the_headline_has_the_figures_and_escapes_names(result: robacc.Estimate)
     assert text.count("<table>") == text.count("</table>") == 1
 
 
+def test_the_text_of_a_result_is_its_headline(result: robacc.Estimate) -> None:
+    lines = str(result).splitlines()
+    assert "[grade D" in lines[0]
+    assert any(f"{result.position.rms * 1e3:.3g} mm" in line for line in lines)
+    assert max(map(len, lines)) < 200
+
+
 def test_arrays_are_those_of_the_document(result: robacc.Estimate) -> None:
     columns = result.to_numpy()
     assert {array.shape for array in columns.values()} == {(60,)}

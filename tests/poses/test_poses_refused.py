@@ -114,6 +114,10 @@ def test_joint_columns_that_do_not_fit_the_robot(read: Reader) -> None:
         "1: the robot has 2 joints, the file has columns for 1: column q2 is missing; "
         "expected q1 … q2 without a gap, or the joints' names base, lift"
     )
+    limits = [(-1.0, 1.0), (0.0, 1.0)]
+    # The file's q1 may be another joint: its values are not held against limits.
+    (problem,) = problem_texts(read, "q1,x,y,z\n2,1,2,3\n", robot=KnownRobot(names, types, limits))
+    assert "column q2 is missing" in problem
     (problem,) = problem_texts(read, "q1,q2,q3,x,y,z\n", robot=robot)
     assert problem == "1, q3: the column belongs to joint 3, but the robot has 2 joints"
     (problem,) = problem_texts(read, "pose,x,y,z\n", robot=robot)

@@ -19,8 +19,8 @@ def plot(
     ],
     kind: Annotated[
         str,
-        typer.Option("--kind", metavar="KIND", help="Kind of chart; an unknown kind lists the kinds of the result."),
-    ],
+        typer.Option("--kind", metavar="KIND", help="Kind of chart; without it, an error lists those of the result."),
+    ] = "",
     number: Annotated[
         int,
         typer.Option("--number", metavar="N", min=1, help="Number of the chart among several of its kind."),

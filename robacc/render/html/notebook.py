@@ -1,25 +1,41 @@
-"""A result as a few lines of HTML for a notebook: title, summary and key figures; no library is needed."""
+"""A result in a few lines for a notebook or a Python shell: title, summary and key figures; no library is needed."""
 
 from __future__ import annotations
 
 from html import escape
 
+from robacc.render.html.blocks import ReportHeadline
 from robacc.render.html.headline import headline_of
 from robacc.render.plots.chart import Document
 
 
 def notebook_html(document: Document) -> str:
-    """Return the headline of a result."""
+    """Return the headline of a result as HTML."""
     headline = headline_of(document)
     badges = "".join(f" <small>[{escape(badge.text)}]</small>" for badge in headline.badges)
-    rows = [(tile.label, str(tile.value), tile.interval) for tile in headline.tiles]
-    rows += [(name, text, "") for name, text in headline.facts]
     cells = "".join(
         f"<tr><th style='text-align:left'>{escape(label)}</th><td style='text-align:left'>{escape(value)}</td>"
         f"<td style='text-align:left'>{escape(note)}</td></tr>"
-        for label, value, note in rows
+        for label, value, note in _rows(headline)
     )
     return (
         f"<div><strong>{escape(headline.title)}</strong>{badges}<p>{escape(headline.summary)}</p>"
         f"<table>{cells}</table></div>"
     )
+
+
+def notebook_text(document: Document) -> str:
+    """Return the headline of a result as lines of text."""
+    headline = headline_of(document)
+    rows = [(label, "  ".join(part for part in (value, note) if part)) for label, value, note in _rows(headline)]
+    width = max((len(label) for label, _ in rows), default=0)
+    title = " ".join((headline.title, *(f"[{badge.text}]" for badge in headline.badges)))
+    return "\n".join((title, headline.summary, *(f"{label:<{width}}  {text}" for label, text in rows)))
+
+
+def _rows(headline: ReportHeadline) -> list[tuple[str, str, str]]:
+    """Return label, value and interval of each figure, then the facts."""
+    return [
+        *((tile.label, str(tile.value), tile.interval) for tile in headline.tiles),
+        *((name, text, "") for name, text in headline.facts),
+    ]

@@ -60,4 +60,6 @@ def chart_of(document: Document, kind: str, number: int = 1) -> Chart:
     if matching:
         raise UsageError(f"this result of robacc {command} has {len(matching)} chart(s) {kind!r}, not {number}")
     kinds = ", ".join(dict.fromkeys(chart.kind for chart in charts)) or "none"
+    if not kind:
+        raise UsageError(f"`kind` is missing; this result of robacc {command} has the charts {kinds}")
     raise UsageError(f"this result of robacc {command} has no chart {kind!r}; it has {kinds}")

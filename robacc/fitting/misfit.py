@@ -56,7 +56,7 @@ def inlier_mask(
     scale = float(np.median(distance)) / _MEDIAN[rows]
     if scale <= 0:
         return inliers
-    limit = tolerance**2 * _limit(rows, n) * scale
+    limit = tolerance**2 * outlier_limit(rows, n) * scale
     mask: NDArray[np.bool_] = (distance <= limit) | (np.abs(residual).max(axis=0) <= _ROUNDING)
     return mask if mask.sum() >= max(_LEAST_INLIERS * n, coefficients / rows + 1) else inliers
 
@@ -103,7 +103,7 @@ def _misfit(residual: Array, known: Array | float, used: float) -> float:
     return float(np.sqrt(high))
 
 
-def _limit(rows: int, n: int) -> float:
+def outlier_limit(rows: int, n: int) -> float:
     """Return the mean whitened square of a row beyond which it is an outlier.
 
     Wilson and Hilferty's quantile of the chi-square distribution at a tail of 1e-7 / N, that is some six standard

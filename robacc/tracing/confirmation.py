@@ -18,7 +18,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
 from robacc.tracing.cross_validation import CrossValidation, FoldChoices, cross_validate
 from robacc.tracing.findings import mean_inflation
-from robacc.tracing.held_out_gain import gain_score
+from robacc.tracing.held_out_gain import bounded, gain_score
 from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_first, refit
 from robacc.tracing.selection import Selection
@@ -129,12 +129,12 @@ def with_held_out_gain(
     findings together must have a gain. Where the setup of ``holdout`` was moved, gains are judged with ``frames``
     registered anew. Return the remaining search, its cross-validation, and warnings that list what was withdrawn.
     """
-    judged: Callable[[Array], Array] = (lambda residual: residual) if frames is None else frames.residual
     no_gain: list[str] = []
     cancelled: list[str] = []
     place = places(data if holdout is None else holdout)
     while validation is not None and search_result.effects:
         weight = _weight_of_plausible(search_result) if holdout is None else None
+        judged = _judged(search_result.final, holdout, frames)
         scores = {
             effect: gain_score(judged(validation.without[effect.key()]), judged(validation.after), place, weight)
             for effect in search_result.effects
@@ -161,6 +161,15 @@ def with_held_out_gain(
         "other effects cancel it on these poses, and need not elsewhere": cancelled,
     }
     return search_result, validation, _withdrawn_warnings(reasons)
+
+
+def _judged(final: Fit, holdout: Measurements | None, frames: HeldOutFrames | None) -> Callable[[Array], Array]:
+    """Return the function that makes held-out residuals comparable: registered anew, or with outliers bounded."""
+    if frames is not None:
+        return frames.residual
+    if holdout is not None:
+        return lambda residual: residual
+    return lambda residual: bounded(residual, final)
 
 
 def _weight_of_plausible(search_result: SearchResult) -> Array:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError
 from robacc.fitting.cross_validation import folds, held_out, parts
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.misfit import outlier_limit
 from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -38,6 +39,19 @@ def gain_score(without: Array, after: Array, place: NDArray[np.int64], weight: A
     return float(mean / error)
 
 
+def bounded(residual: Array, final: Fit) -> Array:
+    """Return ``(M, N)`` held-out residuals in m and rad, those of outliers of ``final`` at most as long as the limit.
+
+    A model with large errors does not show which rows are wrong, so its fit keeps them. The product of a wrong row's
+    error and of an effect's small motion would then outweigh the gain of all other rows. At the limit, a row still
+    counts against an effect that makes it an outlier.
+    """
+    length = np.sqrt(np.mean(np.square(residual * final.weight), axis=0))
+    limit = np.sqrt(outlier_limit(*residual.shape))
+    shrink = np.where(final.inliers | (length <= limit), 1.0, limit / np.maximum(length, limit))
+    return np.asarray(residual * shrink, dtype=np.float64)
+
+
 def gain_of(better: Fit, worse: Fit, data: Measurements) -> float:
     """Return the :func:`gain_score` of one fitted model over another, each fitted again without each fold of ``data``.
 
@@ -56,4 +70,5 @@ def gain_of(better: Fit, worse: Fit, data: Measurements) -> float:
     except InputError:
         return 0.0
     plausible = better.inliers | worse.inliers
+    without, after = bounded(without, better), bounded(after, better)
     return gain_score(without[:, plausible], after[:, plausible], places(data)[plausible])

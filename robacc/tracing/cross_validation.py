@@ -128,14 +128,19 @@ def _chosen(
 
 
 def chosen_on(search_result: SearchResult, rows: NDArray[np.bool_], empirical: bool = True) -> Selection:
-    """Return what a search chooses from the poses ``rows`` ``(N,)``, on the linearisation of the search on all."""
+    """Return what a search chooses from the poses ``rows`` ``(N,)``, on the linearisation of the search on all.
+
+    Outliers of the final fit are left out, as they are from the fits of folds. Large errors of the baseline hide them,
+    and the linearisation is at the baseline: in a fold they would count as noise, beside which small effects are lost.
+    """
+    inliers = search_result.final.inliers
     return choose(
         search_result.candidates,
-        rows,
+        rows & inliers,
         empirical=empirical,
         max_poses=_FOLD_POSES,
         named_first=search_result.named_first,
-        level=fold_level(float(np.mean(rows))),
+        level=fold_level(float(np.mean(rows[inliers]))),
         known=[effect for effect in search_result.effects if not (effect.is_frame or effect.is_profile())],
     )
 

@@ -14,6 +14,7 @@ from robacc.fitting.misfit import outlier_limit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.cross_validation import fold_choices
 from robacc.tracing.held_out_gain import bounded
 from robacc.tracing.loop import SearchResult, search
 
@@ -40,6 +41,16 @@ def campaign() -> tuple[SearchResult, Measurements]:
     start = Model.of(nominal)
     free = build(parse_requests("base_frame,tool_frame,joint_offset"), start.arm, data)
     return search(Model(start.arm, start.known, free), data), data
+
+
+def test_folds_choose_without_the_outliers_of_the_final_fit() -> None:
+    found, data = campaign()
+    assert found.declared.inliers.all()
+    assert np.flatnonzero(~found.final.inliers).tolist() == WRONG.tolist()
+    (play,) = (effect for effect in found.effects if effect.name == "backlash")
+    choices = fold_choices(found, data, 5, 0, True, lambda *progress: None)
+    assert choices is not None
+    assert choices.count(play) == 5
 
 
 def test_held_out_residuals_of_outliers_are_no_longer_than_their_limit() -> None:

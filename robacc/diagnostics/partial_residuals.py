@@ -115,7 +115,7 @@ def _joint_curve(effect: Effect, joint: str, indices: Sequence[int], fit: Fit, d
         grid, value = _curve(effect, indices, fit, driver, before - after)
     unit = "rad" if fit.model.arm.is_revolute(joint) else "m"
     spectrum = None
-    if orders_of(effect):
+    if orders_of(effect) and driver.unit == "rad":
         spectrum = _spectrum(driver.values[fit.inliers], before[fit.inliers], after[fit.inliers], sd[fit.inliers])
     return PartialResidual(
         joint, driver.name, driver.unit, unit, driver.values, before - after, before, after, sd, grid, value, spectrum

@@ -54,7 +54,8 @@ class ComplianceVariation(TorqueDriven):
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield the order of a periodic error that a search has identified: gears err more under load."""
-        if (order := searched_order(other)) is not None and cls.missing(arm, data) is None:
+        order = searched_order(other)
+        if order is not None and set(other.joints) <= set(cls.possible_joints(arm)) and cls.missing(arm, data) is None:
             yield cls(other.joints, (order,))
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:

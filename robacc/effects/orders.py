@@ -20,6 +20,8 @@ HIGHEST_ORDER = 40.0
 """Largest order that competes with every candidate."""
 HIGHEST_OF_ALL = 210.0
 """Largest order that is tried where nothing else is significant: twice the ratio of common strain-wave gears."""
+HIGHEST_OF_SLIDE = 1000.0
+"""rad/m: largest order of a slide that is tried where nothing else is significant: a period of 6 mm."""
 _FEWEST = 8
 """Different angles that an order needs at least."""
 _CLOSEST = 0.1
@@ -69,10 +71,10 @@ def supported_orders(angle: Array) -> Array:
     return np.arange(first, min(HIGHEST_ORDER, highest) + 1e-9, ORDER_STEP)
 
 
-def high_orders(angle: Array) -> Array:
-    """Return the orders above :data:`HIGHEST_ORDER` that the spacing of poses supports."""
+def high_orders(angle: Array, largest: float = HIGHEST_OF_ALL) -> Array:
+    """Return the orders above :data:`HIGHEST_ORDER`, at most ``largest``, that the spacing of poses supports."""
     _, highest = _limits(angle)
-    return np.arange(HIGHEST_ORDER + ORDER_STEP, min(HIGHEST_OF_ALL, highest) + 1e-9, ORDER_STEP)
+    return np.arange(HIGHEST_ORDER + ORDER_STEP, min(largest, highest) + 1e-9, ORDER_STEP)
 
 
 def _limits(angle: Array) -> tuple[float, float]:

@@ -14,7 +14,7 @@ _LOW = 2.5
 
 
 def periodic_joints(arm: Arm) -> tuple[str, ...]:
-    """Return the joints that turn."""
+    """Return the joints that can have a periodic error."""
     return TransmissionError.possible_joints(arm)
 
 

@@ -1,10 +1,10 @@
-"""A periodic error of a joint: eccentric gears and encoder discs, tooth meshing, strain-wave gears."""
+"""A periodic error of a joint: eccentric gears and encoder discs, tooth meshing, strain-wave gears, a slide's screw."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,8 @@ _SHORT = 0.5 * math.pi
 class TransmissionError(Effect):
     """Joint variable plus cosine and sine of n q_j for each order n, whole or not.
 
+    The order of a slide is 2 pi over the period of its screw, pinion or scale (rad/m).
+
     With ``shrunk`` the orders are a joint's profile: its terms share a Gaussian prior whose standard
     deviation is estimated, so that a profile is shrunk if the poses determine little of it.
     """
@@ -36,14 +38,15 @@ class TransmissionError(Effect):
     shrunk: bool = False
 
     name = "transmission_error"
-    only_revolute = True
     shares_terms = True
     is_bounded = True
     about = About(
-        summary="a periodic error of the joint: eccentricity (once, twice per turn), gear teeth, a strain-wave gear",
-        equation="theta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2, the gear's orders, or orders found in the data",
-        unit="rad",
-        usual_size="1e-5 to 1e-3 rad",
+        summary="a periodic error of the joint: eccentricity (once, twice per turn), gear teeth, a strain-wave gear; "
+        "the pitch of a slide's screw or rack",
+        equation="theta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2, the gear's orders, or orders found in the data; "
+        "d_j of a prismatic joint, n = 2 pi over the period in m",
+        unit="rad (m for a prismatic joint)",
+        usual_size="1e-5 to 1e-3 rad, 1e-5 to 1e-3 m",
         usual_range=(1e-05, 0.001),
         needs="q1 … qN; for order n poses closer than 1/(2n) turn somewhere",
         confused_with="joint_compliance (order 1, axis horizontal), gear_ratio over a narrow range",
@@ -54,13 +57,18 @@ class TransmissionError(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield orders 1, 2, both, and the gear ratio; a trace searches for other orders."""
-        for joint in cls.possible_joints(arm):
+        """Yield orders 1, 2, both, and the gear ratio of joints that turn; a trace searches for other orders."""
+        for joint in filter(arm.is_revolute, cls.possible_joints(arm)):
             for orders in ((1.0,), (2.0,), (1.0, 2.0)):
                 yield cls((joint,), orders)
             ratio = arm.joint(joint).gear_ratio
             if ratio:
                 yield cls((joint,), (float(ratio),))
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return orders 1 and 2 of ``joints``, or of all that turn: a slide has no orders per turn."""
+        return cls(tuple(filter(arm.is_revolute, arm.names) if joints is None else joints))
 
     def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
         """Return the joints that moved less than the period of the orders together: a whole period repeats itself.
@@ -144,12 +152,22 @@ class TransmissionError(Effect):
         for joint in self.joints:
             motion, angle = arm.axis_motion(joint), q[arm.number(joint)]
             group = f"{self.name}.{joint}" if self.shrunk else None
+            unit = "rad" if arm.is_revolute(joint) else "m"
             waves = _waves(self.orders, angle.tobytes())
             for order, of_order in zip(self.orders, waves, strict=True):
                 for kind, wave in zip(("cos", "sin"), of_order, strict=True):
                     name = f"{self.name}.{joint}.{kind}{order:.6g}"
-                    terms.append(Term(name, "rad", typical, (Part(motion, wave),), group))
+                    terms.append(Term(name, unit, typical, (Part(motion, wave),), group))
         return tuple(terms)
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return the periods of a slide's error and where to look; None for joints that turn, which have harmonics."""
+        if any(map(arm.is_revolute, self.joints)):
+            return None
+        periods = ", ".join(f"{1e3 * 2.0 * math.pi / order:.4g}" for order in self.orders)
+        return f"period {periods} mm: compare with the lead of the screw, the pinion's circumference, the scale's pitch"
 
     def settings(self) -> dict[str, Any]:
         """Return the orders, and ``shrunk`` for a profile."""

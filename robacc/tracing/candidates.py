@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.orders import high_orders, supported_orders
+from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_OF_SLIDE, high_orders, supported_orders
 from robacc.effects.periodic import PERIODIC, periodic_joints, profile
 from robacc.errors import UsageError
 from robacc.geometry import Array
@@ -89,7 +89,7 @@ class OrderGrid:
     orders: Array
     """``(K,)`` evenly spaced."""
     angle: Array
-    """``(N,)`` rad"""
+    """``(N,)`` rad, or m of a slide."""
     log_prior: float
 
 
@@ -148,7 +148,7 @@ def named_candidates(
 
 
 def _periodic_angles(arm: Arm, data: Measurements, only: Sequence[str] | None) -> Iterator[tuple[str, Array]]:
-    """Yield the rotary joints and their angles ``(N,)``; none if periodic errors are not among ``only``."""
+    """Yield joints and their variables ``(N,)``, rad or m; none if periodic errors are not among ``only``."""
     if only is None or PERIODIC in only:
         q = commanded(data, PERIODIC)
         for joint in periodic_joints(arm):
@@ -158,10 +158,11 @@ def _periodic_angles(arm: Arm, data: Measurements, only: Sequence[str] | None) -
 def order_grids(
     arm: Arm, data: Measurements, only: Sequence[str] | None = None, *, high: bool = False
 ) -> list[OrderGrid]:
-    """Return, for each rotary joint, the orders that its poses can identify; with ``high`` those above the usual."""
+    """Return, for each joint, the orders that its poses can identify; with ``high`` those above the usual."""
     result = []
     for joint, angle in _periodic_angles(arm, data, only):
-        orders = high_orders(angle) if high else supported_orders(angle)
+        largest = HIGHEST_OF_ALL if arm.is_revolute(joint) else HIGHEST_OF_SLIDE
+        orders = high_orders(angle, largest) if high else supported_orders(angle)
         if orders.size == 0:
             continue
         # Neighbours of the grid are redundant: orders half a period of the range apart count as independent.
@@ -176,7 +177,7 @@ def profiles(arm: Arm, data: Measurements, only: Sequence[str] | None = None) ->
     for joint, angle in _periodic_angles(arm, data, only):
         supported = supported_orders(angle)
         orders = tuple(order for order in PROFILE_ORDERS if supported.size and order <= supported[-1])
-        if len(orders) < _LEAST_ORDERS:
+        if len(orders) < _LEAST_ORDERS or not arm.is_revolute(joint):
             continue
         effect = profile(joint, orders)
         result.append(Candidate(effect, effect.terms(arm, data), BLOCK_LOG_PRIOR))

@@ -207,14 +207,15 @@ def _harmonics(
     coefficients: Sequence[FittedParameter],
     covariance: Array,
 ) -> tuple[Harmonic, ...]:
-    """Return the strong harmonics of a periodic error."""
-    if not orders_of(effect):
+    """Return the strong harmonics of a periodic error of a joint that turns."""
+    arm = search_result.final.model.arm
+    if not orders_of(effect) or not all(map(arm.is_revolute, effect.joints)):
         return ()
     if effect.is_profile() and choice is not None:
         harmonics = profile_harmonics(search_result.selection, choice)
     else:
         harmonics = fitted_harmonics(effect, coefficients, covariance)
-    return named_harmonics(harmonics, search_result.selection, choice, search_result.final.model.arm, effect.joints[0])
+    return named_harmonics(harmonics, search_result.selection, choice, arm, effect.joints[0])
 
 
 def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:

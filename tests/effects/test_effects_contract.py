@@ -359,11 +359,11 @@ def test_each_mistake_of_an_entry_has_its_message(entry: str) -> None:
 
 
 def test_all_mistakes_come_at_once_and_a_joint_that_cannot_is_named() -> None:
-    entries = ({"effect": "transmission_error", "joints": ["j3"]}, {"effect": "backlash"})
+    entries = ({"effect": "axis_wobble", "joints": ["j3"]}, {"effect": "backlash"})
     with pytest.raises(InputError) as caught:
         known_effects(dataclasses.replace(arm("stanford").robot, effects=entries))
     assert [problem.column for problem in caught.value.problems] == ["effects[0]", "effects[1]"]
-    assert "transmission_error cannot act on j3; it can on j1, j2, j4" in caught.value.problems[0].message
+    assert "axis_wobble cannot act on j3; it can on j1, j2, j4" in caught.value.problems[0].message
 
 
 def test_an_arm_too_soft_for_its_weight_has_no_equilibrium() -> None:

@@ -66,6 +66,11 @@ def is_step(effect: Effect) -> bool:
     return isinstance(effect, Step)
 
 
+def changes_load(effect: Effect) -> bool:
+    """Return whether an effect is a step of the load at the flange."""
+    return isinstance(effect, Step) and effect.part == "payload"
+
+
 def place_of(effect: Effect) -> float:
     """Return the place of a step in the sequence, s or line."""
     assert isinstance(effect, Step)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.chain import BASE
 from robacc.effects.base import Effect, Part, Term
-from robacc.effects.change_points import is_step
+from robacc.effects.change_points import changes_load, is_step
 from robacc.effects.orders import HIGHEST_ORDER
 from robacc.effects.periodic import searched_order
 from robacc.fitting.fit_result import Fit
@@ -27,7 +27,7 @@ from robacc.tracing.candidates import BLOCK_LOG_PRIOR, TYPICAL_CANDIDATES, Batch
 from robacc.tracing.form_families import FormFamilies
 from robacc.tracing.place_scans import PlaceScan, is_placed, place_scan_for, place_scans
 from robacc.tracing.selection import Selection
-from robacc.tracing.step_scans import StepScan, scan_for, scan_of
+from robacc.tracing.step_scans import StepScan, late_places, scan_for, scan_of
 from robacc.tracing.whitened_columns import Columns
 
 _SHARE_OF_PRECISION = 1e-3
@@ -217,7 +217,10 @@ def _step_scans(pool: CandidatePool, columns: Array) -> tuple[StepScan, ...]:
         log_prior = -math.log(TYPICAL_CANDIDATES * same_part[form.joints or form.settings()["part"]])
         part = columns[:, start : start + len(terms)]
         start += len(terms)
-        scan = scan_of(form, pool.arm, pool.data, part, pool.step_places, pool.usable_step_places, log_prior)
+        usable = pool.usable_step_places
+        if changes_load(form):
+            usable = usable & late_places(usable.size)
+        scan = scan_of(form, pool.arm, pool.data, part, pool.step_places, usable, log_prior)
         if scan is not None:
             scans.append(scan)
     return tuple(scans)

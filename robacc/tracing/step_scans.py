@@ -25,6 +25,8 @@ from robacc.tracing.whitened_columns import Columns
 
 _MOST_PLACES = 48
 """Largest number of places of a first scan; the best is then improved among all places."""
+_LEAST_BEFORE = 0.25
+"""Least share of the visits before a change of the load."""
 _CREDIBLE = 0.95
 """Posterior probability of a step's interval."""
 
@@ -136,6 +138,15 @@ def usable_places(mixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return ``(P,)`` places with enough visits on each side that lie between each other in joint space."""
     before = np.arange(1, mixed.size + 1)
     return np.asarray(mixed & (before >= FEWEST) & (mixed.size + 1 - before >= FEWEST))
+
+
+def late_places(count: int) -> NDArray[np.bool_]:
+    """Return ``(P,)`` which of ``count`` places leave enough visits before them to show what was not there yet.
+
+    The baseline has the base, the target and the zeros, of which a step is a change, but no load. A load that changes
+    after the first poses is the same as one that was there all the time, or as the compliance of its joints.
+    """
+    return np.asarray(np.arange(1, count + 1) >= _LEAST_BEFORE * (count + 1))
 
 
 def places_of(scan: StepScan, at: NDArray[np.int64]) -> NDArray[np.int64]:

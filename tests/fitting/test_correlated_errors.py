@@ -127,7 +127,7 @@ def test_position_wanders_beside_orientations_that_do_not() -> None:
     assert 0.7 < errors.share < 0.97
     columns = result.identifiability.columns
     wider = np.sqrt(np.diag(with_correlated_errors(result, errors).covariance) / np.diag(result.covariance))[columns]
-    assert wider.min() >= 1.0
+    assert wider.min() >= 1.0 - 1e-12  # the root of a ratio of equal variances, rounded
     assert wider.max() > 1.5
     white = measured(np.random.default_rng(8), 0.0)
     white = dataclasses.replace(white, rotation=np.einsum("nij,jkn->ikn", noise, rotation))

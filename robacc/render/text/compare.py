@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TextIO
 
@@ -13,9 +12,8 @@ from robacc.comparison.grade_status import Verdict
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import chance, decimals, fixed, p_value, three_digits
+from robacc.render.text.units import table_unit
 
-_FACTORS = {"m": 1e3, "rad": 180.0 / math.pi, "1": 1.0}
-_UNITS = {"m": "mm", "rad": "°", "1": ""}
 _STATISTICS = {
     "rms": "rms",
     "mean_error": "mean",
@@ -112,7 +110,7 @@ def _ranking(comparison: ResultComparison) -> Iterator[TextLine]:
     stage = _stage(ranking.key)
     if stage is not None:
         description = f"{description} ({stage})"
-    yield heading(f"Ranking by {description}, {_UNITS[ranking.unit]}")
+    yield heading(f"Ranking by {description}, {table_unit(ranking.unit)[1]}")
     following = {pair.better: pair for pair in ranking.pairs if _next_to(ranking.names, pair.better, pair.worse)}
     rows = []
     for name, value, letters in zip(ranking.names, ranking.values, ranking.letters, strict=True):
@@ -168,7 +166,7 @@ def _block(comparison: ResultComparison, title: str, rows: list[ComparedRow], la
     """Return the table of related statistics; few results stand in columns, many in rows."""
     unit = rows[0].unit
     names = [_short(result.name) for result in comparison.results]
-    title = f"{title}, {_UNITS[unit]}"
+    title = f"{title}, {table_unit(unit)[1]}"
     if len(names) == 2:
         table = []
         for label, row in zip(labels, rows, strict=True):
@@ -257,13 +255,13 @@ def _label(statistic: str) -> str:
 
 
 def _amount(value: float, unit: str) -> str:
-    return "0" if abs(value) < _ROUNDING else three_digits(value * _FACTORS[unit])
+    return "0" if abs(value) < _ROUNDING else three_digits(value * table_unit(unit)[0])
 
 
 def _difference(difference: Difference, unit: str) -> str:
     if abs(difference.value) < _ROUNDING:
         return "0"
-    return _signed(difference.value * _FACTORS[unit], _places(difference, unit))
+    return _signed(difference.value * table_unit(unit)[0], _places(difference, unit))
 
 
 def _interval(difference: Difference, unit: str) -> str:
@@ -271,12 +269,12 @@ def _interval(difference: Difference, unit: str) -> str:
         return "–"
     if max(abs(difference.lower), abs(difference.upper)) < _ROUNDING:
         return "0 … 0"
-    factor, places = _FACTORS[unit], _places(difference, unit)
+    factor, places = table_unit(unit)[0], _places(difference, unit)
     return f"{_signed(difference.lower * factor, places)} … {_signed(difference.upper * factor, places)}"
 
 
 def _places(difference: Difference, unit: str) -> int:
-    factor = _FACTORS[unit]
+    factor = table_unit(unit)[0]
     limits = (
         (None, None)
         if difference.lower is None or difference.upper is None

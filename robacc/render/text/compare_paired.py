@@ -12,8 +12,8 @@ from robacc.geometry import Array, rms_length
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import p_value, three_digits
+from robacc.render.text.units import IN_MM
 
-_IN_MM = 1e3
 _VERDICTS = {
     "loaded": "the correction was loaded",
     "partly loaded": "only a part of the correction was loaded",
@@ -33,12 +33,12 @@ def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> I
     rows = [_row("before", result.before), _row("after", result.after)]
     yield from (BLANK, *columns(("error, mm", "rms", "mean", "95th pct.", "largest"), rows), BLANK)
     gain = result.gain
-    low, high = (three_digits(bound * _IN_MM) for bound in (gain.low, gain.high))
-    texts = [f"gain {three_digits(gain.value * _IN_MM)} mm of the rms error, 95 % interval {low} to {high} mm"]
+    low, high = (three_digits(bound * IN_MM) for bound in (gain.low, gain.high))
+    texts = [f"gain {three_digits(gain.value * IN_MM)} mm of the rms error, 95 % interval {low} to {high} mm"]
     loaded = result.loaded
     texts.append(
         f"{_VERDICTS[loaded.verdict]}: the targets moved by {100 * loaded.slope:.0f} % of the planned displacement of "
-        f"{three_digits(loaded.planned_rms * _IN_MM)} mm rms, 95 % interval {100 * loaded.low:.0f} to "
+        f"{three_digits(loaded.planned_rms * IN_MM)} mm rms, 95 % interval {100 * loaded.low:.0f} to "
         f"{100 * loaded.high:.0f} %"
     )
     if result.promise is not None:
@@ -46,14 +46,14 @@ def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> I
         kept = "agrees with the model" if promise.kept else "does not agree with the model"
         measured_rms = rms_length(result.after)
         texts.append(
-            f"the error after {kept}: {three_digits(float(measured_rms) * _IN_MM)} mm rms measured, "
-            f"{three_digits(promise.promised_rms * _IN_MM)} mm rms predicted with measurement noise; chi-square "
+            f"the error after {kept}: {three_digits(float(measured_rms) * IN_MM)} mm rms measured, "
+            f"{three_digits(promise.promised_rms * IN_MM)} mm rms predicted with measurement noise; chi-square "
             f"{promise.chi_square:.4g} on {promise.degrees_of_freedom} degrees of freedom, {p_value(promise.p_value)}"
         )
     yield from items((*texts, *result.notes), width)
 
 
 def _row(label: str, errors: Array) -> tuple[str, ...]:
-    length = np.linalg.norm(errors, axis=0) * _IN_MM
+    length = np.linalg.norm(errors, axis=0) * IN_MM
     figures = (np.sqrt(np.mean(np.square(length))), np.mean(length), np.percentile(length, 95), np.max(length))
     return (label, *(three_digits(float(figure)) for figure in figures))

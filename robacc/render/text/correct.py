@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TextIO
 
@@ -15,9 +14,8 @@ from robacc.geometry import Array
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import three_digits
+from robacc.render.text.units import IN_DEGREES, IN_MM
 
-_IN_MM = 1e3
-_IN_DEGREES = 180.0 / math.pi
 _PARTS = (slice(0, 3), slice(3, 6))
 _CAUSES = {
     "unreached": "not reached by the nominal robot",
@@ -83,7 +81,7 @@ def _bound_rows(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -
 
 def _row(label: str, position: Array, orientation: Array | None, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
     cells = [label]
-    for values, factor, least in ((position, _IN_MM, 1e-3), (orientation, _IN_DEGREES, 1e-4)):
+    for values, factor, least in ((position, IN_MM, 1e-3), (orientation, IN_DEGREES, 1e-4)):
         if values is None:
             cells += ["–", "–"]
             continue

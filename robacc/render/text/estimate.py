@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, TextIO
@@ -21,6 +20,7 @@ from robacc.render.text.numbers import (
     p_value,
     three_digits,
 )
+from robacc.render.text.units import IN_DEGREES, IN_MM
 from robacc.statistics.confidence_curves import ASSURANCE
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, MatrixInterval
@@ -28,8 +28,6 @@ from robacc.statistics.records import ErrorStatistics, MatrixInterval
 if TYPE_CHECKING:
     from robacc.accuracy.metrics import ErrorMetrics
 
-_IN_MM = 1e3
-_IN_DEGREES = 180.0 / math.pi
 _MIN_PROBABILITY = 0.005
 """Less probable grades are not listed."""
 _FRAMES = {
@@ -51,10 +49,10 @@ def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width:
     yield from _grade(result, width)
     before = result.unaligned
     earlier = None if before is None else before.position
-    yield from _block("Position", "mm", _IN_MM, result.position, earlier, result.worst_position)
+    yield from _block("Position", "mm", IN_MM, result.position, earlier, result.worst_position)
     if result.orientation is not None:
         earlier = None if before is None else before.orientation
-        yield from _block("Orientation", "°", _IN_DEGREES, result.orientation, earlier, result.worst_orientation)
+        yield from _block("Orientation", "°", IN_DEGREES, result.orientation, earlier, result.worst_orientation)
     if result.targets:
         yield from targets_table(result)
     for title, texts in _interval_notes(result):
@@ -260,9 +258,9 @@ def _worst(name: str, worst: Sequence[WorstPose]) -> list[TextLine]:
     rows = []
     for pose in worst:
         cells = [*([pose.pose or ""] if ids else []), *([pose.target or ""] if targets else [])]
-        cells.append(three_digits(pose.position * _IN_MM))
+        cells.append(three_digits(pose.position * IN_MM))
         if pose.orientation is not None:
-            cells.append(three_digits(pose.orientation * _IN_DEGREES))
+            cells.append(three_digits(pose.orientation * IN_DEGREES))
         rows.append([pose.place, *cells])
     return columns([f"largest {name.lower()} errors", *headings, *(["orientation, °"] if angles else [])], rows)
 
@@ -272,7 +270,7 @@ def targets_table(result: EstimateResult) -> Iterator[TextLine]:
     rows = []
     for target in result.targets:
         figures = (target.position.rms, target.position.mean, target.position.p95, target.position.max)
-        rows.append((target.name, str(target.n_poses), *(three_digits(value * _IN_MM) for value in figures)))
+        rows.append((target.name, str(target.n_poses), *(three_digits(value * IN_MM) for value in figures)))
     yield from (BLANK, heading("Position error by target, mm"))
     yield from columns(("target", "poses", "rms", "mean", "95th percentile", "maximum"), rows)
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 from robacc.gates.decision_rules import ASSURANCE, Outcome
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.render.text.numbers import three_digits
 from robacc.render.text.parameter_names import as_options
+from robacc.render.text.units import IN_DEGREES, IN_MM
 
 OUTCOME_LABELS: dict[Outcome, str] = {
     "pass": "pass",
@@ -15,7 +14,7 @@ OUTCOME_LABELS: dict[Outcome, str] = {
     "inconclusive": "inconclusive",
     "not_evaluated": "not evaluated",
 }
-_SCALES = {"length": (1e3, " mm"), "angle": (180.0 / math.pi, "°")}
+_SCALES = {"length": (IN_MM, " mm"), "angle": (IN_DEGREES, "°")}
 
 
 def amount(value: float | None, dimension: str) -> str:

@@ -11,9 +11,10 @@ from typing import TextIO
 
 from robacc.iso_9283.records import Characteristic, Iso9283Result, Symbol
 from robacc.render.text.console import width_of, write_lines
-from robacc.render.text.iso9283_parts import IN_DEGREES, IN_MM, measured, pair_tables, pose_tables
+from robacc.render.text.iso9283_parts import measured, pair_tables, pose_tables
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import three_digits
+from robacc.render.text.units import IN_DEGREES, IN_MM
 
 _NAMES: dict[Symbol, str] = {
     "AP": "pose accuracy",

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 
 from robacc.iso_9283.records import Characteristic, CriterionFigure, Iso9283Result, IsoCriterion
 from robacc.render.text.layout import BLANK, TextLine, columns, heading
 from robacc.render.text.numbers import decimals, fixed
+from robacc.render.text.units import IN_DEGREES, IN_MM
 
-IN_MM = 1e3
-IN_DEGREES = 180.0 / math.pi
 _MAX_ROWS = 12
 """Places in a table; the JSON result has all of them."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TextIO
 
@@ -10,10 +9,8 @@ from robacc.iso_9283.proposal import Proposal
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import fixed
+from robacc.render.text.units import IN_DEGREES, IN_MM
 from robacc.robots.description import Robot
-
-_IN_MM = 1e3
-_IN_DEGREES = 180.0 / math.pi
 
 
 def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
@@ -35,8 +32,8 @@ def proposal_lines(proposal: Proposal, robot: Robot, width: int) -> Iterator[Tex
     yield heading(f"Test poses of ISO 9283:1998 for {robot.name}")
     yield from items(_facts(proposal), width)
     units = ["°" if joint.type == "revolute" else "mm" for joint in robot.variables]
-    factors = [_IN_DEGREES if unit == "°" else _IN_MM for unit in units]
-    places = proposal.poses.translation * _IN_MM
+    factors = [IN_DEGREES if unit == "°" else IN_MM for unit in units]
+    places = proposal.poses.translation * IN_MM
     rows = [(f"P{i + 1}", *(fixed(float(value), 2) for value in places[:, i])) for i in range(5)]
     yield from (BLANK, *columns(("commanded, mm", "x", "y", "z"), rows), BLANK)
     names = [f"{name}, {unit}" for name, unit in zip(robot.variable_names, units, strict=True)]
@@ -50,8 +47,8 @@ def proposal_lines(proposal: Proposal, robot: Robot, width: int) -> Iterator[Tex
 
 
 def _facts(proposal: Proposal) -> list[str]:
-    x, y, z = (float(value) * _IN_MM for value in proposal.centre)
-    edge = proposal.edge * _IN_MM
+    x, y, z = (float(value) * IN_MM for value in proposal.centre)
+    edge = proposal.edge * IN_MM
     return [
         f"cube with an edge of {edge:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in the base frame",
         f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",

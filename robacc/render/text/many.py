@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import TextIO
 
@@ -13,9 +12,8 @@ from robacc.render.text.gate_text import OUTCOME_LABELS, sentence, title
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import three_digits
 from robacc.render.text.parameter_names import as_options
+from robacc.render.text.units import IN_DEGREES, IN_MM
 
-_IN_MM = 1e3
-_IN_DEGREES = 180.0 / math.pi
 _LEVELS = {4: "error", 5: "warning"}
 """Level of an annotation by the exit status of a gate."""
 
@@ -77,10 +75,10 @@ def _cells(outcome: FileOutcome, has_orientation: bool, has_gate: bool) -> list[
     cells = [
         outcome.name,
         str(headline.n_poses),
-        *(three_digits(size * _IN_MM) for size in (headline.rms, headline.p95, headline.max)),
+        *(three_digits(size * IN_MM) for size in (headline.rms, headline.p95, headline.max)),
     ]
     if has_orientation:
-        cells.append("–" if headline.orientation_rms is None else three_digits(headline.orientation_rms * _IN_DEGREES))
+        cells.append("–" if headline.orientation_rms is None else three_digits(headline.orientation_rms * IN_DEGREES))
     cells += [headline.grade, "yes" if headline.demonstrated else "no"]
     return [
         *cells,
@@ -111,7 +109,7 @@ def _annotated(outcome: FileOutcome) -> Iterator[str]:
         yield annotation("error", head, reason(outcome))
         return
     sizes = zip(("rms", "95th pct.", "max"), (headline.rms, headline.p95, headline.max), strict=True)
-    parts = [f"{headline.n_poses} poses", *(f"{name} {three_digits(size * _IN_MM)} mm" for name, size in sizes)]
+    parts = [f"{headline.n_poses} poses", *(f"{name} {three_digits(size * IN_MM)} mm" for name, size in sizes)]
     parts.append(f"grade {headline.grade}, {'confirmed' if headline.demonstrated else 'not confirmed'}")
     if outcome.gate is not None:
         parts.append(title(outcome.gate))

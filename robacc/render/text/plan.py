@@ -15,9 +15,8 @@ from robacc.planning.power_design import ExpectedPower
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import fixed, three_digits
-from robacc.render.text.units import table_unit
+from robacc.render.text.units import IN_MM, table_unit
 
-_IN_MM = 1e3
 _LISTED_PAIRS = 8
 PURPOSES = {
     "calibrate": "calibration",
@@ -82,7 +81,7 @@ def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
 def _sufficiency(sufficiency: Sufficiency) -> list[str]:
     texts = [sufficiency.why]
     if sufficiency.now is not None and sufficiency.later is not None:
-        now, later = (three_digits(value * _IN_MM) for value in (sufficiency.now, sufficiency.later))
+        now, later = (three_digits(value * IN_MM) for value in (sufficiency.now, sufficiency.later))
         texts.append(f"predicted error with repeatability: {now} mm now, {later} mm with the next poses")
     if sufficiency.of_model:
         texts.append(f"this counts the {sufficiency.n} poses of the model's fit: fit them together with the new poses")
@@ -102,8 +101,8 @@ def _facts(plan: CampaignPlan) -> list[str]:
     facts = [f"chosen from {plan.candidates.n_poses} feasible poses of {plan.candidates.source}{with_each}"]
     orientation = "" if noise.orientation is None else f", {math.degrees(noise.orientation):.3g}° about each axis"
     facts.append(
-        f"instrument {three_digits(noise.position * _IN_MM)} mm along each axis{orientation}, repeatability "
-        f"{three_digits(plan.repeatability * _IN_MM)} mm ({noise.source})"
+        f"instrument {three_digits(noise.position * IN_MM)} mm along each axis{orientation}, repeatability "
+        f"{three_digits(plan.repeatability * IN_MM)} mm ({noise.source})"
     )
     least = min(route.direction_share.tolist(), default=0.0)
     repeats = route.roles.count("repeat")
@@ -154,7 +153,7 @@ def _needed(plan: CampaignPlan) -> Iterator[TextLine]:
     rows = [
         (
             f"{entry.demand.label} ({entry.demand.statistic})",
-            three_digits(entry.demand.limit * _IN_MM),
+            three_digits(entry.demand.limit * IN_MM),
             *("–" if number is None else str(number) for _, number in entry.by_ratio),
             f"{entry.ratio:.2g}",
             "–" if entry.poses is None else str(entry.poses),
@@ -174,7 +173,7 @@ def _accuracy(accuracy: ExpectedAccuracy, is_addition: bool, width: int) -> Iter
             "past the knee" if _is_first_beyond(accuracy, point.n) else "",
         ]
         values = (point.rms, point.random_rms, point.worst, point.total)
-        cells = ["–" if value is None else three_digits(value * _IN_MM) for value in values]
+        cells = ["–" if value is None else three_digits(value * IN_MM) for value in values]
         rows.append((str(point.n), *cells, ", ".join(mark for mark in marks if mark)))
     yield from columns(
         ("more poses" if is_addition else "poses", "rms", "random poses", "worst", "with repeatability", ""), rows

@@ -12,7 +12,8 @@ from robacc.prediction.predicting import PredictedErrors, Prediction, Share
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.predict_against import comparison_lines, coverage_lines
-from robacc.render.text.predict_parts import FACTORS, amount, bar, percent, with_unit
+from robacc.render.text.predict_parts import amount, bar, percent, with_unit
+from robacc.render.text.units import table_unit, with_table_unit
 from robacc.robots.description import Robot
 
 _LISTED = 12
@@ -128,8 +129,8 @@ def _worst(robot: Robot, errors: PredictedErrors, name: str, width: int) -> list
     direction = " ".join(f"{float(value):+.2f}" for value in worst.direction)
     joints = []
     for joint, value in zip(robot.variables, worst.q, strict=True):
-        factor, symbol = FACTORS["m" if joint.type == "prismatic" else "rad"]
-        joints.append(f"{joint.name}={float(value) * factor:.1f}{'' if symbol == '°' else ' '}{symbol}")
+        factor, symbol = table_unit("m" if joint.type == "prismatic" else "rad")
+        joints.append(f"{joint.name}={with_table_unit(f'{float(value) * factor:.1f}', symbol)}")
     text = (
         f"{name}: {worst.label}, rms {with_unit(worst.rms, errors.unit)}, 95 % within "
         f"{with_unit(worst.radius95, errors.unit)}, largest along ({direction}) of the tool (standard deviation "

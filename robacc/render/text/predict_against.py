@@ -10,7 +10,8 @@ from robacc.prediction.consistency import ChiSquare, ScaleTest
 from robacc.prediction.coverage import Coverage
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
 from robacc.render.text.numbers import p_value, three_digits
-from robacc.render.text.predict_parts import FACTORS, percent, with_unit
+from robacc.render.text.predict_parts import percent, with_unit
+from robacc.render.text.units import table_unit
 
 _NOISE_SOURCES = {"file": "from the file", "given": "given by the user", "fit": "that of the fit"}
 _SOURCES = {"file": "from the file", "given": "given by the user", "estimated": "estimated from the poses"}
@@ -74,7 +75,7 @@ def _components(components: VarianceComponents, width: int) -> Iterator[TextLine
     yield from (BLANK, heading("Variance components (one standard deviation)"))
     rows = []
     for component in components.components:
-        factor, unit = FACTORS[component.unit]
+        factor, unit = table_unit(component.unit)
         size = component.predicted * factor
         estimate, interval, ratio = "–", "–", "–"
         if component.why is None:

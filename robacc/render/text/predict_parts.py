@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import math
-
 from robacc.render.text.numbers import three_digits
-
-FACTORS = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "°")}
-"""By SI unit: the factor to the displayed unit, and that unit."""
+from robacc.render.text.units import table_unit, with_table_unit
 
 
 def amount(value: float, unit: str) -> str:
     """Return a value in mm or degrees, three digits."""
-    return three_digits(value * FACTORS[unit][0])
+    return three_digits(value * table_unit(unit)[0])
 
 
 def with_unit(value: float, unit: str) -> str:
     """Return a value in mm or degrees with its unit."""
-    name = FACTORS[unit][1]
-    return f"{amount(value, unit)}{'' if name == '°' else ' '}{name}"
+    return with_table_unit(amount(value, unit), table_unit(unit)[1])
 
 
 def percent(share: float) -> str:

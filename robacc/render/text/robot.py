@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robacc.render.text.console import PLAIN_WIDTH
+from robacc.render.text.units import IN_DEGREES, IN_MM, table_unit
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.summary import Reach, Summary
 
@@ -109,7 +109,7 @@ def _drive_table(robot: Robot) -> Table:
     for joint in robot.joints:
         if joint.type == "fixed":
             continue
-        factor, unit = (1e3, "mm") if joint.type == "prismatic" else (180 / math.pi, "°")
+        factor, unit = table_unit("m" if joint.type == "prismatic" else "rad")
         limits = ["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]
         gear = "-" if joint.gear_ratio is None else _number(joint.gear_ratio)
         rule = [_drive_rule(joint)] if follows else []
@@ -134,12 +134,14 @@ def _mass_table(robot: Robot) -> Table:
         if joint.mass is None:
             table.add_row(joint.name, "-", "", "", "")
         else:
-            table.add_row(joint.name, _number(joint.mass), *(_number(value * 1e3) for value in joint.com or (0, 0, 0)))
+            table.add_row(
+                joint.name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0))
+            )
     for branch in robot.branches:
         x, y, z = branch.joint.com or (0, 0, 0)
         rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
         place = f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})"
-        table.add_row(place, _number(branch.joint.mass or 0.0), *(_number(value * 1e3) for value in (x, y, z)))
+        table.add_row(place, _number(branch.joint.mass or 0.0), *(_number(value * IN_MM) for value in (x, y, z)))
     return table
 
 
@@ -151,7 +153,7 @@ def _facts(summary: Summary) -> list[str]:
     else:
         lines.append(f"tool     {_frame(robot.tool)}")
     if robot.payload_com is not None:
-        lines.append(f"payload  at ({_numbers(robot.payload_com, 1e3)}) mm in the last link's frame")
+        lines.append(f"payload  at ({_numbers(robot.payload_com, IN_MM)}) mm in the last link's frame")
     lines.append(f"gravity  ({_numbers(robot.gravity, 1.0)}) m/s^2")
     lines += [f"reach    {_reach(name, reach, len(summary.reach) > 1)}" for name, reach in summary.reach.items()]
     mass = "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"
@@ -190,8 +192,8 @@ def _reach(name: str, reach: Reach, with_name: bool) -> str:
     if reach.sampled is None or reach.bound is None:
         return f"{prefix}unknown: a prismatic joint has no limits"
     return (
-        f"{prefix}{reach.sampled * 1e3:.0f} mm from the base origin within the limits; sum of lengths "
-        f"{reach.bound * 1e3:.0f} mm"
+        f"{prefix}{reach.sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths "
+        f"{reach.bound * IN_MM:.0f} mm"
     )
 
 
@@ -202,7 +204,7 @@ def _value(joint: Joint, name: str) -> float:
 def _parameter(joint: Joint, name: str) -> str:
     """Return a parameter's value, for the joint variable's offset as ``q + offset``."""
     is_length = name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")
-    value = _number(_value(joint, name) * (1e3 if is_length else 180 / math.pi))
+    value = _number(_value(joint, name) * (IN_MM if is_length else IN_DEGREES))
     if joint.type == "fixed" or name != joint.offset_parameter or name == "offset":
         return value
     variable = "q" if joint.sign > 0 else "-q"
@@ -210,7 +212,7 @@ def _parameter(joint: Joint, name: str) -> str:
 
 
 def _frame(frame: Frame) -> str:
-    return f"({_numbers(frame.xyz, 1e3)}) mm, rpy ({_numbers(frame.rpy, 180 / math.pi)})°"
+    return f"({_numbers(frame.xyz, IN_MM)}) mm, rpy ({_numbers(frame.rpy, IN_DEGREES)})°"
 
 
 def _numbers(values: Sequence[float], factor: float) -> str:

@@ -7,6 +7,7 @@ from typing import TextIO
 
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, items
+from robacc.render.text.units import IN_MM
 from robacc.robots.library import LibraryArm
 
 _USE = (
@@ -18,7 +19,7 @@ _USE = (
 def draw_robots(arms: Sequence[LibraryArm], stream: TextIO) -> None:
     """Write a line per arm to ``stream``."""
     rows = [("name", "maker", "model", "axes", "reach mm")]
-    rows += [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * 1e3:.0f}") for arm in arms]
+    rows += [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     texts = [
         "  ".join(

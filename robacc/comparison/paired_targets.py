@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from robacc.accuracy.metrics import ErrorMetrics, pose_metrics
 from robacc.accuracy.stages import Gain, paired_gain
 from robacc.geometry import Array, rms_length
 from robacc.statistics.distributions import chi2_sf
@@ -106,14 +107,14 @@ class PairedTargets:
     notes: tuple[str, ...]
 
     @property
-    def rms_before(self) -> float:
-        """RMS error before, m."""
-        return rms_length(self.before)
+    def metrics_before(self) -> ErrorMetrics:
+        """Metrics of the error before, m."""
+        return pose_metrics(self.before).position
 
     @property
-    def rms_after(self) -> float:
-        """RMS error after, m."""
-        return rms_length(self.after)
+    def metrics_after(self) -> ErrorMetrics:
+        """Metrics of the error after, m."""
+        return pose_metrics(self.after).position
 
 
 def paired_targets(

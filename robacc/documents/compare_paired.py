@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from robacc.comparison.paired_targets import PairedTargets
 from robacc.documents.poses import rounded
-from robacc.geometry import Array
+from robacc.documents.statistics import figures_document
 
 Document = dict[str, Any]
 
@@ -18,8 +16,8 @@ def payload(result: PairedTargets) -> Document:
     promise = result.promise
     return {
         "n_targets": len(result.names),
-        "before": _errors(result.before),
-        "after": _errors(result.after),
+        "before": figures_document(result.metrics_before, "m"),
+        "after": figures_document(result.metrics_after, "m"),
         "gain": {
             "value_m": result.gain.value,
             "lower_m": result.gain.low,
@@ -53,14 +51,4 @@ def payload(result: PairedTargets) -> Document:
             "error_after_m": rounded(result.after),
         },
         "notes": list(result.notes),
-    }
-
-
-def _errors(errors: Array) -> Document:
-    length = np.linalg.norm(errors, axis=0)
-    return {
-        "rms_m": float(np.sqrt(np.mean(np.square(length)))),
-        "mean_error_m": float(np.mean(length)),
-        "p95_m": float(np.percentile(length, 95)),
-        "max_m": float(np.max(length)),
     }

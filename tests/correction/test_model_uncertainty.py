@@ -264,7 +264,7 @@ def test_compare_paired_sees_gain_promise_and_a_correction_that_is_not_loaded() 
     assert result.loaded.verdict == "loaded"
     assert result.loaded.slope == pytest.approx(1.0, abs=0.03)
     assert result.gain.low > 0.0
-    assert result.rms_after < 0.1 * result.rms_before
+    assert result.metrics_after.rms < 0.1 * result.metrics_before.rms
     assert result.promise is not None
     assert result.promise.kept
     # The robot drove to the nominal targets again.
@@ -354,12 +354,12 @@ def test_targets_of_equal_names_and_targets_that_were_not_fitted_are_compared() 
 
 def test_rows_belong_to_the_pair_of_pose_and_target() -> None:
     """Pose "P" with target "A A" is another point than pose "P A" with target "A"."""
-    from robacc.api.compare_paired import _rows_of_targets
+    from robacc.comparison.shared_targets import rows_of_targets
 
     data = robacc.Measurements(
         position=np.zeros((3, 4)), pose=np.array(["P", "P A", "P A", "P"]), target=np.array(["A A", "A", "A", "A A"])
     )
-    assert _rows_of_targets(data) == {("P", "A A"): [0, 3], ("P A", "A"): [1, 2]}
+    assert rows_of_targets(data) == {("P", "A A"): [0, 3], ("P A", "A"): [1, 2]}
 
 
 def test_promise_is_kept_as_often_as_it_claims() -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TextIO
 
-import numpy as np
-
+from robacc.accuracy.metrics import ErrorMetrics
 from robacc.comparison.paired_targets import PairedTargets
-from robacc.geometry import Array, rms_length
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import p_value, three_digits
@@ -30,7 +28,7 @@ def draw_paired_targets(result: PairedTargets, names: tuple[str, str], stream: T
 def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> Iterator[TextLine]:
     """Return the report's lines, wrapped to ``width`` columns."""
     yield heading(f"{len(result.names)} targets before ({names[0]}) and after ({names[1]}) a correction")
-    rows = [_row("before", result.before), _row("after", result.after)]
+    rows = [_row("before", result.metrics_before), _row("after", result.metrics_after)]
     yield from (BLANK, *columns(("error, mm", "rms", "mean", "95th pct.", "largest"), rows), BLANK)
     gain = result.gain
     low, high = (three_digits(bound * IN_MM) for bound in (gain.low, gain.high))
@@ -44,16 +42,14 @@ def paired_lines(result: PairedTargets, names: tuple[str, str], width: int) -> I
     if result.promise is not None:
         promise = result.promise
         kept = "agrees with the model" if promise.kept else "does not agree with the model"
-        measured_rms = rms_length(result.after)
         texts.append(
-            f"the error after {kept}: {three_digits(float(measured_rms) * IN_MM)} mm rms measured, "
+            f"the error after {kept}: {three_digits(result.metrics_after.rms * IN_MM)} mm rms measured, "
             f"{three_digits(promise.promised_rms * IN_MM)} mm rms predicted with measurement noise; chi-square "
             f"{promise.chi_square:.4g} on {promise.degrees_of_freedom} degrees of freedom, {p_value(promise.p_value)}"
         )
     yield from items((*texts, *result.notes), width)
 
 
-def _row(label: str, errors: Array) -> tuple[str, ...]:
-    length = np.linalg.norm(errors, axis=0) * IN_MM
-    figures = (np.sqrt(np.mean(np.square(length))), np.mean(length), np.percentile(length, 95), np.max(length))
-    return (label, *(three_digits(float(figure)) for figure in figures))
+def _row(label: str, errors: ErrorMetrics) -> tuple[str, ...]:
+    figures = (errors.rms, errors.mean, errors.p95, errors.max)
+    return (label, *(three_digits(figure * IN_MM) for figure in figures))

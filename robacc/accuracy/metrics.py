@@ -35,7 +35,11 @@ def pose_metrics(residual: Array) -> PoseMetrics:
 
 
 def _error_metrics(errors: Array) -> ErrorMetrics:
-    length = np.sqrt(np.sum(np.square(errors), axis=0))
+    return length_metrics(np.sqrt(np.sum(np.square(errors), axis=0)))
+
+
+def length_metrics(length: Array) -> ErrorMetrics:
+    """Return the metrics of lengths ``(N,)``, m or rad; NaN without any."""
     if length.size == 0:
         return ErrorMetrics(float("nan"), float("nan"), float("nan"), float("nan"))
     return ErrorMetrics(

@@ -8,12 +8,14 @@ from typing import Literal
 import numpy as np
 
 from robacc.accuracy.grade_scale import Scale
+from robacc.accuracy.metrics import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.correction.circumstances import Circumstances
 from robacc.correction.correcting import CorrectedTargets, correct_targets
 from robacc.correction.expected import ExpectedErrors, expected_errors
 from robacc.correction.limits import Limits
 from robacc.correction.refusal import Cause, counts
 from robacc.correction.robots import FrameName, RobotPair, robot_pair
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.prediction.calibrated import completed
 from robacc.prediction.model_fit import ModelFit
@@ -47,6 +49,15 @@ class Correction:
     def n_corrected(self) -> int:
         """Number of corrected targets."""
         return int(np.count_nonzero(self.targets.is_corrected))
+
+    @property
+    def correction_metrics(self) -> PoseMetrics:
+        """Metrics of the corrected targets' corrections, m and rad."""
+        return pose_metrics(self.targets.correction[:, self.targets.is_corrected])
+
+    def metrics(self, sizes: Array) -> ErrorMetrics:
+        """Return the metrics over the corrected targets of sizes ``(N,)`` of all targets, m or rad."""
+        return length_metrics(sizes[self.targets.is_corrected])
 
     @property
     def causes(self) -> dict[Cause, int]:

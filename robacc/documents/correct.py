@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from robacc.accuracy.metrics import ErrorMetrics
 from robacc.correction.correction import Correction
 from robacc.correction.expected import ExpectedErrors, grade_counts
+from robacc.documents.csv_columns import csv_cell, csv_text
 from robacc.documents.poses import rounded
 from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
@@ -22,7 +25,6 @@ Document = dict[str, Any]
 def payload(result: Correction, given: Measurements, model: Robot) -> Document:
     """Return the keys of a correction; arrays stay arrays, with targets first."""
     targets, oriented = result.targets, result.targets.wanted.oriented
-    is_corrected = targets.is_corrected
     limits = result.limits
     return {
         "n_targets": result.n_targets,
@@ -40,8 +42,8 @@ def payload(result: Correction, given: Measurements, model: Robot) -> Document:
         },
         "weight_m_per_rad": limits.weight if len(model.variables) < 6 and oriented else None,
         "correction": {
-            "position": _lengths(targets.correction[:3, is_corrected], "m"),
-            "orientation": _lengths(targets.correction[3:, is_corrected], "rad") if oriented else None,
+            "position": _extent(result.correction_metrics.position, "m"),
+            "orientation": _extent(result.correction_metrics.orientation, "rad") if oriented else None,
         },
         "expected": {
             "before": _expected(result, result.before, oriented),
@@ -53,30 +55,29 @@ def payload(result: Correction, given: Measurements, model: Robot) -> Document:
     }
 
 
-def _lengths(vectors: Array, unit: str) -> Document | None:
-    """Return RMS and largest length of vectors ``(3, N)``; None without any."""
-    length = np.linalg.norm(vectors, axis=0)
-    if length.size == 0:
+def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
+    """Return RMS and largest length; None without any."""
+    if metrics is None or math.isnan(metrics.max):
         return None
-    return {f"rms_{unit}": float(np.sqrt(np.mean(np.square(length)))), f"max_{unit}": float(np.max(length))}
+    return {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
 
 
 def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Document:
     """Return the expected errors of the corrected targets together."""
-    chosen = result.targets.is_corrected
 
     def part(length: Array, rms: Array | None, bound: Array | None, unit: str) -> Document | None:
-        if not chosen.any():
+        extent = _extent(result.metrics(length), unit)
+        if extent is None:
             return None
         return {
-            f"rms_{unit}": float(np.sqrt(np.mean(np.square(length[chosen])))),
-            f"max_{unit}": float(np.max(length[chosen])),
-            f"expected_rms_{unit}": None if rms is None else float(np.sqrt(np.mean(np.square(rms[chosen])))),
-            f"largest_bound95_{unit}": None if bound is None else float(np.max(bound[chosen])),
+            **extent,
+            f"expected_rms_{unit}": None if rms is None else result.metrics(rms).rms,
+            f"largest_bound95_{unit}": None if bound is None else result.metrics(bound).max,
         }
 
     grades = None
     if errors.grades is not None:
+        chosen = result.targets.is_corrected
         grades = dict(grade_counts(result.scale, [g for g, c in zip(errors.grades, chosen, strict=True) if c]))
     return {
         "position": part(errors.position, errors.position_rms, errors.position_bound, "m"),
@@ -160,7 +161,7 @@ def per_target_csv(result: Correction, given: Measurements) -> str:
     columns: dict[str, Iterable[str]] = {"line": (str(given.line(i)) for i in range(given.n))}
     for name, ids in (("pose", given.pose), ("target", given.target)):
         if ids is not None:
-            columns[name] = (_quoted(str(value)) for value in ids)
+            columns[name] = (csv_cell(str(value)) for value in ids)
     columns["corrected"] = ("yes" if refusal is None else "no" for refusal in targets.refusals)
     numbers = _number_columns(("command_x_m", "command_y_m", "command_z_m"), command.translation)
     names = ("command_qw", "command_qx", "command_qy", "command_qz")
@@ -178,14 +179,9 @@ def per_target_csv(result: Correction, given: Measurements) -> str:
     for stage, errors in (("before", result.before), ("after", result.after)):
         if errors.grades is not None:
             columns[f"{stage}_grade"] = errors.grades
-    columns["reason"] = ("" if refusal is None else _quoted(refusal.reason) for refusal in targets.refusals)
-    rows = zip(*columns.values(), strict=True)
-    return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"
+    columns["reason"] = ("" if refusal is None else csv_cell(refusal.reason) for refusal in targets.refusals)
+    return csv_text(columns)
 
 
 def _number_columns(names: tuple[str, ...], values: Array) -> dict[str, Array]:
     return dict(zip(names, values, strict=True))
-
-
-def _quoted(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text

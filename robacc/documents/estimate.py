@@ -10,6 +10,7 @@ import numpy as np
 from robacc.accuracy.error_frames import FrameStatistics
 from robacc.accuracy.estimation import EstimateResult, WorstPose
 from robacc.accuracy.pose_errors import ErrorFrame
+from robacc.documents.csv_columns import csv_cell, csv_text
 from robacc.documents.poses import pose_document, robot_document, rounded
 from robacc.documents.statistics import figures_document, grade_document, parameters_document, statistics_document
 from robacc.geometry import Array
@@ -82,21 +83,16 @@ def per_pose_csv(result: EstimateResult, data: Measurements) -> str:
     for name in ("pose", "cycle", "visit", "target"):
         ids = getattr(data, name)
         if ids is not None:
-            columns[name] = (_quoted(str(value)) for value in ids)
+            columns[name] = (csv_cell(str(value)) for value in ids)
     columns |= _error_columns(("dx_m", "dy_m", "dz_m", "error_m"), result.errors.position)
     if result.errors.rotation is not None:
         columns |= _error_columns(("rx_rad", "ry_rad", "rz_rad", "error_rad"), result.errors.rotation)
-    rows = zip(*columns.values(), strict=True)
-    return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"
+    return csv_text(columns)
 
 
 def _error_columns(names: tuple[str, ...], errors: Array) -> dict[str, Iterable[str]]:
     size = np.sqrt(np.einsum("in,in->n", errors, errors))
     return {name: map(number_text, values.tolist()) for name, values in zip(names, (*errors, size), strict=True)}
-
-
-def _quoted(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
 
 
 def _alignment(result: EstimateResult) -> dict[str, Any] | None:

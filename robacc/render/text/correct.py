@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TextIO
 
-import numpy as np
-from numpy.typing import NDArray
-
+from robacc.accuracy.metrics import ErrorMetrics
 from robacc.correction.correction import Correction
 from robacc.correction.expected import ExpectedErrors, grade_counts
-from robacc.geometry import Array
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
 from robacc.render.text.numbers import three_digits
 from robacc.render.text.units import IN_DEGREES, IN_MM
 
-_PARTS = (slice(0, 3), slice(3, 6))
 _CAUSES = {
     "unreached": "not reached by the nominal robot",
     "limit": "joint limit",
@@ -55,38 +51,35 @@ def correction_lines(result: Correction, names: tuple[str, str], width: int) -> 
 
 
 def _figures(result: Correction, oriented: bool) -> list[TextLine]:
-    chosen = result.targets.is_corrected
-    position, orientation = (np.linalg.norm(result.targets.correction[part], axis=0) for part in _PARTS)
-    rows = [
-        _row("correction", position, orientation, chosen),
-        _expected_row(result.before, "before", chosen),
-        _expected_row(result.after, "after", chosen),
-    ]
-    rows += _bound_rows(result.before, "before", chosen) + _bound_rows(result.after, "after", chosen)
+    stages = (("before", result.before), ("after", result.after))
+    made = result.correction_metrics
+    rows = [_row("correction", made.position, made.orientation)]
+    rows += [_expected_row(result, errors, stage) for stage, errors in stages]
+    rows += [row for stage, errors in stages for row in _bound_rows(result, errors, stage)]
     header = ("", "rms, mm", "largest, mm", "rms, °", "largest, °")
     return columns(header if oriented else header[:3], [row if oriented else row[:3] for row in rows])
 
 
-def _expected_row(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+def _expected_row(result: Correction, errors: ExpectedErrors, stage: str) -> tuple[str, ...]:
     """Return the RMS errors to expect; a model that was fitted to positions alone says nothing of orientation."""
-    orientation = errors.orientation_rms if errors.orientation_is_known else None
-    return _row(f"expected error {stage}", errors.position_rms, orientation, chosen)
+    orientation = result.metrics(errors.orientation_rms) if errors.orientation_is_known else None
+    return _row(f"expected error {stage}", result.metrics(errors.position_rms), orientation)
 
 
-def _bound_rows(errors: ExpectedErrors, stage: str, chosen: NDArray[np.bool_]) -> list[tuple[str, ...]]:
+def _bound_rows(result: Correction, errors: ExpectedErrors, stage: str) -> list[tuple[str, ...]]:
     if errors.position_bound is None:
         return []
-    return [_row(f"95 % bound {stage}", errors.position_bound, errors.orientation_bound, chosen)]
+    orientation = None if errors.orientation_bound is None else result.metrics(errors.orientation_bound)
+    return [_row(f"95 % bound {stage}", result.metrics(errors.position_bound), orientation)]
 
 
-def _row(label: str, position: Array, orientation: Array | None, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+def _row(label: str, position: ErrorMetrics, orientation: ErrorMetrics | None) -> tuple[str, ...]:
     cells = [label]
-    for values, factor, least in ((position, IN_MM, 1e-3), (orientation, IN_DEGREES, 1e-4)):
-        if values is None:
+    for metrics, factor, least in ((position, IN_MM, 1e-3), (orientation, IN_DEGREES, 1e-4)):
+        if metrics is None:
             cells += ["–", "–"]
             continue
-        part = values[chosen] * factor
-        for size in (float(np.sqrt(np.mean(np.square(part)))), float(np.max(part))):
+        for size in (metrics.rms * factor, metrics.max * factor):
             # Below a micrometre the solver's tolerance decides, not the arm.
             cells.append(three_digits(size) if size >= least else f"< {least:g}")
     return tuple(cells)

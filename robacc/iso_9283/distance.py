@@ -57,7 +57,7 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
             )
             return target - normal_quantile(probability)
 
-        return _rising_root(excess, 0.0, value + 6.0 * math.sqrt(float(np.sum(widened))), value)
+        return _rising_root(excess, value + 6.0 * math.sqrt(float(np.sum(widened))), value)
 
     def interval_at(confidence: float) -> Interval:
         tail = 0.5 * (1.0 - confidence)
@@ -105,8 +105,9 @@ def _likeliest_mean(components: Array, variances: Array, length: float) -> Array
     return np.array(likeliest) * (length / likeliest_length)
 
 
-def _rising_root(function: Callable[[float], float], low: float, high: float, guess: float) -> float:
-    """Return the zero of a rising function in ``low … high``, or an end if it has none (secants within a bracket)."""
+def _rising_root(function: Callable[[float], float], high: float, guess: float) -> float:
+    """Return the zero of a rising function in ``0 … high``, or an end if it has none (secants within a bracket)."""
+    low = 0.0
     if (value_low := function(low)) >= 0.0:
         return low
     value_high, root = function(high), guess

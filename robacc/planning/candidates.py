@@ -150,7 +150,7 @@ def infeasible(message: str, n_drawn: int, reasons: tuple[Exclusion, ...]) -> st
 
 
 def task_joints(
-    model: Model, constraints: Constraints, region: SafetyBox | None, seed: int, count: int = TASK_POSES, skip: int = 0
+    model: Model, constraints: Constraints, region: SafetyBox | None, seed: int, count: int = TASK_POSES
 ) -> Array:
     """Return joint variables ``(J, T)`` of the task: poses that the robot may take, with the target in ``region``.
 
@@ -164,7 +164,7 @@ def task_joints(
     n_places = n_drawn = 0
     while n_places < count and n_drawn < 10 * _MOST_DRAWS * count:
         step = 5 * count
-        q = sampled_joints(model.arm.robot, constraints.margin, step, _TASK_SKIP + skip + n_drawn, seed + 1)
+        q = sampled_joints(model.arm.robot, constraints.margin, step, _TASK_SKIP + n_drawn, seed + 1)
         outcome = filtered(model, q, without_sight)
         parts.append((q, outcome))
         n_places += int(np.count_nonzero(outcome.place))

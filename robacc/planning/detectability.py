@@ -87,8 +87,6 @@ class Detectability:
 
     limits: tuple[ExpectedLimit, ...]
     pairs: tuple[InseparablePair, ...]
-    n_pairs: int
-    """Pairs of detectable effects that were compared."""
     missing: dict[str, str]
     """Reason why an effect cannot be tested, by effect."""
 
@@ -112,15 +110,14 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
     lengths = np.sum(np.square(columns), axis=0)
     dof = float(columns.shape[0] - base.shape[1])
     if dof <= FOLDS:
-        return Detectability((), (), 0, missing)
+        return Detectability((), (), missing)
     weight = 1.0 / math.hypot(noise.position, noise.unexplained)
     rows = columns.reshape(-1, data.n, columns.shape[1])
     forms = [
         _Form(candidate, place, _limit(candidate, place, gram, lengths, dof, rows, weight))
         for candidate, place in zip(pool, places, strict=True)
     ]
-    pairs, n_pairs = _pairs(forms, gram)
-    return Detectability(tuple(form.limit for form in forms), pairs, n_pairs, missing)
+    return Detectability(tuple(form.limit for form in forms), _pairs(forms, gram), missing)
 
 
 def _columns(
@@ -193,7 +190,7 @@ def usual_size(effect: str) -> float:
     return math.sqrt(low * high)
 
 
-def _pairs(forms: list[_Form], gram: Array) -> tuple[tuple[InseparablePair, ...], int]:
+def _pairs(forms: list[_Form], gram: Array) -> tuple[InseparablePair, ...]:
     """Return the pairs of detectable effects, one form for each effect and joint, that are not distinguishable."""
     first_forms: dict[tuple[str, tuple[str, ...]], _Form] = {}
     for form in forms:
@@ -215,5 +212,4 @@ def _pairs(forms: list[_Form], gram: Array) -> tuple[tuple[InseparablePair, ...]
                 whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
                 similarity = math.sqrt(min(max(float(np.linalg.eigvals(whitener @ explained).real.max()), 0.0), 1.0))
                 pairs.append(InseparablePair(form.limit.label, rival.limit.label, similarity, evidence))
-    ordered = sorted(pairs, key=lambda pair: (-round(pair.similarity, 9), pair.evidence))
-    return tuple(ordered), len(entries) * (len(entries) - 1) // 2
+    return tuple(sorted(pairs, key=lambda pair: (-round(pair.similarity, 9), pair.evidence)))

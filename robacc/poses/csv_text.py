@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.measurements import Measurements
-from robacc.poses.columns import AXES, CIRCUMSTANCES, FIXED_KINDS, JOINT_COLUMN, QUATERNION, SIGMAS, TEXTS
+from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, SIGMAS, TEXTS
 from robacc.poses.plausibility import lengths_too_large
 from robacc.poses.values import COMMANDED_AXES
 
@@ -19,22 +19,19 @@ _BLOCK = 4096
 """Rows written at a time."""
 
 
-def format_poses(measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True) -> str:
+def format_poses(measurements: Measurements, *, attained: bool = True) -> str:
     """Return the poses as CSV text, each number in the fewest digits that give the same float.
 
     Columns are SI without a unit in their names, except for positions that would look like mm; orientation is a
-    quaternion with w >= 0. A joint's name stands for ``q_i`` where ``joint_names`` are given and none of them means
-    something else in a pose file. Without ``attained`` the poses are planned and have no attained columns.
+    quaternion with w >= 0. Without ``attained`` the poses are planned and have no attained columns.
     """
-    return "".join(pose_pieces(measurements, joint_names, attained=attained))
+    return "".join(pose_pieces(measurements, attained=attained))
 
 
-def pose_pieces(
-    measurements: Measurements, joint_names: Sequence[str] | None = None, *, attained: bool = True
-) -> Iterator[str]:
+def pose_pieces(measurements: Measurements, *, attained: bool = True) -> Iterator[str]:
     """Yield the text of :func:`format_poses` in pieces of some thousand rows, to limit the memory used."""
     for start in range(0, max(measurements.n, 1), _BLOCK):
-        columns = _columns(measurements.subset(slice(start, start + _BLOCK)), joint_names, attained)
+        columns = _columns(measurements.subset(slice(start, start + _BLOCK)), attained)
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         if start == 0:
@@ -55,12 +52,9 @@ def _names_that_need_a_unit(measurements: Measurements) -> tuple[str, ...]:
     )
 
 
-def _columns(
-    measurements: Measurements, joint_names: Sequence[str] | None, attained: bool
-) -> list[tuple[str, Sequence[str]]]:
+def _columns(measurements: Measurements, attained: bool) -> list[tuple[str, Sequence[str]]]:
     columns: list[tuple[str, Sequence[str]]] = []
-    numbered = [f"q{i + 1}" for i in range(_joint_count(measurements))]
-    joints = list(joint_names) if joint_names and all(map(_is_free, joint_names)) else numbered
+    joints = [f"q{i + 1}" for i in range(_joint_count(measurements))]
     _add(columns, joints, measurements.q)
     if attained:
         _add(columns, AXES, measurements.position)
@@ -100,9 +94,3 @@ def _joint_count(measurements: Measurements) -> int:
         if values is not None:
             return int(values.shape[0])
     return 0
-
-
-def _is_free(name: str) -> bool:
-    """Return whether a joint's name can be its column's name: it means nothing else and has no outer spaces."""
-    has_meaning = name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name)
-    return not has_meaning and name == name.strip() and bool(name) and not name.startswith("#") and name.isprintable()

@@ -38,7 +38,7 @@ class FrameTimeline:
         return self.frames[k] if k >= 0 else None
 
 
-def timeline(events: Sequence[FrameEvent], initial: ProgramFrame | None = None) -> FrameTimeline:
+def timeline(events: Sequence[FrameEvent]) -> FrameTimeline:
     """Return the frames in force after each event, in the order of the text.
 
     A frame that is set inside a branch is unknown after the branch. One that is set inside a loop is unknown from the
@@ -46,18 +46,18 @@ def timeline(events: Sequence[FrameEvent], initial: ProgramFrame | None = None) 
     """
     setting = _blocks_that_set(events)
     result = FrameTimeline([], [])
-    current = initial
+    current: ProgramFrame | None = None
     before: list[ProgramFrame | None] = []
     opened: list[int] = []
     for k, event in enumerate(events):
         if event.kind == "start":
-            current, before, opened = initial, [], []
+            current, before, opened = None, [], []
         elif event.kind == "set":
             current = event.frame
         elif event.kind == "routine":
             opened.append(k)
             before.append(current)
-            current = initial
+            current = None
         elif event.kind in ("open", "loop"):
             opened.append(k)
             current = None if event.kind == "loop" and setting.get(k) else current

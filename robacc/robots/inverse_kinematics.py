@@ -67,18 +67,18 @@ def joint_ranges(arm: Arm) -> tuple[Array, Array]:
     return low, high
 
 
-def spread_configurations(arm: Arm, count: int, part: float = 1.0, turn: float = np.pi) -> Array:
-    """Return joint variables ``(J, count)`` spread evenly over the middle share ``part`` of each range.
+def spread_configurations(arm: Arm, count: int) -> Array:
+    """Return joint variables ``(J, count)`` spread evenly over each range.
 
-    Revolute joints stay within ±``turn``.
+    Revolute joints stay within half a turn of the middle of theirs.
     """
     low, high = (
         np.where(np.isfinite(limits), limits, sign * np.pi)
         for limits, sign in zip(joint_ranges(arm), (-1, 1), strict=True)
     )
-    middle, half = 0.5 * (low + high), 0.5 * part * (high - low)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
     revolute = np.array([joint.type == "revolute" for joint in arm.robot.variables])
-    half = np.where(revolute, np.minimum(half, turn), half)
+    half = np.where(revolute, np.minimum(half, np.pi), half)
     result: Array = middle[:, None] + half[:, None] * (2.0 * low_discrepancy(low.size, count) - 1.0)
     return result
 

@@ -52,7 +52,7 @@ def summarise(robot: Robot, coefficients: tuple[tuple[str, float, str], ...] = (
     return Summary(robot, reach, sum(masses) if masses else None, coefficients)
 
 
-def find_reach(robot: Robot, target: Frame, samples: int = SAMPLES) -> Reach:
+def find_reach(robot: Robot, target: Frame) -> Reach:
     """Return the reach of a target from the base's origin within the joint limits (one turn for a joint without).
 
     The best of low-discrepancy samples is improved one joint at a time. The bound adds up the lengths between the axes,
@@ -63,7 +63,7 @@ def find_reach(robot: Robot, target: Frame, samples: int = SAMPLES) -> Reach:
     if any(pair is None for pair in ranges):
         return Reach(None, None)
     low, high = np.array([pair for pair in ranges if pair is not None]).T
-    q = low[:, None] + (high - low)[:, None] * low_discrepancy(len(ranges), samples)
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(len(ranges), SAMPLES)
     distance = _distance(chain, q)
     best = q[:, [int(np.argmax(distance))]]
     for _ in range(_ROUNDS):

@@ -90,7 +90,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
         limits=_read_limits(section, joint_type, units),
         is_continuous=kind == "continuous",
         sign=_read_sign(section),
-        gear_ratio=_read_positive(section, "gear_ratio"),
+        gear_ratio=_read_gear_ratio(section),
         mass=mass,
         com=com,
         tolerance=_read_tolerance(section, joint_type, convention, units),
@@ -188,12 +188,14 @@ def _read_sign(section: YamlSection) -> Literal[1, -1]:
     return -1 if value == -1 else 1
 
 
-def _read_positive(section: YamlSection, key: str) -> float | None:
-    node = section.get(key)
-    value = section.source.number(node, section.at(key)) if node else None
+def _read_gear_ratio(section: YamlSection) -> float | None:
+    node = section.get("gear_ratio")
+    value = section.source.number(node, section.at("gear_ratio")) if node else None
     if node and value is not None and value <= 0:
         fix = "write sign: -1 where the motor turns the other way" if value < 0 else None
-        section.source.report(node, section.at(key), f"expected a positive number, found {describe(node)}", fix)
+        section.source.report(
+            node, section.at("gear_ratio"), f"expected a positive number, found {describe(node)}", fix
+        )
     return value
 
 

@@ -92,7 +92,7 @@ def say_interrupted(done: str = "nothing was written") -> None:
     say(f"interrupted; {done}", _DIM)
 
 
-def console_for(stream: TextIO, width: int | None = None) -> Console:
+def console_for(stream: TextIO) -> Console:
     """Return a rich console: the terminal's width and colours, or plain text in :data:`PLAIN_WIDTH` columns."""
     from rich.console import Console
 
@@ -102,9 +102,8 @@ def console_for(stream: TextIO, width: int | None = None) -> Console:
             raise BrokenPipeError
 
     if uses_colour(stream):
-        return Piped(file=stream, highlight=False, width=width)
-    if not stream.isatty():
-        width = width or PLAIN_WIDTH
+        return Piped(file=stream, highlight=False)
+    width = None if stream.isatty() else PLAIN_WIDTH
     return Piped(file=stream, highlight=False, width=width, color_system=None, force_terminal=False)
 
 

@@ -113,7 +113,7 @@ def _joint_curve(effect: Effect, joint: str, indices: Sequence[int], fit: Fit, d
         driver = _prediction_driver(before - after)
     if driver.is_only:
         grid, value = _curve(effect, indices, fit, driver, before - after)
-    unit = "rad" if fit.model.arm.is_revolute(joint) else "m"
+    unit = fit.model.arm.unit(joint)
     spectrum = None
     if orders_of(effect) and driver.unit == "rad":
         spectrum = _spectrum(driver.values[fit.inliers], before[fit.inliers], after[fit.inliers], sd[fit.inliers])

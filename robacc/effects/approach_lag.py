@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.settings import refuse_settings
+from robacc.effects.term import joint_terms
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -66,15 +68,7 @@ class ApproachLag(Effect):
         if self.common:
             parts = tuple(Part(arm.axis_motion(joint), speed[arm.number(joint)]) for joint in self.joints)
             return (Term(f"{self.name}.common", "rad", 1e-4, parts),)
-        return tuple(
-            Term(
-                f"{self.name}.{joint}",
-                "rad" if arm.is_revolute(joint) else "m",
-                1e-4,
-                (Part(arm.axis_motion(joint), speed[arm.number(joint)]),),
-            )
-            for joint in self.joints
-        )
+        return joint_terms(self.name, arm, {joint: speed[arm.number(joint)] for joint in self.joints})
 
     def settings(self) -> dict[str, Any]:
         """Return ``common`` where all joints share a coefficient."""
@@ -85,8 +79,7 @@ class ApproachLag(Effect):
         """Read ``common: true``."""
         other_settings = dict(settings)
         common = other_settings.pop("common", False)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         if not isinstance(common, bool):
             raise ValueError(f"{cls.name}: common must be true or false, found {common!r}")
         return cls(joints, common)

@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies, weight_needed
+from robacc.effects.base import About, Driver, Effect, Term, needed, register, varies, weight_needed
 from robacc.effects.driver import torque_driver
 from robacc.effects.requirements import torques_needed
+from robacc.effects.term import joint_terms
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -134,15 +135,7 @@ class Backlash(Effect):
                 weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
                 # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
                 sign = np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
-        return tuple(
-            Term(
-                f"{self.name}.{joint}",
-                "rad" if arm.is_revolute(joint) else "m",
-                1e-4,
-                (Part(arm.axis_motion(joint), sign[arm.number(joint)]),),
-            )
-            for joint in self.joints
-        )
+        return joint_terms(self.name, arm, {joint: sign[arm.number(joint)] for joint in self.joints})
 
     def settings(self) -> dict[str, Any]:
         """Return the cause that decides the flank, if it is not the approach, and the friction."""

@@ -20,6 +20,7 @@ from robacc.effects.about import About
 from robacc.effects.driver import Driver
 from robacc.effects.orders import orders_setting
 from robacc.effects.requirements import commanded, needed, varies, weight_needed
+from robacc.effects.settings import refuse_settings
 from robacc.effects.term import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.validity import Validity, ranges
 from robacc.errors import UsageError
@@ -183,8 +184,7 @@ class Effect(abc.ABC):
         Raises:
             ValueError: a setting is unknown or has a wrong value.
         """
-        if settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, settings))}")
+        refuse_settings(cls.name, settings)
         return cls(joints=joints)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:

@@ -13,6 +13,7 @@ import numpy as np
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
 from robacc.effects.driver import joint_driver
 from robacc.effects.periodic import low_orders
+from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -116,9 +117,7 @@ class Counterbalance(Effect):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``centre_deg`` and ``ratio``."""
-        unknown = [key for key in settings if key not in ("centre_deg", "ratio")]
-        if unknown:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, unknown))}")
+        refuse_settings(cls.name, [key for key in settings if key not in ("centre_deg", "ratio")])
         centre, ratio = settings.get("centre_deg", cls.centre), settings.get("ratio", cls.ratio)
         if any(isinstance(value, bool) or not isinstance(value, int | float) for value in (centre, ratio)):
             raise ValueError(f"{cls.name}: centre_deg and ratio must be numbers, found {dict(settings)!r}")

@@ -47,7 +47,7 @@ def joint_driver(arm: Arm, data: Measurements, joint: str, *, is_only: bool = Tr
         poses[number] = values
         return _poses_at(poses)
 
-    return Driver(joint, "rad" if arm.is_revolute(joint) else "m", q[number], is_only, swept)
+    return Driver(joint, arm.unit(joint), q[number], is_only, swept)
 
 
 def torque_driver(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from robacc.effects.base import Effect, Part
+from robacc.effects.settings import refuse_settings
 from robacc.gravity.loads import Load
 
 Deflection = Literal["equilibrium", "rigid"]
@@ -61,7 +62,5 @@ def deflection_setting(name: str, settings: Mapping[str, Any]) -> Deflection:
     form: Deflection = settings.get("deflection", "equilibrium")
     if form not in ("equilibrium", "rigid"):
         raise ValueError(f"{name}: deflection must be equilibrium or rigid, found {form!r}")
-    unknown = [key for key in settings if key != "deflection"]
-    if unknown:
-        raise ValueError(f"{name} has no setting {', '.join(map(repr, unknown))}")
+    refuse_settings(name, [key for key in settings if key != "deflection"])
     return form

@@ -12,6 +12,7 @@ from robacc.chain import BASE
 from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.effects.base_frame import FRAME_LABELS
 from robacc.effects.driver import circumstance_driver
+from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -105,8 +106,7 @@ class FrameDrift(Effect):
         other_settings = dict(settings)
         origin, span = float(other_settings.pop("origin_s", 0.0)), float(other_settings.pop("span_s", 1.0))
         degree, turning = other_settings.pop("degree", 1), other_settings.pop("turning", False)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         if not span > 0 or degree not in range(1, 10) or not isinstance(turning, bool):
             raise ValueError(
                 f"{cls.name}: expected span_s above 0, degree 1 to 9 and turning true or false, "

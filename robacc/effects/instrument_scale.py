@@ -13,6 +13,7 @@ from robacc.chain import BASE
 from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.effects.driver import circumstance_driver
 from robacc.effects.instrument_place import FARTHEST
+from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -178,8 +179,7 @@ class InstrumentScale(Effect):
         other_settings = dict(settings)
         degree = other_settings.pop("drift", 0)
         origin, span = other_settings.pop("origin_s", 0.0), other_settings.pop("span_s", 1.0)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         for value in (origin, span):
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise ValueError(f"{cls.name}: origin_s and span_s must be numbers, found {value!r}")

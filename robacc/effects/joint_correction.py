@@ -12,6 +12,7 @@ import numpy as np
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies
 from robacc.effects.driver import circumstance_driver, is_circumstance, joint_driver, torque_driver
 from robacc.effects.requirements import torques_needed
+from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -90,7 +91,7 @@ class JointCorrection(Effect):
         terms = []
         for joint in self.joints:
             motion = arm.axis_motion(joint)
-            unit = "rad" if arm.is_revolute(joint) else "m"
+            unit = arm.unit(joint)
             driver_names = "_".join(self.drivers)
             group = f"{self.name}.{joint}.{driver_names}"
             for label, size, column in self._basis(arm, data, joint):
@@ -176,8 +177,7 @@ class JointCorrection(Effect):
             other_settings.pop("range", None),
             other_settings.pop("degree", 8),
         )
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         if not isinstance(drivers, list) or len(drivers) not in (1, 2):
             raise ValueError(f"{cls.name}: drivers must be a list of one or two names, found {drivers!r}")
         if not isinstance(ranges, list) or len(ranges) != len(drivers) or not all(map(_is_range, ranges)):

@@ -8,6 +8,7 @@ from typing import Any
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
 from robacc.effects.driver import joint_driver
+from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -77,8 +78,7 @@ class JointCoupling(Effect):
         """Return the effect with the named drivers."""
         other_settings = dict(settings)
         drivers = tuple(other_settings.pop("drivers", ()))
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         return cls(joints=joints, drivers=drivers)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.effects.settings import refuse_settings
 from robacc.effects.torque_driven import TorqueDriven
 from robacc.effects.validity import Validity, torque_of
 from robacc.geometry import Array
@@ -160,9 +161,7 @@ class JointHardening(TorqueDriven):
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Read ``torque_nm`` or ``knee_nm``."""
-        unknown = [key for key in settings if key not in ("torque_nm", "knee_nm")]
-        if unknown:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, unknown))}")
+        refuse_settings(cls.name, [key for key in settings if key not in ("torque_nm", "knee_nm")])
         if len(settings) > 1:
             raise ValueError(f"{cls.name} has torque_nm or knee_nm, not both")
         for key, value in settings.items():

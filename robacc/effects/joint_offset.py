@@ -52,7 +52,7 @@ class JointOffset(Effect):
         return tuple(
             Term(
                 f"{self.name}.{joint}",
-                "rad" if arm.is_revolute(joint) else "m",
+                arm.unit(joint),
                 1e-3,
                 (Part(arm.axis_motion(joint)),),
                 least_part=LEAST_OF_CONSTANT,

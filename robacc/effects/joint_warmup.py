@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.base import About, Driver, Effect, Term, needed, register, varies
 from robacc.effects.driver import circumstance_driver
+from robacc.effects.settings import refuse_settings
+from robacc.effects.term import joint_terms
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -88,15 +90,7 @@ class JointWarmup(Effect):
         """Return one term per joint."""
         elapsed = np.maximum(needed(data.time, "time_s", self.name) - self.origin, 0.0)
         risen = 1 - np.exp(-elapsed / self.time_constant)
-        return tuple(
-            Term(
-                f"{self.name}.{joint}",
-                "rad" if arm.is_revolute(joint) else "m",
-                1e-4,
-                (Part(arm.axis_motion(joint), risen),),
-            )
-            for joint in self.joints
-        )
+        return joint_terms(self.name, arm, {joint: risen for joint in self.joints})
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -117,8 +111,7 @@ class JointWarmup(Effect):
         """Read ``time_constant_s``, ``origin_s``."""
         other_settings = dict(settings)
         constant, origin = other_settings.pop("time_constant_s", cls.time_constant), other_settings.pop("origin_s", 0.0)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         for value in (constant, origin):
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise ValueError(f"{cls.name}: time_constant_s and origin_s must be numbers, found {value!r}")

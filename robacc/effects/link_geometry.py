@@ -10,6 +10,7 @@ from typing import Any
 from robacc.effects.base import About, Effect, Part, Term, register
 from robacc.effects.base_frame import FRAME_LABELS, moved_frame
 from robacc.effects.joint_offset import with_parameters
+from robacc.effects.settings import refuse_settings
 from robacc.effects.term import LEAST_OF_CONSTANT
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -68,8 +69,7 @@ class LinkGeometry(Effect):
         """Read ``labels: [a, alpha]``."""
         other_settings = dict(settings)
         labels = other_settings.pop("labels", [])
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         known = ("theta", *_DH, *_ORIGIN)
         if not isinstance(labels, list) or any(label not in known for label in labels):
             raise ValueError(f"{cls.name}: labels must be a list of some of {', '.join(known)}, found {labels!r}")

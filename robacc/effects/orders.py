@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from robacc.effects.settings import refuse_settings
 from robacc.geometry import Array
 
 ONE_TURN = 2.1 * math.pi
@@ -94,8 +95,7 @@ def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float,
     """
     other_settings = dict(settings)
     orders = other_settings.pop("orders", default)
-    if other_settings:
-        raise ValueError(f"{name} has no setting {', '.join(map(repr, other_settings))}")
+    refuse_settings(name, other_settings)
     if not isinstance(orders, list | tuple) or not orders:
         raise ValueError(f"{name}: orders must be a list of numbers, found {orders!r}")
     if not all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n <= 1000 for n in orders):

@@ -13,6 +13,7 @@ from robacc.chain import BASE
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
 from robacc.effects.base_frame import FRAME_LABELS
 from robacc.effects.driver import joint_driver
+from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -119,8 +120,7 @@ class RailErrors(Effect):
         """Read ``from`` and ``to``."""
         other_settings = dict(settings)
         low, high = other_settings.pop("from", 0.0), other_settings.pop("to", 1.0)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         for value in (low, high):
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise ValueError(f"{cls.name}: from and to must be numbers, found {value!r}")

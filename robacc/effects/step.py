@@ -14,6 +14,7 @@ from robacc.chain import BASE, TOOL
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register, varies
 from robacc.effects.base_frame import FRAME_LABELS
 from robacc.effects.driver import circumstance_driver
+from robacc.effects.settings import refuse_settings
 from robacc.geometry import Array
 from robacc.gravity.loads import payload
 from robacc.gravity.torques import gravity_torques
@@ -189,8 +190,7 @@ class Step(Effect):
         line, time = other_settings.pop("from_line", None), other_settings.pop("from_time_s", None)
         file, target = other_settings.pop("file", None), other_settings.pop("target", None)
         turning = other_settings.pop("turning", False)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         if part not in ("base", "target", "joint", "payload") or (part in ("joint", "payload")) != bool(joints):
             raise ValueError(
                 f"{cls.name}: expected part: base or part: target without joints, part: payload with joints, or joints "

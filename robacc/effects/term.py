@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robacc.geometry import Array
 from robacc.gravity.loads import Load
+from robacc.robots.arm import Arm
 
 SCALE_OF_INSTRUMENT = -1
 """Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
@@ -52,3 +54,11 @@ class Term:
     def label(self) -> str:
         """Return the last part of the name: the constant, coordinate or polynomial."""
         return self.name.rpartition(".")[2]
+
+
+def joint_terms(effect: str, arm: Arm, regressors: Mapping[str, Array]) -> tuple[Term, ...]:
+    """Return one term a joint, which adds coefficient x regressor ``(N,)`` to its variable; of about 0.1 mrad or mm."""
+    return tuple(
+        Term(f"{effect}.{joint}", arm.unit(joint), 1e-4, (Part(arm.axis_motion(joint), regressor),))
+        for joint, regressor in regressors.items()
+    )

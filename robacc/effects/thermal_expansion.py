@@ -11,6 +11,7 @@ import numpy as np
 from robacc.chain import Scalar
 from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
 from robacc.effects.driver import circumstance_driver
+from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -117,8 +118,7 @@ class ThermalExpansion(Effect):
         reference = other_settings.pop("reference_c", REFERENCE_TEMPERATURE)
         time_constant = other_settings.pop("time_constant_s", None)
         slides = other_settings.pop("slides", True)
-        if other_settings:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, other_settings))}")
+        refuse_settings(cls.name, other_settings)
         if time_constant is not None and not float(time_constant) > 0:
             raise ValueError(f"{cls.name}: time_constant_s must be above 0, found {time_constant!r}")
         if not isinstance(slides, bool):

@@ -56,6 +56,10 @@ class Arm:
         """Return whether the joint is revolute."""
         return self.joint(name).type == "revolute"
 
+    def unit(self, name: str) -> str:
+        """Return the unit of the joint's variable: ``rad`` or ``m``."""
+        return "rad" if self.is_revolute(name) else "m"
+
     def axis_motion(self, name: str) -> int:
         """Return the index of the motion that the joint's variable drives."""
         return self.chain.joint_axis[self.number(name)]

@@ -254,7 +254,7 @@ def _significance(probability: float) -> str:
 
 def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:
     arm = result.final.model.arm
-    units = [table_unit("rad" if arm.is_revolute(name) else "m") for name in arm.names]
+    units = [table_unit(arm.unit(name)) for name in arm.names]
     names = [f"{name}, {unit}" for name, (_, unit) in zip(arm.names, units, strict=True)]
     for advice in result.next_poses:
         yield from wrapped(advice.text, width)

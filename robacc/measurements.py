@@ -136,6 +136,15 @@ class Measurements:
         return None if self.noise_covariance is None else np.diag(np.array(self.noise_covariance))[:, None]
 
     @property
+    def stated_noise(self) -> tuple[float | None, float | None]:
+        """Noise that the file states, RMS over poses and axes: of the position, m, and of the orientation, rad."""
+        position, rotation = (
+            None if sigma is None else float(np.sqrt(np.mean(np.square(sigma))))
+            for sigma in (self.sigma_position, self.sigma_rotation)
+        )
+        return position, rotation
+
+    @property
     def correlated_noise(self) -> Array | None:
         """Known covariance ``(3, 3)`` of the position, m², where its coordinates are correlated; else None."""
         if self.sigma_position is not None or self.noise_covariance is None:

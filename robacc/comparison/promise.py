@@ -66,8 +66,8 @@ def _noise_used(data: Measurements, fit: ModelFit, noise: str | float | None) ->
     treatment: NoiseTreatment = "added" if fit.noise_is_separate else "contained"
     if noise is not None:
         return PromisedNoise(size(noise, "length", "`noise`"), "given", treatment)
-    if data.sigma_position is not None:
-        return PromisedNoise(float(np.sqrt(np.mean(np.square(data.sigma_position)))), "file", treatment)
+    if (stated := data.stated_noise[0]) is not None:
+        return PromisedNoise(stated, "file", treatment)
     return PromisedNoise(fit.noise[0] if fit.noise_is_separate else 0.0, "model", treatment)
 
 

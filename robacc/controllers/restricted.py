@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robacc.accuracy.metrics import pose_metrics
 from robacc.effects.base import Effect
 from robacc.effects.joint_offset import JointOffset
 from robacc.effects.link_geometry import LinkGeometry
@@ -78,14 +79,10 @@ def remaining_error(complete: Robot, controller: Robot) -> RemainingError:
     attained = predict(_single_target(controller), dataclasses.replace(data, target=None))
     rotation = data.rotation
     assert rotation is not None
-    distance = np.sqrt(np.sum(np.square(attained.translation - data.position), axis=0))
-    angle = np.sqrt(np.sum(np.square(log_between(attained.rotation, rotation)), axis=0))
+    errors = pose_metrics(np.vstack((attained.translation - data.position, log_between(attained.rotation, rotation))))
+    assert errors.orientation is not None
     return RemainingError(
-        data.n,
-        float(np.sqrt(np.mean(np.square(distance)))),
-        float(np.max(distance)),
-        float(np.sqrt(np.mean(np.square(angle)))),
-        float(np.max(angle)),
+        data.n, errors.position.rms, errors.position.max, errors.orientation.rms, errors.orientation.max
     )
 
 

@@ -70,10 +70,7 @@ def _noise(data: Measurements) -> dict[str, Any] | None:
     """Return the measurement noise that the file states, RMS over poses for each axis; None if it states none."""
     if data.sigma_position is None and data.sigma_rotation is None:
         return None
-    position, rotation = (
-        None if sigma is None else float(np.sqrt(np.mean(np.square(sigma))))
-        for sigma in (data.sigma_position, data.sigma_rotation)
-    )
+    position, rotation = data.stated_noise
     return {"position_m": position, "orientation_rad": rotation, "source": "file"}
 
 

@@ -128,11 +128,10 @@ def _rms_residual(triangle: Array, n: int) -> float:
 
 def noise_record(data: Measurements, sigma: Sequence[float], sources: Sequence[NoiseSource]) -> MeasurementNoise:
     """Return the noise with its sources; for ``file``, the root mean square of the file's columns."""
-    values = list(sigma)
-    if sources[0] == "file" and data.sigma_position is not None:
-        values[0] = float(np.sqrt(np.mean(np.square(data.sigma_position))))
+    values = [
+        stated if source == "file" and stated is not None else estimated
+        for estimated, source, stated in zip(sigma, sources, data.stated_noise, strict=False)
+    ]
     if len(sources) == 1:
         return MeasurementNoise(values[0], None, sources[0], None)
-    if sources[1] == "file" and data.sigma_rotation is not None:
-        values[1] = float(np.sqrt(np.mean(np.square(data.sigma_rotation))))
     return MeasurementNoise(values[0], values[1], sources[0], sources[1])

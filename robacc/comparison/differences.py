@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 from robacc.statistics.distributions import f_sf, student_quantile
 from robacc.statistics.intervals import FEWEST_FOR_BOOTSTRAP, MOST_FOR_BOOTSTRAP, interpolated
+from robacc.statistics.resampling import resampled_counts
 
 DRAWS = 2000
 FEWEST_FOR_PERCENTILE = 30
@@ -230,9 +231,7 @@ def _studentised(parts: list[_Part], value: float, paired: bool, seed: int) -> A
 @lru_cache(maxsize=8)
 def _counts(size: int, seed: int, stream: int) -> Array:
     """Return the number of times that each of ``size`` poses occurs in each resample, ``(B, size)``."""
-    indices = np.random.default_rng([seed, stream]).integers(size, size=(DRAWS, size))
-    indices += size * np.arange(DRAWS)[:, None]
-    return np.bincount(indices.ravel(), minlength=DRAWS * size).reshape(DRAWS, size).astype(float)
+    return resampled_counts(size, DRAWS, (seed, stream))
 
 
 def _percentile(first: ErrorSample, second: ErrorSample, paired: bool, confidence: float, seed: int) -> Difference:

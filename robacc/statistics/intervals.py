@@ -30,6 +30,7 @@ from robacc.statistics.confidence_curves import (
     StudentCurve,
 )
 from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
+from robacc.statistics.resampling import resampled_counts
 
 FEWEST_FOR_BOOTSTRAP = 10
 """Fewer poses give too few distinct resamples for meaningful quantiles."""
@@ -183,7 +184,7 @@ class PoseSampling:
 
     def counts(self) -> Array:
         """Return how often each resample contains each pose, ``(draws, n_groups)``; every quantity shares them."""
-        return _resampled_counts(self.n_groups, self.draws, self.seed)
+        return _shared_counts(self.n_groups, self.draws, self.seed)
 
     def standard_error(self, values: Array) -> float:
         """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""
@@ -244,10 +245,6 @@ class PoseSampling:
 
 
 @lru_cache(maxsize=1)
-def _resampled_counts(size: int, draws: int, seed: int) -> Array:
-    """Return resampled counts of ``size`` poses, ``(draws, size)``, read-only; position and orientation share them."""
-    indices = np.random.default_rng(seed).integers(size, size=(draws, size))
-    indices += size * np.arange(draws)[:, None]
-    counts = np.bincount(indices.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
-    counts.flags.writeable = False
-    return counts
+def _shared_counts(size: int, draws: int, seed: int) -> Array:
+    """Return :func:`resampled_counts`, kept because position and orientation share them."""
+    return resampled_counts(size, draws, seed)

@@ -20,13 +20,12 @@ from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.geometry import Array, rotation_from_rpy
+from robacc.gravity.torques import LEVEL
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot, Vector
 
-_LEVEL = math.radians(1.0)
-"""Angle up to which two directions count as one, rad: frames and bases are levelled to some tenths of a degree."""
 _DECISIVE = 10.0
 """Log likelihood ratio that decides against the robot file (odds of 20,000 to 1) …"""
 _PER_COMPONENT = 0.07
@@ -94,7 +93,7 @@ def _other_directions(robot: Robot, turned: Robot) -> Iterator[Vector]:
     before, after = (rotation_from_rpy(np.array(r.base.rpy)) for r in (robot, turned))
     known = [stated]
     for direction in (after @ before.T @ stated, -size * after[:, 2]):
-        if size and all(_angle(direction, other) > _LEVEL for other in known):
+        if size and all(_angle(direction, other) > LEVEL for other in known):
             known.append(direction)
             yield cast(Vector, tuple(direction.tolist()))
 

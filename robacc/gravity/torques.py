@@ -30,8 +30,9 @@ from robacc.gravity.loads import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
-_LEVEL = math.radians(1.0)
-"""Angle within which an axis counts as vertical or horizontal, rad: bases are levelled to some tenths of a degree."""
+LEVEL = math.radians(1.0)
+"""Angle within which a direction counts as vertical or horizontal, rad: bases and frames are levelled to some tenths of
+a degree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +162,7 @@ def bears_weight(arm: Arm, q: Array) -> tuple[bool, ...]:
     """Return for each joint whether a weight can load it at any of the nominal poses of ``q`` ``(J, N)``.
 
     It cannot if the axis of a rotary joint stays vertical, or that of a slide horizontal, within
-    :data:`_LEVEL` at all poses.
+    :data:`LEVEL` at all poses.
     """
     gravity = np.array(arm.robot.gravity)
     size = float(np.linalg.norm(gravity))
@@ -171,7 +172,7 @@ def bears_weight(arm: Arm, q: Array) -> tuple[bool, ...]:
         is_rotation = arm.chain.motions[motion].kind == "rotation"
         axis = twists[3:, number] if is_rotation else twists[:3, number]
         lever = cross(axis, np.broadcast_to(gravity[:, None], axis.shape)) if is_rotation else gravity @ axis
-        shares.append(np.abs(lever).max(initial=0.0) > math.sin(_LEVEL) * size)
+        shares.append(np.abs(lever).max(initial=0.0) > math.sin(LEVEL) * size)
     return tuple(map(bool, shares))
 
 

@@ -56,6 +56,6 @@ def hold_out(
             before[:, test] = held_out(fit(Model.of(plan.robot, frames), train_data, fold_options), test_data)
             after[:, test] = held_out(plan.fitted(chosen, train_data, fold_options), test_data)
     except InputError:
-        # The poses outside a fold are too few for the fitted coefficients.
+        # The poses outside a fold are too few for the fitted coefficients, or leave the arm no elastic equilibrium.
         return None
     return before, after

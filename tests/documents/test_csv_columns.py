@@ -1,0 +1,19 @@
+"""CSV text from columns reads back as the columns."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from robacc.documents.csv_columns import csv_cell, csv_text
+
+
+def test_cells_of_any_text_read_back() -> None:
+    texts = ["P1", "a,b", 'say "a"', 'say "a", b', "two\nlines", "two\r\nlines", ""]
+    text = csv_text({"name": map(csv_cell, texts), "number": (str(i) for i in range(len(texts)))})
+    rows = list(csv.reader(io.StringIO(text, newline="")))
+    assert rows == [["name", "number"], *([name, str(i)] for i, name in enumerate(texts))]
+
+
+def test_no_rows_leave_the_header() -> None:
+    assert csv_text({"a": [], "b": []}) == "a,b\n"

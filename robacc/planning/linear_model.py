@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import Term
+from robacc.effects.base import Effect, Term
+from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
 from robacc.fitting.identifiability import Dropped, identify_terms
 from robacc.fitting.normal_equations import joint_columns
@@ -83,6 +84,16 @@ class PlannedCoefficients:
     def names(self) -> list[str]:
         """Names of the identifiable coefficients."""
         return [self.terms[i].name for i in self.columns]
+
+
+def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:
+    """Return the effects of a list such as ``base_frame,joint_offset[j2]``.
+
+    Raises:
+        UsageError: One of them does not exist or cannot be fitted to the robot.
+    """
+    arm = Model.of(robot).arm
+    return build(parse_requests(fit), arm, every_column(arm))
 
 
 def with_targets(robot: Robot, poses: Measurements) -> Measurements:

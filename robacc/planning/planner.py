@@ -7,9 +7,6 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import Effect
-from robacc.effects.request import build, parse_requests
-from robacc.effects.specification import every_column
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -23,7 +20,7 @@ from robacc.planning.campaign import (
 )
 from robacc.planning.candidates import given_candidates, sampled_candidates, task_joints
 from robacc.planning.conditions import conditions_of
-from robacc.planning.design import DesignProblem, choose
+from robacc.planning.design import Criterion, DesignProblem, choose
 from robacc.planning.detectability import detectability
 from robacc.planning.expected import (
     BATCH,
@@ -40,6 +37,7 @@ from robacc.planning.linear_model import (
     PlannedCoefficients,
     candidate_rows,
     coefficients,
+    free_effects,
     region_rows,
     repeatability_at_target,
     whitened_columns,
@@ -101,6 +99,7 @@ class _Planner:
         else:
             feasible = given_candidates(self.model, constraints, candidates)
         self.candidates = self.conditions.with_payloads(feasible)
+        self.poses = self.conditions.at(self.candidates.q, self.candidates.payload)
         self.already = None if already is None else commanded_part(already, self.conditions)
         self.task = self._task(task)
         self.record = model_fit(robot)
@@ -123,7 +122,6 @@ class _Planner:
         settings = self.settings
         demands = tuple(needed(demand, settings.expected) for demand in settings.demands)
         count = self._count(demands)
-        self.poses = self.conditions.at(self.candidates.q, self.candidates.payload)
         rows = candidate_rows(self.model, self.poses, self.noise)
         planned = coefficients(self.model, rows)
         rows = rows[:, :, planned.columns]
@@ -188,15 +186,11 @@ class _Planner:
         """Return the problem of choice, in units of the priors."""
         if self.settings.purpose == "trace":
             return power_problem(self.model, self.poses, self.noise, self.already)
-        scale = planned.prior_std
-        scaled = information * scale[:, None] * scale + np.eye(scale.size)
-        interest = None
-        criterion = self.settings.criterion
         if self.settings.purpose == "health":
-            criterion = "A"
             is_offset = np.array([name.startswith("joint_offset") for name in planned.names])
-            interest = np.where(is_offset, np.square(scale), 0.0)
-        return DesignProblem(rows * scale, scaled, region * scale, criterion, interest)
+            interest = np.where(is_offset, np.square(planned.prior_std), 0.0)
+            return _design_problem(rows, region, planned, information, "A", interest)
+        return _design_problem(rows, region, planned, information, self.settings.criterion)
 
     def _choose(self, problem: DesignProblem | PowerProblem, count: int) -> NDArray[np.int64]:
         settings = self.settings
@@ -271,9 +265,7 @@ class _Planner:
         covariance = expectation.covariance(np.moveaxis(columns, 1, 2))
         accuracy = worth = None
         if settings.purpose == "calibrate":
-            scale = planned.prior_std
-            scaled = information * scale[:, None] * scale + np.eye(scale.size)
-            problem = DesignProblem(rows * scale, scaled, region * scale, settings.criterion)
+            problem = _design_problem(rows, region, planned, information, settings.criterion)
             accuracy = expected_accuracy(expectation, problem, plan.chosen, settings.seed)
             worth = self._worth(expectation, problem, plan.chosen, planned)
         return dataclasses.replace(
@@ -312,11 +304,15 @@ class _Planner:
         )
 
 
-def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:
-    """Return the effects of a list such as ``base_frame,joint_offset[j2]``.
-
-    Raises:
-        UsageError: One of them does not exist or cannot be fitted to the robot.
-    """
-    arm = Model.of(robot).arm
-    return build(parse_requests(fit), arm, every_column(arm))
+def _design_problem(
+    rows: Array,
+    region: Array,
+    planned: PlannedCoefficients,
+    information: Array,
+    criterion: Criterion,
+    interest: Array | None = None,
+) -> DesignProblem:
+    """Return the problem of choice with each coefficient in units of its prior's standard deviation."""
+    scale = planned.prior_std
+    scaled = information * scale[:, None] * scale + np.eye(scale.size)
+    return DesignProblem(rows * scale, scaled, region * scale, criterion, interest)

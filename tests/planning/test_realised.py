@@ -14,7 +14,8 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.campaign import CampaignPlan, CampaignSettings
-from robacc.planning.planner import free_effects, plan_campaign
+from robacc.planning.linear_model import free_effects
+from robacc.planning.planner import plan_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
 SCATTER = 3e-5

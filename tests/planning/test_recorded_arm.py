@@ -11,7 +11,8 @@ from robacc.api.inputs import load_poses, load_robot
 from robacc.fitting.solver import fit
 from robacc.modelling.model import Model
 from robacc.planning.campaign import CampaignSettings
-from robacc.planning.planner import free_effects, plan_campaign
+from robacc.planning.linear_model import free_effects
+from robacc.planning.planner import plan_campaign
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
 EFFECTS = "base_frame,tool_frame,joint_offset,link_geometry"

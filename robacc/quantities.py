@@ -20,7 +20,7 @@ UNITS: dict[Dimension, dict[str, float]] = {
 }
 """Size of each unit in m or rad."""
 _EXAMPLE: dict[Dimension, str] = {"length": "0.02mm", "angle": "0.005deg"}
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zµ]*)\s*", re.ASCII | re.IGNORECASE)
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zµμ]*)\s*", re.ASCII | re.IGNORECASE)
 
 
 def parse_quantity(text: str) -> tuple[float, Dimension | None] | None:
@@ -34,9 +34,10 @@ def parse_quantity(text: str) -> tuple[float, Dimension | None] | None:
         return None
     if not match[2]:
         return float(match[1]), None
+    unit = re.sub("[µμ]", "u", match[2])  # the micro sign, and the Greek letter that stands for it
     for dimension, sizes in UNITS.items():
-        if match[2] in sizes:
-            return float(match[1]) * sizes[match[2]], dimension
+        if unit in sizes:
+            return float(match[1]) * sizes[unit], dimension
     return None
 
 

@@ -89,12 +89,16 @@ def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> Regi
         assigned = how.folds(data)
         if assigned is None:
             return Registered(registered.residual, None)
-        apart = np.empty_like(registered.residual)
+    except InputError:
+        return Registered(residuals(data, predict(robot, data)), None)
+    apart = np.empty_like(registered.residual)
+    try:
         for training, test in parts(assigned):
             part = fit(model, data.subset(np.flatnonzero(training)), options)
             apart[:, test] = held_out(part, data.subset(np.flatnonzero(test)))
     except InputError:
-        return Registered(residuals(data, predict(robot, data)), None)
+        # The poses without a fold are too few; all of them are not.
+        return Registered(registered.residual, None)
     return Registered(registered.residual, apart)
 
 

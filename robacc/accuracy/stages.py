@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.metrics import PoseMetrics
 from robacc.geometry import Array
-from robacc.statistics.distributions import normal_quantile
+from robacc.statistics.distributions import student_quantile
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,5 +86,5 @@ def paired_gain(before: Array, after: Array, groups: NDArray[np.int64], confiden
         return Gain(value, float("nan"), float("nan"), confidence)
     influence = (sums[0] - sums[0].mean()) / (2 * rms[0] * n) - (sums[1] - sums[1].mean()) / (2 * rms[1] * n)
     gain_std = float(np.sqrt(np.sum(np.square(influence)) * count / (count - 1)))
-    half_width = normal_quantile(0.5 + confidence / 2) * gain_std
+    half_width = student_quantile(0.5 + confidence / 2, count - 1.0) * gain_std
     return Gain(value, value - half_width, value + half_width, confidence)

@@ -21,15 +21,13 @@ import numpy as np
 from robacc.accuracy.metrics import ErrorMetrics, pose_metrics
 from robacc.accuracy.stages import Gain, paired_gain
 from robacc.geometry import Array, rms_length
-from robacc.statistics.distributions import chi2_sf
+from robacc.statistics.distributions import chi2_sf, student_quantile
 
 Loaded = Literal["loaded", "partly loaded", "not loaded", "undecided"]
 
 NoiseSource = Literal["given", "file", "model"]
 NoiseTreatment = Literal["added", "contained"]
 
-_COVERAGE = 1.959963984540054
-"""Standard deviations of an interval of 95 %."""
 _PROMISED = 0.01
 """Probability below which the remaining error is not what was promised."""
 
@@ -155,7 +153,8 @@ def _loaded(measured: Array, planned: Array) -> LoadedTest:
     scores = np.sum(planned * (measured - slope * planned), axis=0)
     n = planned.shape[1]
     slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
-    low, high = slope - _COVERAGE * slope_std, slope + _COVERAGE * slope_std
+    half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
+    low, high = slope - half_width, slope + half_width
     verdict: Loaded
     if low > 0.5:
         verdict = "loaded"

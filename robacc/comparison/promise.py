@@ -33,6 +33,7 @@ def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) 
     Raises:
         UsageError: The files have no joints, or neither the noise nor the model leaves a measurement any error.
         InputError: The model has no record of its fit.
+        MissingColumnError: A file lacks a circumstance that an effect of the model needs, such as the approach.
     """
     fit = model_fit(robot)
     if fit is None:
@@ -42,6 +43,9 @@ def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) 
     if before.data.q is None or after.data.q is None:
         raise UsageError("`model` needs the joints q1, q2, … that were commanded, in both files")
     arm = absorb_constants(robot)
+    for file in (before, after):
+        # Circumstances drawn in place of missing ones would be held against the measurements.
+        Model.of(arm).bind(file.data)
     full_before, full_after = (completed(arm, fit, None, file.data, 0) for file in (before, after))
     predicted = Model.of(arm).bind(full_before).poses(np.zeros(0)).translation
     poses, jacobian, covariance = fitted_jacobian(

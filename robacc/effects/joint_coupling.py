@@ -77,7 +77,8 @@ class JointCoupling(Effect):
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
         """Return the effect with the named drivers."""
         other_settings = dict(settings)
-        drivers = tuple(other_settings.pop("drivers", ()))
+        drivers = other_settings.pop("drivers", ())
+        drivers = (drivers,) if isinstance(drivers, str) else tuple(drivers)
         refuse_settings(cls.name, other_settings)
         return cls(joints=joints, drivers=drivers)
 

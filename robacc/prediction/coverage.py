@@ -62,7 +62,10 @@ def coverage(
 
     Raises:
         InputError: There are too few commanded poses to fit frames to a half of them.
+        MissingColumnError: The poses lack a circumstance that an effect of the model needs, such as the approach.
     """
+    # Circumstances drawn in place of missing ones would be held against the measurements.
+    Model.of(absorb_constants(robot)).bind(measured)
     data = _with_noise(fit, completed(robot, fit, None, measured, seed), noise)
     oriented = measured.rotation is not None and fit.unexplained.shape[0] == 6
     if aligned:

@@ -7,8 +7,8 @@ import pytest
 
 from robacc.accuracy.stages import paired_gain
 
-Z = 1.959963984540054
-"""Normal quantile of 0.975."""
+T = {3: 4.302652729911275, 5: 2.7764451051977987, 40: 2.0226909200367604}
+"""Student's quantile of 0.975 with n - 1 degrees of freedom, from tables."""
 
 
 def gain_per_pose(before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -28,8 +28,8 @@ def test_half_width_is_the_sample_standard_error(n: int) -> None:
         np.sqrt(np.mean(np.sum(before[:3] ** 2, axis=0))) - np.sqrt(np.mean(np.sum(after[:3] ** 2, axis=0)))
     )
     # Both are sums of the same n numbers: rounding only.
-    assert gain.high - gain.value == pytest.approx(Z * standard_error, rel=1e-9)
-    assert gain.value - gain.low == pytest.approx(Z * standard_error, rel=1e-9)
+    assert gain.high - gain.value == pytest.approx(T[n] * standard_error, rel=1e-9)
+    assert gain.value - gain.low == pytest.approx(T[n] * standard_error, rel=1e-9)
 
 
 def test_repeats_of_a_pose_count_once() -> None:

@@ -14,6 +14,7 @@ import robacc
 from robacc.effects.entry_units import with_effect_units
 from robacc.fitting.apply_fit import absorb_constants
 from robacc.modelling.model import Model, predict
+from robacc.prediction.coverage import coverage
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import model_uncertainty
 from robacc.robots.description import Frame, Robot
@@ -384,3 +385,18 @@ def test_promise_is_kept_as_often_as_it_claims() -> None:
     # Mean 36 with a standard error of sqrt(72 / 300) = 0.5.
     assert np.mean(squares) == pytest.approx(3 * n, abs=2.0)
     assert np.var(squares) == pytest.approx(6 * n, rel=0.35)
+
+
+def test_approaches_that_no_file_states_are_not_held_against_measurements() -> None:
+    """Directions were drawn at random, so that a model with backlash did not agree with its own arm."""
+    targets = robacc.simulate(ROBOT, poses=30, seed=7).data
+    stated = measured(robacc.read_robot(TRUTH), targets, 1)
+    unstated = dataclasses.replace(stated, direction=None, speed=None)
+    model = calibrated(2).robot
+    record = model_fit(model)
+    assert record is not None
+    assert coverage(model, record, stated, 0)[0].n_poses == 30
+    with pytest.raises(robacc.UsageError, match="backlash needs the column dir_q1"):
+        coverage(model, record, unstated, 0)
+    with pytest.raises(robacc.UsageError, match="backlash needs the column dir_q1"):
+        robacc.compare_paired(unstated, unstated, model=model, nominal=ROBOT, noise="0.02mm")

@@ -304,6 +304,11 @@ def test_weight_is_needed_by_forms_that_gravity_drives() -> None:
             effect.terms(weightless(), circumstances(weightless().robot, 3))
 
 
+def test_a_driver_is_a_name_or_a_list_of_names() -> None:
+    coupling = REGISTRY["joint_coupling"]
+    assert coupling.from_settings(("j2",), {"drivers": "j1"}) == coupling.from_settings(("j2",), {"drivers": ["j1"]})
+
+
 CORRECTION = {"drivers": ["torque"], "range": [[-1.0, 1.0]], "degree": 2}
 WRONG = {
     "5": "expected a mapping with the key effect, found 5",

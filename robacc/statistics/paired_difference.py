@@ -89,8 +89,13 @@ def _percentile_difference(
 
 
 def _resampled_percentile(lengths: Array, counts: Array) -> Array:
-    """Return each resample's 95th percentile ``(draws,)``: the smallest length that 95 % of its rows do not exceed."""
+    """Return each resample's 95th percentile ``(draws,)``, interpolated between two lengths as the sample's is."""
     order = np.argsort(lengths, kind="stable")
     below = np.cumsum(counts[:, order], axis=1)
-    result: Array = lengths[order][np.argmax(below >= 0.95 * below[:, -1:], axis=1)]
+    last = below[:, -1] - 1.0
+    rank = np.floor(0.95 * last)
+    low, high = (
+        lengths[order][np.argmax(below > number[:, None], axis=1)] for number in (rank, np.minimum(rank + 1.0, last))
+    )
+    result: Array = low + (0.95 * last - rank) * (high - low)
     return result

@@ -41,7 +41,10 @@ class Backlash(Effect):
 
     name = "backlash"
     extrapolates = "backlash has two values, one for each direction of approach"
-    missing_reasons = ("no dir_q columns, `ordered` is not set, and no masses in the robot file",)
+    missing_reasons = (
+        "no dir_q columns, `ordered` is not set, and no masses in the robot file",
+        "by the approach: no dir_q columns, and `ordered` is not set",
+    )
     about = About(
         summary="clearance in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
         equation="theta_j + c sign(approach_j); with by: gravity, c sign(tau_j + friction approach_j), tau_j the "
@@ -62,6 +65,11 @@ class Backlash(Effect):
         if varies(data.direction) or arm.chain.bodies:
             return None
         return cls.missing_reasons[0]
+
+    @classmethod
+    def missing_form(cls, arm: Arm, data: Measurements) -> str | None:
+        """Return the reason if there is no direction of approach."""
+        return None if varies(data.direction) else cls.missing_reasons[1]
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:

@@ -100,6 +100,11 @@ class Effect(abc.ABC):
         """Return the reason if the effect cannot be fitted to this robot and these data, in one line; else None."""
         return None
 
+    @classmethod
+    def missing_form(cls, arm: Arm, data: Measurements) -> str | None:
+        """Return the reason if the usual form of a possible effect cannot be fitted, in one line; else None."""
+        return None
+
     @property
     def rejects_implausible(self) -> bool:
         """Return whether implausible coefficients rule this form out; otherwise it only competes with a handicap."""

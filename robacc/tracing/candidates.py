@@ -106,10 +106,10 @@ class Batch:
 def named_candidates(
     arm: Arm, data: Measurements, present: Sequence[Effect], only: Sequence[str] | None = None
 ) -> tuple[list[Candidate], dict[str, str]]:
-    """Return every named form that these data allow, and the reason why each other effect is missing.
+    """Return every named form that these data allow, and the reason why others are missing.
 
-    ``only`` restricts to effects of those names. Forms that ``present`` contains already, and frames and constants that
-    are completely free, are no candidates.
+    A reason may concern the usual form of an effect alone. ``only`` restricts to effects of those names. Forms that
+    ``present`` contains already, and frames and constants that are completely free, are no candidates.
     """
     whole_constants = {
         (effect.name, joint) for effect in present for joint in (effect.joints or ("",)) if _is_whole(effect)
@@ -124,6 +124,8 @@ def named_candidates(
         if reason is not None:
             missing[name] = reason
             continue
+        if (reason := cls.missing_form(arm, data)) is not None:
+            missing[name] = reason
         forms = [
             effect
             for effect in cls.candidates(arm, data)

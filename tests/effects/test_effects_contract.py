@@ -19,6 +19,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.tracing.candidates import named_candidates
 
 EFFECTS = tuple(REGISTRY)
 ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")
@@ -277,6 +278,15 @@ def test_what_is_missing_is_said_in_one_line(name: str) -> None:
     assert entry.availability is not None
     assert entry.availability.why == why
     assert (entry.availability.coefficients == ()) == (why is not None)
+
+
+def test_backlash_without_directions_says_that_only_gravity_is_tested() -> None:
+    backlash = REGISTRY["backlash"]
+    assert backlash.missing(arm("puma560"), BARE) is None
+    assert backlash.missing_form(arm("puma560"), BARE) == backlash.missing_reasons[1]
+    named, missing = named_candidates(arm("puma560"), BARE, ())
+    assert missing["backlash"] == backlash.missing_reasons[1]
+    assert {c.effect.settings()["by"] for c in named if c.effect.name == "backlash"} <= {"gravity"}
 
 
 def test_columns_and_masses_are_what_effects_ask_for() -> None:

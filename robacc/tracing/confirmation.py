@@ -11,6 +11,7 @@ import numpy as np
 from robacc.diagnostics.moved_frames import HeldOutFrames
 from robacc.effects.base import Effect
 from robacc.errors import RobaccError
+from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.places import places
 from robacc.geometry import Array
@@ -118,23 +119,22 @@ def with_held_out_gain(
     search_result: SearchResult,
     validation: CrossValidation | None,
     data: Measurements,
-    holdout: Measurements | None,
-    n_folds: int,
-    seed: int,
+    how: HoldOut,
     frames: HeldOutFrames | None = None,
 ) -> tuple[SearchResult, CrossValidation | None, tuple[str, ...]]:
     """Withdraw findings without a gain on held-out poses beyond its uncertainty, and those that other findings cancel.
 
     The weakest goes first and the others are tested again, also for their significance without it; at the end all
-    findings together must have a gain. Where the setup of ``holdout`` was moved, gains are judged with ``frames``
-    registered anew. Return the remaining search, its cross-validation, and warnings that list what was withdrawn.
+    findings together must have a gain. Where the setup of the validation poses was moved, gains are judged with
+    ``frames`` registered anew. Return the remaining search, its cross-validation, and warnings that list what was
+    withdrawn.
     """
     no_gain: list[str] = []
     cancelled: list[str] = []
-    place = places(data if holdout is None else holdout)
+    place = places(data if how.validation is None else how.validation)
     while validation is not None and search_result.effects:
-        weight = _weight_of_plausible(search_result) if holdout is None else None
-        judged = _judged(search_result.final, holdout, frames)
+        weight = _weight_of_plausible(search_result) if how.validation is None else None
+        judged = _judged(search_result.final, how, frames)
         scores = {
             effect: gain_score(judged(validation.without[effect.key()]), judged(validation.after), place, weight)
             for effect in search_result.effects
@@ -147,7 +147,7 @@ def with_held_out_gain(
             no_gain.append(str(weakest))
         elif gain_score(judged(validation.before), judged(validation.after), place, weight) < _LEAST_GAIN:
             no_gain.extend(map(str, search_result.effects))
-        elif holdout is None and (most := _most_cancelled(search_result, validation, data)) is not None:
+        elif how.validation is None and (most := _most_cancelled(search_result, validation, data)) is not None:
             effects = tuple(effect for effect in search_result.effects if effect != most)
             cancelled.append(str(most))
         else:
@@ -155,7 +155,7 @@ def with_held_out_gain(
         search_result = _with_effects(search_result, effects, data)
         selection = dataclasses.replace(search_result.selection, steps=[])
         search_result = _significant(search_result, effects, selection, data)
-        validation = cross_validate(search_result, validation.choices, data, holdout, n_folds, seed, earlier=validation)
+        validation = cross_validate(search_result, validation.choices, data, how, earlier=validation)
     reasons = {
         "the error of held-out poses is not lower with the effect than without": no_gain,
         "other effects cancel it on these poses, and need not elsewhere": cancelled,
@@ -163,11 +163,11 @@ def with_held_out_gain(
     return search_result, validation, _withdrawn_warnings(reasons)
 
 
-def _judged(final: Fit, holdout: Measurements | None, frames: HeldOutFrames | None) -> Callable[[Array], Array]:
+def _judged(final: Fit, how: HoldOut, frames: HeldOutFrames | None) -> Callable[[Array], Array]:
     """Return the function that makes held-out residuals comparable: registered anew, or with outliers bounded."""
     if frames is not None:
         return frames.residual
-    if holdout is not None:
+    if how.validation is not None:
         return lambda residual: residual
     return lambda residual: bounded(residual, final)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.errors import InputError
-from robacc.fitting.cross_validation import folds, held_out, parts
+from robacc.fitting.cross_validation import HoldOut, held_out, parts
 from robacc.fitting.deflection_model import choose_deflection, choose_form
 from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
@@ -101,10 +101,10 @@ class _Fold:
 
 
 def fold_choices(
-    search_result: SearchResult, data: Measurements, n_folds: int, seed: int, empirical: bool, progress: Progress
+    search_result: SearchResult, data: Measurements, how: HoldOut, empirical: bool, progress: Progress
 ) -> FoldChoices | None:
     """Return what the search chooses without the rows of each fold; None if there are too few poses."""
-    assigned = folds(data, n_folds, seed)
+    assigned = how.folds(data)
     if assigned is None:
         return None
     numbers = range(int(assigned.max()) + 1)
@@ -149,30 +149,26 @@ def cross_validate(
     search_result: SearchResult,
     choices: FoldChoices | None,
     data: Measurements,
-    holdout: Measurements | None,
-    n_folds: int,
-    seed: int,
+    how: HoldOut,
     *,
     is_whole: bool = False,
     earlier: CrossValidation | None = None,
 ) -> CrossValidation | None:
-    """Return residuals of ``holdout``, or of every row without its fold; None if there are too few poses.
+    """Return residuals of validation poses, or of every row without its fold; None if there are too few poses.
 
     Args:
         search_result: The findings, and fits of all rows.
         choices: What each fold chose.
         data: Poses of the search.
-        holdout: Poses that are held out in place of folds.
-        n_folds: Number of folds.
-        seed: Seed of the division into folds.
+        how: Poses that are held out.
         is_whole: Whether each fold's model has all effects that it chose, or only those that match a finding.
         earlier: Residuals of the same baseline with other findings; what is known from them is not fitted again.
     """
     if earlier is not None and not search_result.effects:
         return dataclasses.replace(earlier, after=earlier.before, without={})
-    if holdout is not None:
-        return _from_holdout(search_result, data, holdout)
-    assigned = folds(data, n_folds, seed)
+    if how.validation is not None:
+        return _from_validation_poses(search_result, data, how.validation)
+    assigned = how.folds(data)
     if choices is None or assigned is None:
         return None
     work = _Work(search_result, choices, data, assigned, is_whole, earlier)
@@ -288,15 +284,15 @@ def _matching_effects(
     ]
 
 
-def _from_holdout(search_result: SearchResult, data: Measurements, holdout: Measurements) -> CrossValidation:
-    """Return residuals of ``holdout`` with the models fitted to all other poses."""
+def _from_validation_poses(search_result: SearchResult, data: Measurements, poses: Measurements) -> CrossValidation:
+    """Return residuals of validation ``poses`` with the models fitted to ``data``."""
     declared = choose_deflection(search_result.declared, search_result.declared.model, data, SEARCH)[0]
     final = (
         search_result.final
         if search_result.final.group_stds
         else choose_deflection(search_result.final, search_result.final.model, data, SEARCH)[0]
     )
-    reduced_fits = ReducedFits(final, data, holdout, fold_options(final))
+    reduced_fits = ReducedFits(final, data, poses, fold_options(final))
     lacking = {effect.key(): reduced_fits.residuals([effect]) for effect in search_result.effects}
     without = {key: residual for key, residual in lacking.items() if residual is not None}
-    return CrossValidation(held_out(declared, holdout), held_out(final, holdout), without)
+    return CrossValidation(held_out(declared, poses), held_out(final, poses), without)

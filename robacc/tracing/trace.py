@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.moved_frames import MovedFrames, held_out_frames, larger_error_warning, moved_frames
+from robacc.diagnostics.moved_frames import MovedFrames, larger_error_warning
 from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
-from robacc.fitting.directional_noise import DirectionalNoise, noise_and_scatter
-from robacc.fitting.error_structure import with_error_structure
+from robacc.fitting.directional_noise import DirectionalNoise, NoiseAndScatter, noise_and_scatter
+from robacc.fitting.error_structure import StructuredFit, with_error_structure
 from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
@@ -41,16 +42,15 @@ from robacc.fitting.warnings import (
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.confirmation import reproduced, significant_given_structure, with_held_out_gain
-from robacc.tracing.cross_validation import CrossValidation, Progress, cross_validate, fold_choices
+from robacc.tracing.confirmation import significant_given_structure
+from robacc.tracing.confirmed_search import ConfirmedSearch, confirmed_search, validated_again
+from robacc.tracing.cross_validation import CrossValidation, Progress
 from robacc.tracing.detection import DetectionLimit, detection_limits
 from robacc.tracing.directional_weights import with_directional_weights
-from robacc.tracing.equal_votes import with_equal_votes
 from robacc.tracing.findings import Finding, describe_finding
-from robacc.tracing.loop import SearchResult, search
-from robacc.tracing.refitting import SEARCH, frames_first, refit
+from robacc.tracing.loop import SearchResult
+from robacc.tracing.refitting import frames_first, refit
 from robacc.tracing.remaining_error import remaining_error
-from robacc.tracing.remaining_scatter import with_remaining_scatter, with_scatter_in_fits
 from robacc.tracing.trace_result import Trace
 from robacc.tracing.verdict import assumption_of, explained_share, verdict_of
 
@@ -79,55 +79,67 @@ def trace(
     """
 
     def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
-        return _trace(model, weighted, n_folds, seed, holdout, empirical, progress)
+        return _trace(model, weighted, HoldOut(holdout, n_folds, seed), empirical, progress)
 
     return with_directional_weights(run, data, holdout)
 
 
+@dataclass(frozen=True)
+class _Fits:
+    """Fits of the declared effects and of all effects at full convergence."""
+
+    declared: Fit
+    final: Fit
+    form: DeflectionChoice | None
+    """Form of elastic effects that the data support."""
+    structured: StructuredFit
+    """The final fit, allowing for the structure of its errors."""
+
+
 def _trace(
-    model: Model,
-    data: Measurements,
-    n_folds: int,
-    seed: int,
-    holdout: Measurements | None,
-    empirical: bool,
-    progress: Progress,
+    model: Model, data: Measurements, how: HoldOut, empirical: bool, progress: Progress
 ) -> tuple[Trace, DirectionalNoise | None]:
     """Return the result of :func:`trace`, and noise that is larger along one direction than along others."""
     mistakes = check_data(model.arm.robot, data)
     stated = model.arm.robot.gravity
     model = with_gravity_direction(model, data)
-    first_search = search(
-        model,
-        data,
-        SEARCH,
-        empirical=empirical,
-        progress=lambda count, n_findings: progress(_search_label(count, n_findings), 0, n_folds + 1),
-    )
-    first_search = with_scatter_in_fits(first_search, data)
-    search_result, validation = _confirmed(first_search, data, holdout, n_folds, seed, empirical, progress)
-    moved = None if holdout is None else moved_frames(first_search.declared, holdout)
-    frames = None if holdout is None or moved is None else held_out_frames(first_search.declared, holdout)
-    search_result, validation, withdrawn = with_held_out_gain(
-        search_result, validation, data, holdout, n_folds, seed, frames
-    )
-    confirmed = search_result
-    search_result = with_remaining_scatter(first_search, confirmed, data)
-    if search_result.effects != confirmed.effects:
-        choices = None if validation is None else validation.choices
-        validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, earlier=validation)
-    declared, final, form = _final_fits(search_result, data)
-    structured = with_error_structure(final, data)
-    significant, insignificant = significant_given_structure(search_result, final, structured.inflation, data)
-    if insignificant:
-        choices = None if validation is None else validation.choices
-        validation = cross_validate(significant, choices, data, holdout, n_folds, seed, earlier=validation)
-        search_result = significant
-        declared, final, form = _final_fits(search_result, data)
-        structured = with_error_structure(final, data)
-    apart = noise_and_scatter(final, _repeatability(search_result, final, data), data)
+    confirmed = confirmed_search(model, data, how, empirical, progress)
+    search_result, validation, fits, withdrawn = _significant(confirmed, data, how)
+    apart = noise_and_scatter(fits.final, _repeatability(search_result, fits.final, data), data)
+    warnings = (*mistakes, *gravity_warning(stated, model.arm.robot.gravity))
+    confirmed = ConfirmedSearch(search_result, validation, confirmed.moved, (*confirmed.warnings, *withdrawn))
+    result = _result(model, confirmed, fits, apart, data, how, warnings)
+    return result, apart.noise_unless(fits.structured.shared)
+
+
+def _significant(
+    confirmed: ConfirmedSearch, data: Measurements, how: HoldOut
+) -> tuple[SearchResult, CrossValidation | None, _Fits, tuple[str, ...]]:
+    """Return the findings that are significant given the structure of the remaining errors, and their fits.
+
+    Warnings list those that are withdrawn.
+    """
+    search_result, validation = confirmed.search_result, confirmed.validation
+    fits = _fits(search_result, data)
+    kept, withdrawn = significant_given_structure(search_result, fits.final, fits.structured.inflation, data)
+    if not withdrawn:
+        return search_result, validation, fits, ()
+    return kept, validated_again(kept, validation, data, how), _fits(kept, data), withdrawn
+
+
+def _result(
+    model: Model,
+    confirmed: ConfirmedSearch,
+    fits: _Fits,
+    apart: NoiseAndScatter,
+    data: Measurements,
+    how: HoldOut,
+    warnings: tuple[str, ...],
+) -> Trace:
+    """Return the result of the confirmed findings and their fits; ``warnings`` come before all others."""
+    search_result, validation = confirmed.search_result, confirmed.validation
+    structured, final = fits.structured, fits.structured.fit
     noise, repeatability = apart.noise, apart.repeatability
-    final = structured.fit
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
     findings = tuple(
@@ -137,12 +149,12 @@ def _trace(
     rounding = evident_rounding(final, data)
     unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding, structured.shared)
     ends = None if validation is None else (validation.before, validation.after)
-    stages = before_and_after(model.arm.robot, data, declared, final, ends, HoldOut(holdout, n_folds, seed))
-    result = Trace(
+    stages = before_and_after(model.arm.robot, data, fits.declared, final, ends, how)
+    return Trace(
         robot=apply_fit(final),
         verdict=(verdict := verdict_of(findings, unexplained)),
         assumption=assumption_of(verdict, noise, repeatability),
-        declared=declared,
+        declared=fits.declared,
         final=final,
         predicting=structured.predicting,
         noise=noise,
@@ -154,7 +166,7 @@ def _trace(
         parameters=coefficients,
         covariance=parameter_covariance(with_masses),
         findings=findings,
-        deflection=form,
+        deflection=fits.form,
         undeclared_load=undeclared_load(final, data),
         unexplained=unexplained,
         repeatability=repeatability,
@@ -165,15 +177,13 @@ def _trace(
         missing=search_result.candidates.pool.missing,
         detection=_detection(search_result, validation),
         n_folds=0 if validation is None else validation.folds,
-        next_poses=_advice(search_result, findings, data, noise.noise.position, seed),
+        next_poses=_advice(search_result, findings, data, noise.noise.position, how.seed),
         warnings=(
-            *mistakes,
-            *gravity_warning(stated, model.arm.robot.gravity),
-            *_warnings_of_fits(declared, final, noise, data),
+            *warnings,
+            *_warnings_of_fits(fits.declared, final, noise, data),
             *([no_held_out_warning(data)] if validation is None else []),
-            *([] if holdout is None else _holdout_warnings(moved, stages.after)),
-            *withdrawn,
-            *insignificant,
+            *([] if how.validation is None else _holdout_warnings(confirmed.moved, stages.after)),
+            *confirmed.warnings,
             *([] if rounding is None else [rounding.warning]),
             *apart.warnings_if(structured.shared),
             *structured.warnings,
@@ -181,28 +191,6 @@ def _trace(
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
-    return result, apart.noise_unless(structured.shared)
-
-
-def _confirmed(
-    first_search: SearchResult,
-    data: Measurements,
-    holdout: Measurements | None,
-    n_folds: int,
-    seed: int,
-    empirical: bool,
-    progress: Progress,
-) -> tuple[SearchResult, CrossValidation | None]:
-    """Return the search with the findings that recur in the folds, and its held-out residuals."""
-    choices = fold_choices(first_search, data, n_folds, seed, empirical, progress) if holdout is None else None
-    choices = None if choices is None else with_equal_votes(choices, first_search, data)
-    search_result = reproduced(first_search, choices, data)
-    is_whole = search_result.effects == first_search.effects and bool(first_search.effects)
-    validation = cross_validate(search_result, choices, data, holdout, n_folds, seed, is_whole=is_whole)
-    if validation is None and choices is not None:
-        # No fold can be fitted, so that no fold says anything about the findings either.
-        return reproduced(first_search, None, data), None
-    return search_result, validation
 
 
 def _holdout_warnings(moved: MovedFrames | None, after: Stage) -> Iterator[str]:
@@ -214,10 +202,10 @@ def _holdout_warnings(moved: MovedFrames | None, after: Stage) -> Iterator[str]:
         yield from [] if warning is None else [warning]
 
 
-def _search_label(count: int, n_findings: int) -> str:
-    """Return the label of the search's progress in round ``count``."""
-    findings = f", {n_findings} finding{'s' * (n_findings != 1)}" if count > 1 else ""
-    return f"searching, round {count}{findings}"
+def _fits(search_result: SearchResult, data: Measurements) -> _Fits:
+    """Return the fits of a search at full convergence."""
+    declared, final, form = _final_fits(search_result, data)
+    return _Fits(declared, final, form, with_error_structure(final, data))
 
 
 def _final_fits(search_result: SearchResult, data: Measurements) -> tuple[Fit, Fit, DeflectionChoice | None]:

@@ -8,6 +8,7 @@ import pytest
 from scipy import optimize, stats
 from test_search_consistency import measured
 
+from robacc.fitting.cross_validation import HoldOut
 from robacc.tracing import cross_validation
 from robacc.tracing.candidates import TYPICAL_CANDIDATES
 from robacc.tracing.loop import search
@@ -42,6 +43,6 @@ def test_each_fold_chooses_at_its_level(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(cross_validation, "choose", spy)
     model, data = measured("gear_ratio[j2]", 5)
     result = search(model, data, empirical=False)
-    choices = cross_validation.fold_choices(result, data, 5, 0, False, lambda *_: None)
+    choices = cross_validation.fold_choices(result, data, HoldOut(), False, lambda *_: None)
     assert choices is not None
     assert levels == [pytest.approx(fold_level(0.8))] * 5

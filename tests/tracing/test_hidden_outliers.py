@@ -10,6 +10,7 @@ import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
+from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.misfit import outlier_limit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -48,7 +49,7 @@ def test_folds_choose_without_the_outliers_of_the_final_fit() -> None:
     assert found.declared.inliers.all()
     assert np.flatnonzero(~found.final.inliers).tolist() == WRONG.tolist()
     (play,) = (effect for effect in found.effects if effect.name == "backlash")
-    choices = fold_choices(found, data, 5, 0, True, lambda *progress: None)
+    choices = fold_choices(found, data, HoldOut(), True, lambda *progress: None)
     assert choices is not None
     assert choices.count(play) == 5
 

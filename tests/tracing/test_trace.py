@@ -15,6 +15,7 @@ from arms import arm
 from robacc.documents.trace import trace_payload
 from robacc.effects.base import Effect
 from robacc.effects.request import build, parse_requests
+from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit
 from robacc.geometry import rotation_about
@@ -482,7 +483,7 @@ def test_what_a_withdrawn_finding_made_significant_goes_with_it(monkeypatch: pyt
         "robacc.tracing.confirmation.cross_validate", lambda kept, *others, **options: validated(kept.effects)
     )
     whole = dataclasses.replace(loop, effects=effects, final=final)
-    kept, _, withdrawn = with_held_out_gain(whole, validated(effects), data, None, 5, 0)
+    kept, _, withdrawn = with_held_out_gain(whole, validated(effects), data, HoldOut())
     assert [(effect.name, effect.joints) for effect in kept.effects] == [("backlash", ("j2",))]
     assert [warning.endswith(f": {idle[0]}") for warning in withdrawn] == [True]
     assert [(step.action, step.chosen) for step in kept.steps[-1:]] == [("drop", str(idle[1]))]
@@ -508,7 +509,7 @@ def test_a_finding_that_others_cancel_is_withdrawn(monkeypatch: pytest.MonkeyPat
     )
     residual = residuals(data, loop.final.model.bind(data).poses(theta))
     changed = dataclasses.replace(loop, final=dataclasses.replace(loop.final, theta=theta, residual=residual))
-    kept, _, warnings = with_held_out_gain(changed, validated(loop.effects), data, None, 5, 0)
+    kept, _, warnings = with_held_out_gain(changed, validated(loop.effects), data, HoldOut())
     assert bool(kept.effects) is stays
     assert any("other effects cancel it" in warning and str(effect) in warning for warning in warnings) is not stays
 

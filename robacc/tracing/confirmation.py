@@ -78,7 +78,8 @@ def significant_given_structure(
     withdrawn = [str(effect) for effect in search_result.effects if effect not in kept.effects]
     if not withdrawn:
         return search_result, ()
-    return kept, _withdrawn_warnings({"it is not significant given the structure of the errors that remain": withdrawn})
+    reason = "it is not significant, given that the remaining errors are not independent from pose to pose"
+    return kept, _withdrawn_warnings({reason: withdrawn})
 
 
 def _significant(

@@ -17,8 +17,8 @@ VARIABLE = "OPENBLAS_NUM_THREADS"
 def single_threaded(call: Callable[P, Result]) -> Callable[P, Result]:
     """Return ``call`` with the linear algebra of NumPy and SciPy in one thread while it runs.
 
-    The matrices of a fit are small: threads spend more time waiting than computing, and a trace takes three times the
-    processor time. One thread also rounds the same on every machine.
+    The matrices of a fit are small: threads spend more time waiting than computing, and a trace takes twice the
+    processor time on two cores. One thread also rounds the same on every machine.
     """
 
     @functools.wraps(call)

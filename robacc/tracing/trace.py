@@ -103,28 +103,25 @@ def _trace(
     mistakes = check_data(model.arm.robot, data)
     stated = model.arm.robot.gravity
     model = with_gravity_direction(model, data)
-    confirmed = confirmed_search(model, data, how, empirical, progress)
-    search_result, validation, fits, withdrawn = _significant(confirmed, data, how)
-    apart = noise_and_scatter(fits.final, _repeatability(search_result, fits.final, data), data)
+    confirmed, fits = _significant(confirmed_search(model, data, how, empirical, progress), data, how)
+    apart = noise_and_scatter(fits.final, _repeatability(confirmed.search_result, fits.final, data), data)
     warnings = (*mistakes, *gravity_warning(stated, model.arm.robot.gravity))
-    confirmed = ConfirmedSearch(search_result, validation, confirmed.moved, (*confirmed.warnings, *withdrawn))
     result = _result(model, confirmed, fits, apart, data, how, warnings)
     return result, apart.noise_unless(fits.structured.shared)
 
 
-def _significant(
-    confirmed: ConfirmedSearch, data: Measurements, how: HoldOut
-) -> tuple[SearchResult, CrossValidation | None, _Fits, tuple[str, ...]]:
+def _significant(confirmed: ConfirmedSearch, data: Measurements, how: HoldOut) -> tuple[ConfirmedSearch, _Fits]:
     """Return the findings that are significant given the structure of the remaining errors, and their fits.
 
     Warnings list those that are withdrawn.
     """
-    search_result, validation = confirmed.search_result, confirmed.validation
-    fits = _fits(search_result, data)
-    kept, withdrawn = significant_given_structure(search_result, fits.final, fits.structured.inflation, data)
+    fits = _fits(confirmed.search_result, data)
+    kept, withdrawn = significant_given_structure(confirmed.search_result, fits.final, fits.structured.inflation, data)
     if not withdrawn:
-        return search_result, validation, fits, ()
-    return kept, validated_again(kept, validation, data, how), _fits(kept, data), withdrawn
+        return confirmed, fits
+    validation = validated_again(kept, confirmed.validation, data, how)
+    warnings = (*confirmed.warnings, *withdrawn)
+    return ConfirmedSearch(kept, validation, confirmed.moved, warnings), _fits(kept, data)
 
 
 def _result(

@@ -27,9 +27,8 @@ from robacc.modelling.observation import observed_jacobian
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate
-from robacc.tracing.candidates import named_candidates, order_grids
+from robacc.tracing.candidates import Candidate, named_candidates, order_grids
 from robacc.tracing.detection import decisive_test
-from robacc.tracing.selection import FALSE_ALARM, fold_level
 from robacc.tracing.trace_result import Trace
 
 FRAMES = "base_frame,tool_frame"
@@ -106,13 +105,11 @@ class Draw:
         whole = dataclasses.replace(self.built, effects=(*self.built.effects, entry_of(self.effect, values)))
         return simulate(whole, self.plan).data
 
-    def power(self, times: float, n_folds: int = 0) -> float:
-        """Of the F test at so many times the limit: of all poses, or of a fold at its level."""
-        share = 1 - 1 / n_folds if n_folds else 1.0
-        level = self.level * (fold_level(share) / FALSE_ALARM if n_folds else 1.0)
-        rank, freedom = len(self.values), self.freedom * share - len(self.values)
-        critical = stats.f.isf(level, rank, freedom)
-        return float(stats.ncf.sf(critical, rank, freedom, share * times**2 * self.noncentrality))
+    def power(self, times: float) -> float:
+        """Of the F test at so many times the limit."""
+        rank, freedom = len(self.values), self.freedom - len(self.values)
+        critical = stats.f.isf(self.level, rank, freedom)
+        return float(stats.ncf.sf(critical, rank, freedom, times**2 * self.noncentrality))
 
     def model(self, data: Measurements) -> Model:
         """The robot as delivered, with what is declared."""
@@ -162,11 +159,11 @@ def draw(kind: Kind, seed: int) -> Draw:
         seen = _seen(effect, declared, blank, plan, rng)
         if seen is not None:
             values, square, freedom = seen
-            needed = decisive_test(len(values), freedom, log_prior).noncentrality_at_limit
+            test = decisive_test(len(values), freedom, log_prior)
+            needed = test.noncentrality_at_limit
             size = math.sqrt(needed / square)
             if size <= 300 * effect.terms(declared.model.arm, blank)[0].typical:
                 at_limit = {key: size * value for key, value in values.items()}
-                level = FALSE_ALARM * math.exp(log_prior)
                 return Draw(
                     name,
                     effect,
@@ -176,7 +173,7 @@ def draw(kind: Kind, seed: int) -> Draw:
                     plan,
                     kind.declared,
                     left_out,
-                    level,
+                    test.level,
                     needed,
                     freedom,
                     _line(effect, declared.model.arm, blank),
@@ -207,11 +204,12 @@ def _erring(robot: Robot, rng: np.random.Generator, offsets: bool, lengths: bool
 def _forms(kind: Kind, one: Arm, data: Measurements) -> Iterator[tuple[Effect, float]]:
     """Forms of the kind with the log of their prior probability in the trace."""
     if kind.effect == "transmission_error" and kind.settings[0]["orders"][0] > 2:
-        for wave in order_grids(one, data):
+        for grid in order_grids(one, data):
             for settings in kind.settings:
                 (order,) = settings["orders"]
-                if wave.orders[0] <= order <= wave.orders[-1]:
-                    yield TransmissionError((wave.joint,), (order,)), wave.log_prior
+                if grid.orders[0] <= order <= grid.orders[-1]:
+                    effect = TransmissionError((grid.joint,), (order,))
+                    yield effect, Candidate(effect, effect.terms(one, data), grid.log_prior).log_prior_of_size
         return
     declared = build(parse_requests(kind.declared), one, data)
     for candidate in named_candidates(one, data, declared)[0]:
@@ -220,8 +218,8 @@ def _forms(kind: Kind, one: Arm, data: Measurements) -> Iterator[tuple[Effect, f
             continue
         if kind.settings and not any(all(settings.get(k) == v for k, v in s.items()) for s in kind.settings):
             continue
-        if len({term.unit for term in candidate.terms}) == 1 and not candidate.is_block:
-            yield candidate.effect, candidate.log_prior
+        if len({term.unit for term in candidate.terms}) == 1:
+            yield candidate.effect, candidate.log_prior_of_size
 
 
 def _seen(

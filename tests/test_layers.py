@@ -25,6 +25,7 @@ LAYERS = (
     ("robacc.effects",),
     ("robacc.modelling",),
     ("robacc.fitting",),
+    ("robacc.error_model",),
     ("robacc.accuracy",),
     ("robacc.simulation", "robacc.diagnostics"),
     ("robacc.tracing",),

@@ -132,12 +132,11 @@ def _calibrate(
     robot = with_gravity_direction(Model.of(robot, plan.fixed(data)), data).arm.robot
     plan = dataclasses.replace(plan, robot=robot)
     progress("fitting", 0, n_folds + 1)
-    found = plan.search(data)
-    final = final_fit(plan, (*plan.fixed(data), *(() if found is None else found.effects)), data, options)
+    final = final_fit(plan, (*plan.fixed(data), *plan.searched(data)), data, options)
     effects = final.fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=final.options.robust))
-    held_out_residuals = hold_out(plan, found, final.options, data, how, effects, progress)
+    held_out_residuals = hold_out(plan, final.options, data, how, effects, progress)
     comparison = before_and_after(robot, data, registered, final.fit, held_out_residuals, how)
     noise = final.noise
     with_masses = with_mass_uncertainty(final.fit, data)

@@ -16,14 +16,11 @@ from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.tracing.cross_validation import Progress, chosen_on
-from robacc.tracing.loop import SearchResult
-from robacc.tracing.refitting import frames_first
+from robacc.tracing.cross_validation import Progress
 
 
 def hold_out(
     plan: CalibrationPlan,
-    found: SearchResult | None,
     options: Options,
     data: Measurements,
     how: HoldOut,
@@ -32,7 +29,7 @@ def hold_out(
 ) -> tuple[Array, Array] | None:
     """Return the residuals of held-out poses, with frames only and with all effects; None if there are too few poses.
 
-    Searched effects are chosen anew in each fold, on the linearisation of the search ``found`` on all poses.
+    The joints of searched effects are those of all poses.
     """
     fold_options = dataclasses.replace(options, tolerance=1e-6)
     frames = tuple(effect for effect in effects if effect.is_frame)
@@ -46,13 +43,10 @@ def hold_out(
     components = 3 if data.rotation is None else 6
     before, after = np.empty((components, data.n)), np.empty((components, data.n))
     try:
+        chosen = with_deflection(effects, "equilibrium")
         for number, (training, test) in enumerate(parts(assigned), 1):
             progress("cross-validation", number, how.n_folds + 1)
             train_data, test_data = data.subset(np.flatnonzero(training)), data.subset(np.flatnonzero(test))
-            chosen = with_deflection(effects, "equilibrium")
-            if found is not None:
-                selection = chosen_on(found, training)
-                chosen = (*plan.fixed(train_data), *frames_first(map(selection.refined, selection.chosen)))
             before[:, test] = held_out(fit(Model.of(plan.robot, frames), train_data, fold_options), test_data)
             after[:, test] = held_out(plan.fitted(chosen, train_data, fold_options), test_data)
     except InputError:

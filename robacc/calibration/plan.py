@@ -19,8 +19,8 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.loop import SearchResult, search
 from robacc.tracing.refitting import refit
+from robacc.tracing.search import search
 
 _CONSTANTS = ("joint_offset", "link_geometry")
 """Effects whose coefficients all have a nominal value in the robot file."""
@@ -37,13 +37,13 @@ class CalibrationPlan:
     shrink: bool
     """Constants that are requested for all joints are shrunk to nominal where there are no priors."""
 
-    def search(self, data: Measurements) -> SearchResult | None:
-        """Return the search for the joints of the searched effects; None if all effects are fixed."""
-        searched = [request for request in self.requests if is_searched(request)]
-        if not searched:
-            return None
-        build(searched, Arm.of(self.robot), data)
-        return search(Model.of(self.robot, self.fixed(data)), data, only=[request.name for request in searched])
+    def searched(self, data: Measurements) -> tuple[Effect, ...]:
+        """Return the searched effects on the joints with evidence."""
+        requests = [request for request in self.requests if is_searched(request)]
+        if not requests:
+            return ()
+        build(requests, Arm.of(self.robot), data)
+        return search(Model.of(self.robot, self.fixed(data)), data, only=[r.name for r in requests]).effects
 
     def fixed(self, data: Measurements) -> tuple[Effect, ...]:
         """Return the effects that are fitted as requested."""

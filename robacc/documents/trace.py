@@ -21,7 +21,7 @@ from robacc.fitting.undeclared_load import UndeclaredLoad
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 from robacc.tracing.findings import Finding
-from robacc.tracing.ranking import Ranked
+from robacc.tracing.search import Ranked
 from robacc.tracing.trace_result import Trace
 
 
@@ -61,7 +61,7 @@ def trace_payload(
         },
         "parameters": parameters_document(trace.parameters),
         "parameter_covariance": covariance_document(trace.covariance),
-        "search": {"rounds": trace.rounds, "steps": len(trace.steps), "settled": trace.settled},
+        "search": {"steps": len(trace.steps), "settled": trace.settled},
         "candidates": [
             {
                 "step": i,
@@ -114,7 +114,6 @@ def _finding(finding: Finding) -> dict[str, Any]:
                 "similarity": rival.similarity,
                 "evidence_difference": rival.evidence_difference,
                 "settings": rival.settings,
-                "within_uncertainty": rival.within_uncertainty,
             }
             for rival in finding.alternatives
         ],
@@ -128,7 +127,6 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "held_out_after_rad": finding.held_out_turn[1],
         "turn_at_tool_rad": finding.turn_at_tool[0],
         "largest_turn_at_tool_rad": finding.turn_at_tool[1],
-        "stability": {"folds": finding.stability[0], "of": finding.stability[1]},
         "parameters": parameters_document(finding.parameters),
         "harmonics": [
             {
@@ -180,7 +178,7 @@ def _change(finding: Finding) -> dict[str, Any] | None:
 
 
 def _ranked(candidate: Ranked) -> dict[str, Any]:
-    effect = candidate.candidate.effect
+    effect = candidate.effect
     return {
         "effect": effect.name,
         "joints": list(effect.joints),

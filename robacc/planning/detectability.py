@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import REGISTRY, Term
+from robacc.error_model.estimate import ACCEPTED
 from robacc.fitting.identifiability import identify_terms
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -21,10 +22,7 @@ from robacc.modelling.model import Model
 from robacc.planning.linear_model import ExpectedNoise, whitened
 from robacc.tracing.candidates import Candidate, named_candidates
 from robacc.tracing.detection import decisive_test, visible
-from robacc.tracing.rivals import RIVAL
 
-FOLDS = 5
-"""Folds of a trace's cross-validation, in half of which a finding must recur."""
 _LARGEST = 300.0
 """Largest limit, in multiples of the typical size."""
 _CERTAIN = 10.0
@@ -101,7 +99,7 @@ class _Form:
 def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Detectability:
     """Return detection limits given the free effects of ``model``, for the rows of ``data`` in their order."""
     pool, missing = named_candidates(model.arm, data, model.free)
-    pool = [c for c in pool if not c.is_block and len({term.unit for term in c.terms}) == 1]
+    pool = [c for c in pool if len({term.unit for term in c.terms}) == 1]
     names = [{term.name for term in candidate.terms} for candidate in pool]
     pool = [c for c, terms in zip(pool, names, strict=True) if not any(other < terms for other in names)]
     base, columns, places = _columns(model, data, noise, pool)
@@ -109,7 +107,7 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
     gram = orthogonal.T @ orthogonal
     lengths = np.sum(np.square(columns), axis=0)
     dof = float(columns.shape[0] - base.shape[1])
-    if dof <= FOLDS:
+    if dof <= 0:
         return Detectability((), (), missing)
     weight = 1.0 / math.hypot(noise.position, noise.unexplained)
     rows = columns.reshape(-1, data.n, columns.shape[1])
@@ -169,7 +167,7 @@ def _limit(
     size = rms = None
     power = 0.0
     if values[0] > 0:
-        test = decisive_test(values.size, dof, candidate.log_prior, FOLDS)
+        test = decisive_test(values.size, dof, candidate.log_prior_of_size)
         needed = test.noncentrality_at_limit
         size = math.sqrt(needed / float(values[0]))
         noncentrality = usual**2 * float(values[0])
@@ -208,7 +206,7 @@ def _pairs(forms: list[_Form], gram: Array) -> tuple[InseparablePair, ...]:
             explained = cross @ np.linalg.pinv(gram[np.ix_(rival.columns, rival.columns)], rcond=1e-9) @ cross.T
             remaining = max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
             evidence = 0.5 * usual**2 * remaining
-            if evidence < RIVAL:
+            if evidence < ACCEPTED:
                 whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
                 similarity = math.sqrt(min(max(float(np.linalg.eigvals(whitener @ explained).real.max()), 0.0), 1.0))
                 pairs.append(InseparablePair(form.limit.label, rival.limit.label, similarity, evidence))

@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Term
+from robacc.error_model.estimate import ACCEPTED
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.detectability import FOLDS, usual_size
+from robacc.planning.detectability import usual_size
 from robacc.planning.linear_model import ExpectedNoise, coefficients, pose_rows, whitened, with_targets
 from robacc.tracing.candidates import named_candidates
 from robacc.tracing.detection import decisive_test
-from robacc.tracing.rivals import RIVAL
 
 _CANDIDATES = 800
 """Candidates that the search looks at, drawn at random; more gain little."""
@@ -71,7 +71,7 @@ class PowerProblem:
 
         detected = ndtr(np.sqrt(np.maximum(with_itself, 0.0)) - np.sqrt(self.even_chance))
         beside = np.maximum(with_itself - np.square(with_rival) / np.maximum(with_itself[..., self.rival], 1e-12), 0.0)
-        separated = ndtr(np.sqrt(beside) - np.sqrt(2.0 * RIVAL))
+        separated = ndtr(np.sqrt(beside) - np.sqrt(2.0 * ACCEPTED))
         return detected, np.where(self.rival == np.arange(self.rival.size), 1.0, separated)
 
     def value(self, with_itself: Array, with_rival: Array) -> Array:
@@ -245,7 +245,7 @@ def power_problem(
         information, with_free = information + measured.T @ measured, measured.T @ effect_rows
         products = effect_rows.T @ effect_rows
     dof = float(rows.shape[0] * max(n_already + 30, 60) - planned.columns.size)
-    chance = {value: decisive_test(1, dof, value, FOLDS).noncentrality_at_limit for value in set(log_priors)}
+    chance = {value: decisive_test(1, dof, value).noncentrality_at_limit for value in set(log_priors)}
     even_chance = np.array([chance[value] for value in log_priors])
     return PowerProblem(free, effects, information, with_free, products, even_chance, _rivals(free, effects))
 
@@ -272,14 +272,12 @@ def _terms(model: Model, data: Measurements) -> tuple[dict[str, Term], Array, li
     sizes: list[float] = []
     log_priors: list[float] = []
     for candidate in pool:
-        if candidate.is_block:
-            continue
         for term in candidate.terms:
             key = candidate.effect.term_key(term)
             if key not in terms:
                 terms[key] = term
                 sizes.append(usual_size(candidate.effect.name))
-                log_priors.append(candidate.log_prior)
+                log_priors.append(candidate.log_prior_of_size)
     return terms, np.array(sizes), log_priors
 
 

@@ -6,15 +6,11 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar, Protocol, TypeVar
 
-from robacc.accuracy.stages import Residuals
+from robacc.accuracy.stages import Residuals, paired_gain
 from robacc.fitting.directional_noise import DirectionalNoise
 from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.tracing.held_out_gain import gain_score
-
-_WORSE = -2.0
-"""Gain of held-out poses, over its standard error, below which equal weights stay."""
 
 
 class HeldOutResult(Protocol):
@@ -60,7 +56,10 @@ def with_directional_weights(
     if before is not None and data.position_variance is None:
         weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))[0]
         after = _held_out(weighted)
-        if after is not None and gain_score(before, after, places(data if holdout is None else holdout)) >= _WORSE:
+        if (
+            after is not None
+            and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
+        ):
             return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
     return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))
 

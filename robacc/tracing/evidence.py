@@ -1,194 +1,166 @@
-"""Evidence and significance of candidates for a residual, by linear algebra on one linearisation.
+"""Evidence for candidates: the log Bayes factor of adding each to a model, sizes integrated out, and its rivals.
 
-A candidate is scored by the part of its columns that the model cannot reproduce. Its evidence is the marginal
-likelihood with a Gaussian prior of zero mean, maximised over the prior variance and the unknown noise variance: a
-single term and a rich block have the same measure, and directions that the data do not determine cost nothing.
-Significance is by the F test, or for a block by the likelihood-ratio test of its prior variance (a mixture of
-chi-squares of 0 and 1 degree; Self and Liang 1987).
+A candidate with columns Z (times the usual sizes) and coefficients u ~ N(0, t^2 I) adds to y'P y a term that depends on
+G = Z'P Z and b = Z'P y alone. With the noise's scale integrated out over v degrees of freedom the log Bayes factor is
+
+    -v/2 log(1 - b'(G + I s^2/t^2)^-1 b / y'P y) - 1/2 log|I + G t^2/s^2|,
+
+averaged over a grid of t (:attr:`Candidate.scales`); for one column it depends on one t statistic.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr, logsumexp
 
+from robacc.error_model.covariance import Whitened
 from robacc.geometry import Array
-from robacc.statistics.distributions import chi2_sf, f_sf
+from robacc.tracing.candidates import Candidate
 
-_PRIOR_VARS = np.exp(np.linspace(math.log(1e-3), math.log(1e10), 66))
-_LARGEST_PRIOR_STD = 300.0
-"""Largest standard deviation of a coefficient's prior, in multiples of its usual size: absurd values explain
-nothing."""
-_FIRST_SCORED = 8
-"""Candidates of a group scored first if only the best is required."""
-_NEGLIGIBLE = 1.0
-"""Evidence that a candidate among many must be able to reach to be scored; that of the others counts as zero."""
-LEAST_NEW = 1e-10
-"""Share of its squared length below which the new part of a candidate's direction counts as none."""
-_MOST_EXPLAINED = 0.999999999
-"""Largest share of the remaining cost that counts as explained."""
-_LEAST_COST = 1e-280
-"""Least remaining cost that divides: poses without any scatter leave a residual whose square underflows."""
+_NEW = 1e-6
+"""Share of a column's square below which its new part is rounding: the model has the column already."""
+_SCALE_ROUNDS = 3
+"""Rounds in which the noise's scale follows the candidate; each changes the evidence less than the one before."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Scores:
-    """Scores of B candidates for the remaining residual."""
+    """Candidates beside a model."""
 
-    evidence: Array
-    """``(B,)`` evidence (log Bayes factor); 0 without new directions."""
+    log_odds: Array
+    """``(C,)`` log Bayes factor plus log prior odds; -inf for candidates that the model contains already."""
+    log_bayes: Array
+    """``(C,)``"""
+    scale: Array
+    """``(C,)`` multiple of the usual size with the largest evidence."""
     gain: Array
-    """``(B,)`` whitened sum of squares explained by least squares."""
-    rank: NDArray[np.int64]
-    """``(B,)`` new directions."""
-    prior_var: Array
-    """``(B,)`` prior variance (in units of the candidate's weights, whitened) of largest evidence."""
-    cost: float
-    dof: float
-    shrunk: NDArray[np.bool_]
+    """``(C,)`` share of y'P y that the candidate explains at that size."""
+    fitted: Callable[[int], Array]
+    """Returns the least-squares coefficients of a candidate beside the model, in units of the usual sizes."""
 
-    def p_value(self, i: int, inflation: float = 1.0) -> float:
-        """Return the significance of candidate ``i`` alone, not corrected for the number of candidates.
-
-        ``inflation`` is the variance of its coefficients over that for independent errors.
-        """
-        if self.rank[i] == 0:
-            return 1.0
-        if self.shrunk[i]:
-            return 0.5 * chi2_sf(2 * float(self.evidence[i]) / inflation, 1.0)
-        residual_dof = self.dof - float(self.rank[i])
-        if residual_dof <= 0:
-            return 1.0
-        # A fit to the last digit leaves a rounding error of either sign.
-        remaining = max(self.cost - float(self.gain[i]), 1e-15 * self.cost)
-        ratio = (float(self.gain[i]) / float(self.rank[i])) / (remaining / residual_dof)
-        return f_sf(ratio / inflation, float(self.rank[i]), residual_dof)
+    def ranking(self) -> NDArray[np.int64]:
+        """Return candidates, best first; equals, which rounding must not order, by number."""
+        return np.argsort(-np.round(np.nan_to_num(self.log_odds, neginf=-1e9), 6), kind="stable")
 
 
-def judge(
-    blocks: Array,
-    rhs: Array,
-    lengths: Array,
-    cost: float,
-    dof: float,
-    shrunk: NDArray[np.bool_],
-    best_of: Sequence[slice] | None = None,
-) -> Scores:
-    """Return the scores of B candidates of Q columns each.
+@dataclass(frozen=True)
+class _SameSize:
+    """Candidates of the same number of coefficients."""
 
-    Args:
-        blocks: ``(B, Q, Q)`` Gram matrices of the new parts of the columns, scaled by the candidates' weights, that is
-            in units of their coefficients' usual sizes.
-        rhs: ``(B, Q)`` products of the new parts with the residual, scaled likewise.
-        lengths: ``(B, Q)`` squared lengths of the complete columns.
-        cost: whitened sum of squares of the remaining residual.
-        dof: its degrees of freedom.
-        shrunk: ``(B,)`` whether a candidate is a block.
-        best_of: groups of candidates of which only the best is sought; the evidence of others may be left at zero.
-    """
-    if best_of is not None and rhs.shape[1] > 2:
-        return _judge_best(blocks, rhs, lengths, cost, dof, shrunk, best_of)
-    values, coordinates = _decomposed(blocks, rhs)
-    new = values > LEAST_NEW * np.maximum(lengths.max(axis=1), 1e-300)[:, None]
-    values = np.where(new, values, 0.0)
-    projected = np.square(np.where(new, coordinates, 0.0))
-    gains = np.minimum((projected / np.where(new, values, 1.0)).sum(axis=1), _MOST_EXPLAINED * cost)
-    count = blocks.shape[0]
-    evidence, prior_var = np.zeros(count), np.ones(count)
-
-    def evaluate(at: NDArray[np.int64]) -> None:
-        evidence[at], prior_var[at] = _evidence(values[at], projected[at], cost, dof, gains[at])
-
-    bound = _largest_evidence(gains, cost, dof)
-    if best_of is None:
-        evaluate(np.flatnonzero(bound > (_NEGLIGIBLE if count > _FIRST_SCORED else 0.0)))
-    else:
-        orders = [group.start + np.argsort(-gains[group], kind="stable") for group in best_of]
-        evaluate(np.concatenate([order[:_FIRST_SCORED] for order in orders]))
-        others = [
-            order[_FIRST_SCORED:][bound[order[_FIRST_SCORED:]] > evidence[group].max()]
-            for group, order in zip(best_of, orders, strict=True)
-        ]
-        evaluate(np.concatenate(others))
-    return Scores(evidence, gains, new.sum(axis=1), prior_var, cost, dof, shrunk)
+    numbers: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    """``(C, q)``"""
+    gram: Array
+    """``(C, q, q)`` whitened products of each candidate's columns."""
+    scales: Array
+    log_prior: Array
+    """``(C, T)`` multiples of the usual size, and the log prior of each."""
 
 
-def _judge_best(
-    blocks: Array,
-    rhs: Array,
-    lengths: Array,
-    cost: float,
-    dof: float,
-    shrunk: NDArray[np.bool_],
-    best_of: Sequence[slice],
-) -> Scores:
-    """Return the scores of candidates that can be the best of a group; those of others are zero but for the gain.
+class Evidence:
+    """Scores of candidates beside the effects of a whitened model, and beside all but some of them."""
 
-    Gains by least squares cost a tenth of a decomposition. They are found with a small ridge, so that columns may
-    depend on each other, and are slightly raised for it.
-    """
-    ridge = LEAST_NEW * np.maximum(lengths.max(axis=1), 1e-300)
-    solution = np.linalg.solve(blocks + ridge[:, None, None] * np.eye(rhs.shape[1]), rhs[:, :, None])[:, :, 0]
-    gains = np.clip(1.01 * np.einsum("bq,bq->b", solution, rhs), 0.0, _MOST_EXPLAINED * cost)
-    bound = _largest_evidence(gains, cost, dof)
-    evidence, prior_var, rank = np.zeros(gains.size), np.ones(gains.size), np.zeros(gains.size, dtype=np.int64)
+    def __init__(self, white: Whitened, columns: Array, candidates: Sequence[Candidate]) -> None:
+        """Take the products of the candidates' whitened ``columns`` ``(n, K)`` with the model's."""
+        self._white, self._candidates = white, candidates
+        self._gram, self._rhs = white.columns.T @ white.columns, white.columns.T @ white.y
+        self.cross = white.columns.T @ columns
+        self.products = columns.T @ white.y
+        self.columns = columns
+        self._log_prior = np.array([candidate.log_prior for candidate in candidates])
+        self._positive = np.array([candidate.effect.is_nonnegative for candidate in candidates], dtype=bool)
+        self.places = list(column_places(candidates))
+        self._groups = list(self._grouped(columns))
 
-    def evaluate(at: NDArray[np.int64]) -> None:
-        scores = judge(blocks[at], rhs[at], lengths[at], cost, dof, shrunk[at])
-        evidence[at], gains[at], rank[at], prior_var[at] = scores.evidence, scores.gain, scores.rank, scores.prior_var
+    def _grouped(self, columns: Array) -> Iterator[_SameSize]:
+        for size in sorted({len(candidate.terms) for candidate in self._candidates}):
+            numbers = np.array([i for i, c in enumerate(self._candidates) if len(c.terms) == size], dtype=np.int64)
+            at = np.array([self.places[i] for i in numbers])
+            if size == 1:
+                gram = np.einsum("nc,nc->c", columns[:, at[:, 0]], columns[:, at[:, 0]])[:, None, None]
+            else:
+                part = columns[:, at]
+                gram = np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
+            scales = [self._candidates[i].scales for i in numbers]
+            yield _SameSize(numbers, at, gram, np.array([s for s, _ in scales]), np.array([p for _, p in scales]))
 
-    orders = [group.start + np.argsort(-gains[group], kind="stable") for group in best_of]
-    evaluate(np.concatenate([order[:_FIRST_SCORED] for order in orders]))
-    others = [
-        order[_FIRST_SCORED:][bound[order[_FIRST_SCORED:]] > evidence[group].max()]
-        for group, order in zip(best_of, orders, strict=True)
-    ]
-    evaluate(np.concatenate(others))
-    return Scores(evidence, gains, rank, prior_var, cost, dof, shrunk)
+    def conditioned(self, kept: NDArray[np.int64]) -> tuple[Array, Array, float]:
+        """Return reduced products ``(P', K)`` with the candidates, ``(K,)`` Z'P y and y'P y, given columns ``kept``."""
+        system = self._gram[np.ix_(kept, kept)] + np.eye(kept.size)
+        triangle = np.linalg.cholesky(system)
+        right = solve_triangular(triangle, np.column_stack((self._rhs[kept], self.cross[kept])), lower=True)
+        reduced, square = right[:, 1:], float(self._white.y @ self._white.y - right[:, 0] @ right[:, 0])
+        return reduced, self.products - reduced.T @ right[:, 0], square
+
+    def effective(self, chosen: NDArray[np.bool_]) -> float:
+        """Return how many of the ``chosen`` coefficients ``(P,)`` of the model the data decide, not the prior."""
+        inverse = solve_triangular(self._white.triangle, np.eye(chosen.size), lower=True)
+        return float(np.sum((1.0 - np.sum(np.square(inverse), axis=0))[chosen]))
+
+    def scores(self, kept: NDArray[np.int64], flat: float) -> Scores:
+        """Return the scores beside the columns ``kept`` of the model; the data decide ``flat`` broad coefficients."""
+        reduced, products, square = self.conditioned(kept)
+        dof = max(float(self._white.y.size - flat), 1.0)
+        count = len(self._candidates)
+        log_bayes, scale, gain = np.full(count, -np.inf), np.ones(count), np.zeros(count)
+        for group in self._groups:
+            part = reduced[:, group.columns]
+            new = group.gram - np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
+            values, vectors = np.linalg.eigh(new)
+            along = np.einsum("cqr,cq->cr", vectors, products[group.columns])
+            seen = values > _NEW * np.trace(group.gram, axis1=1, axis2=2)[:, None]
+            values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
+            noise = np.full(group.scales.shape, square / dof)
+            for _ in range(_SCALE_ROUNDS):
+                precision = (noise / np.square(group.scales))[:, :, None]
+                explained = np.sum(np.square(along) / (values + precision), axis=2)
+                noise = np.maximum(square - explained, 1e-9 * square) / dof
+            log_ratio = np.log(noise * dof / square)
+            log_scales = -0.5 * dof * log_ratio - 0.5 * np.sum(np.log1p(values / precision), axis=2)
+            if group.columns.shape[1] == 1:
+                sign = along[:, :, 0] / np.sqrt((values[:, :, 0] + precision[:, :, 0]) * noise)
+                half = math.log(2.0) + log_ndtr(sign)
+                log_scales += np.where(self._positive[group.numbers][:, None], half, 0.0)
+            log_scales += group.log_prior
+            best = np.argmax(log_scales, axis=1)
+            each = np.arange(best.size)
+            log_bayes[group.numbers] = np.where(seen.any(axis=1), logsumexp(log_scales, axis=1), -np.inf)
+            scale[group.numbers] = group.scales[each, best]
+            gain[group.numbers] = explained[each, best] / square
+
+        def fitted(number: int) -> Array:
+            at = self.places[number]
+            new = self.columns[:, at].T @ self.columns[:, at] - reduced[:, at].T @ reduced[:, at]
+            return np.asarray(np.linalg.pinv(new, rcond=_NEW, hermitian=True) @ products[at])
+
+        return Scores(log_bayes + self._log_prior, log_bayes, scale, gain, fitted)
+
+    def similarity(self, kept: NDArray[np.int64], first: int, second: int) -> float:
+        """Return the cosine between the least-squares fits of two candidates to the residual beside ``kept``."""
+        reduced, products, _ = self.conditioned(kept)
+        at = (self.places[first], self.places[second])
+
+        def new(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+            result: Array = self.columns[:, a].T @ self.columns[:, b] - reduced[:, a].T @ reduced[:, b]
+            return result
+
+        fits = [np.linalg.pinv(new(a, a), rcond=_NEW, hermitian=True) @ products[a] for a in at]
+        lengths = [float(fit @ new(a, a) @ fit) for fit, a in zip(fits, at, strict=True)]
+        if min(lengths) <= 0.0:
+            return 0.0
+        cosine = float(fits[0] @ new(*at) @ fits[1]) / math.sqrt(lengths[0] * lengths[1])
+        return min(max(cosine, -1.0), 1.0)
 
 
-def _largest_evidence(gains: Array, cost: float, dof: float) -> Array:
-    """Return an upper bound of the evidence: no prior variance can do better than least squares without any prior."""
-    bound: Array = -0.5 * dof * np.log1p(-gains / cost)
-    return bound
-
-
-def _decomposed(blocks: Array, rhs: Array) -> tuple[Array, Array]:
-    """Return eigenvalues ``(B, Q)`` of symmetric matrices, and ``rhs`` in their eigenvectors; pairs by one rotation."""
-    size = blocks.shape[1]
-    if size == 1:
-        return blocks[:, 0], rhs
-    if size == 2:
-        (a, b), c = blocks[:, 0].T, blocks[:, 1, 1]
-        angle = 0.5 * np.arctan2(2 * b, a - c)
-        cosine, sine = np.cos(angle), np.sin(angle)
-        middle, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
-        x, y = rhs.T
-        values = np.stack((middle + half, middle - half), axis=1)
-        return values, np.stack((cosine * x + sine * y, cosine * y - sine * x), axis=1)
-    values, vectors = np.linalg.eigh(blocks)
-    return values, (rhs[:, None, :] @ vectors)[:, 0]
-
-
-def _evidence(values: Array, projected: Array, cost: float, dof: float, gains: Array) -> tuple[Array, Array]:
-    """Return ``(B,)`` evidence at the best prior variance, and that variance, from eigenvalues ``(B, Q)``.
-
-    The largest prior variance is relative to the noise that remains with the candidate: an effect of a hundred times
-    the noise is part of the residual without it.
-    """
-    if values.shape[0] == 0:
-        return np.zeros(0), np.zeros(0)
-    top = values.max(axis=1)
-    largest = _LARGEST_PRIOR_STD**2 * dof / np.maximum(cost - gains, _LEAST_COST)
-    prior_vars = np.minimum(_PRIOR_VARS / np.where(top > 0, top, 1.0)[:, None], largest[:, None])
-    inflation = 1.0 + prior_vars[:, :, None] * values[:, None, :]
-    remaining = cost - prior_vars * ((1.0 / inflation) @ projected[:, :, None])[:, :, 0]
-    likelihood = -0.5 * dof * np.log(np.maximum(remaining, 1e-9 * cost) / cost)
-    likelihood -= 0.5 * np.log(inflation).sum(axis=2)
-    best = np.argmax(likelihood, axis=1)
-    rows = np.arange(best.size)
-    return np.where(top > 0, np.maximum(likelihood[rows, best], 0.0), 0.0), prior_vars[rows, best]
+def column_places(candidates: Sequence[Candidate]) -> Iterator[NDArray[np.int64]]:
+    """Yield the numbers of each candidate's columns."""
+    start = 0
+    for candidate in candidates:
+        yield np.arange(start, start + len(candidate.terms))
+        start += len(candidate.terms)

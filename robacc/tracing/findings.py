@@ -10,7 +10,7 @@ import numpy as np
 from robacc.accuracy.metrics import pose_metrics
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect
-from robacc.effects.change_points import is_step, place_of, place_text
+from robacc.effects.change_points import place_of, place_text
 from robacc.effects.periodic import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.deflection_model import with_deflection
@@ -26,17 +26,12 @@ from robacc.tracing.harmonics import (
     periodic_statement,
     profile_harmonics,
 )
-from robacc.tracing.loop import SearchResult
-from robacc.tracing.ranking import Chosen
-from robacc.tracing.rivals import MOST_TO_REFIT, Alternative, lag_refitted, rivals
-from robacc.tracing.selection import FALSE_ALARM, SelectionStep
+from robacc.tracing.search import Alternative, Identified
 
 _FEW_POSES = 8
 """Rows below which a finding gets a warning, if they carry more than half of its contribution."""
 _FEW_SHARE = 0.1
 """The same limit as a share of all rows, for small sets."""
-_LEAST_STABILITY = 0.6
-"""Share of the folds below which a finding gets a warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +43,13 @@ class Finding:
     settings: dict[str, object]
     alternatives: tuple[Alternative, ...]
     p_value: float
-    """Corrected for the number of candidates."""
+    """Posterior probability that the effect is not there, prior odds of all candidates included."""
     evidence: float
+    """Log Bayes factor."""
     held_out_before: float | None
     """Held-out position rms without it, m. None without cross-validation, and for a frame, without which nothing else
     can be fitted."""
     held_out_after: float | None
-    stability: tuple[int, int]
-    """Number of folds in which it recurs, and number of folds."""
     parameters: tuple[FittedParameter, ...]
     harmonics: tuple[Harmonic, ...]
     validity: tuple[tuple[str, float, float], ...]
@@ -82,33 +76,22 @@ class Finding:
 
 
 def describe_finding(
-    search_result: SearchResult,
-    effect: Effect,
+    identified: Identified,
+    others: Sequence[Effect],
     final: Fit,
     all_parameters: Sequence[FittedParameter],
-    inflation: Array,
     validation: CrossValidation | None,
     data: Measurements,
 ) -> Finding:
-    """Return the finding of ``effect``: its rivals, held-out errors, and parameters in the final fit.
+    """Return the finding of an effect: its rivals, held-out errors, and parameters in the final fit.
 
-    ``all_parameters`` are the coefficients of ``final``, and ``inflation`` ``(P,)`` their variances over those beside
-    independent errors, whose mean the p-value allows for. Candidates are in equilibrium form; the final fit may contain
-    the effect in the other form.
+    ``all_parameters`` are the coefficients of ``final``, ``others`` all findings. Candidates are in equilibrium form;
+    the final fit may contain the effect in the other form.
     """
+    effect = identified.effect
     number = _number_of(effect, final)
     fitted = final.model.free[number]
     columns = _columns_of(effect, final)
-    inflated = mean_inflation(effect, final, inflation)
-    choice = next(
-        (c for c in search_result.selection.chosen if c.candidate.effect.search_key() == effect.search_key()), None
-    )
-    if choice is not None:
-        refitted = lag_refitted(search_result, choice, effect, data) if final.theta.size <= MOST_TO_REFIT else None
-        ranked, alternatives = rivals(search_result.selection, choice, refitted)
-        p_value, evidence = ranked.p_value_beside(inflated), ranked.evidence
-    else:
-        p_value, evidence, alternatives = _score_when_added(search_result.steps, effect, inflated)
     before = after = None
     turn_before = turn_after = None
     if validation is not None:
@@ -117,48 +100,39 @@ def describe_finding(
         before, turn_before = (None, None) if without is None else _rms(without[:, rows])
         after, turn_after = _rms(validation.after[:, rows])
     coefficients = tuple(all_parameters[i] for i in columns)
-    choices = None if validation is None else validation.choices
-    folds_chosen = (0, 0) if choices is None else (choices.count(effect), choices.folds)
-    change = _change(search_result, effect, choice)
+    change = None if identified.places is None else (place_of(effect), *identified.places)
     values = {parameter.name: parameter.value for parameter in coefficients}
     between = None
     if change is not None:
         place, low, high = (place_text(at, effect, data) for at in change)
         between = (place, low, high)
-    harmonics = _harmonics(search_result, effect, choice, coefficients, final.covariance[np.ix_(columns, columns)])
+    harmonics = _harmonics(identified, final, data, coefficients, final.covariance[np.ix_(columns, columns)])
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     moved, turned = _motion(fitted, final, data)
     return Finding(
         effect.name,
         effect.joints,
         fitted.settings(),
-        alternatives,
-        p_value,
-        evidence,
+        identified.alternatives,
+        identified.ranked.p_value,
+        identified.ranked.evidence,
         before,
         after,
-        folds_chosen,
         coefficients,
         harmonics,
         _validity(fitted, final, data),
         implausible,
-        (*_finding_warnings(fitted, moved, folds_chosen, p_value), *(() if implausible is None else (implausible,))),
+        (*_finding_warnings(fitted, moved), *(() if implausible is None else (implausible,))),
         partial_residuals(fitted, final, data),
         _rms_of(moved),
         None if moved is None else float(np.max(moved)),
-        periodic_statement(effect, harmonics, search_result.effects)
+        periodic_statement(effect, harmonics, others)
         if harmonics
         else fitted.statement(final.model.arm, values, between),
         change,
         (turn_before, turn_after),
         (_rms_of(turned), None if turned is None else float(np.max(turned))),
     )
-
-
-def mean_inflation(effect: Effect, final: Fit, inflation: Array) -> float:
-    """Return the mean of ``inflation`` ``(P,)``, given for each coefficient of a fit, over those of an effect."""
-    columns = _columns_of(effect, final)
-    return float(np.mean(inflation[columns])) if columns else 1.0
 
 
 def _number_of(effect: Effect, final: Fit) -> int:
@@ -178,44 +152,23 @@ def _rms(residual: Array) -> tuple[float, float | None]:
     return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
 
 
-def _score_when_added(
-    steps: Sequence[SelectionStep], effect: Effect, inflation: float
-) -> tuple[float, float, tuple[Alternative, ...]]:
-    """Return the score of a frame in the step that added it: it is no candidate afterwards."""
-    for step in steps:
-        if step.action == "add" and step.ranking and step.ranking[0].candidate.effect.key() == effect.key():
-            return step.ranking[0].p_value_beside(inflation), step.ranking[0].evidence, ()
-    return float("nan"), float("nan"), ()
-
-
-def _change(search_result: SearchResult, effect: Effect, choice: Chosen | None) -> tuple[float, float, float] | None:
-    """Return the place of a step with its interval, given all other findings."""
-    if not is_step(effect):
-        return None
-    place = place_of(effect)
-    if choice is None:
-        return place, place, place
-    scorer = search_result.selection.scorer
-    interval = scorer.step_interval(scorer.condition(search_result.selection.chosen, without=choice), effect)
-    return (place, place, place) if interval is None else (place, *interval)
-
-
 def _harmonics(
-    search_result: SearchResult,
-    effect: Effect,
-    choice: Chosen | None,
+    identified: Identified,
+    final: Fit,
+    data: Measurements,
     coefficients: Sequence[FittedParameter],
     covariance: Array,
 ) -> tuple[Harmonic, ...]:
     """Return the strong harmonics of a periodic error of a joint that turns."""
-    arm = search_result.final.model.arm
+    arm, effect = final.model.arm, identified.effect
     if not orders_of(effect) or not all(map(arm.is_revolute, effect.joints)):
         return ()
-    if effect.is_profile() and choice is not None:
-        harmonics = profile_harmonics(search_result.selection, choice)
-    else:
-        harmonics = fitted_harmonics(effect, coefficients, covariance)
-    return named_harmonics(harmonics, search_result.selection, choice, arm, effect.joints[0])
+    harmonics = fitted_harmonics(effect, coefficients, covariance)
+    if effect.is_profile():
+        harmonics = profile_harmonics(harmonics)
+    assert data.q is not None
+    extent = float(np.ptp(data.q[arm.number(effect.joints[0])]))
+    return named_harmonics(harmonics, identified.aliases, extent, arm, effect.joints[0])
 
 
 def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str, float, float], ...]:
@@ -223,19 +176,11 @@ def _validity(effect: Effect, final: Fit, data: Measurements) -> tuple[tuple[str
     return tuple((driver, low, high) for driver, (low, high) in limits.items())
 
 
-def _finding_warnings(effect: Effect, moved: Array | None, chosen: tuple[int, int], p_value: float) -> tuple[str, ...]:
-    warnings = []
-    if p_value > FALSE_ALARM:
-        warnings.append(
-            f"{effect} lowers the error of held-out poses, but is not significant given the structure of the errors "
-            f"that remain (p = {p_value:.2g}): it may stand for an effect that the model lacks"
-        )
-    if chosen[1] and chosen[0] < _LEAST_STABILITY * chosen[1]:
-        warnings.append(f"{effect} was found in only {chosen[0]} of {chosen[1]} folds")
+def _finding_warnings(effect: Effect, moved: Array | None) -> tuple[str, ...]:
     n_poses = None if moved is None else _decisive_poses(moved)
-    if n_poses is not None:
-        warnings.append(f"more than half of the contribution of {effect} comes from only {n_poses} poses")
-    return tuple(warnings)
+    if n_poses is None:
+        return ()
+    return (f"more than half of the contribution of {effect} comes from only {n_poses} poses",)
 
 
 def _rms_of(sizes: Array | None) -> float | None:

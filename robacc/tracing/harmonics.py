@@ -11,23 +11,17 @@ import numpy as np
 
 from robacc.effects.base import Effect
 from robacc.effects.gear_orders import order_tolerance, origin_of
-from robacc.effects.periodic import of_order, orders_of
+from robacc.effects.periodic import orders_of
 from robacc.fitting.parameters import FittedParameter
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
-from robacc.tracing.candidates import Candidate, OrderGrid
-from robacc.tracing.ranking import Chosen
-from robacc.tracing.selection import Selection
 
 _MOST_NAMED = 6
 """Largest number of harmonics named."""
-_ALIAS = 5.0
-"""Evidence (log Bayes factor) within which another order is an alias (odds of 150 to 1)."""
-_MOST_ALIASES = 3
 _OF_COUNTERBALANCE = 2.5
 """Order up to which a periodic error may come from a counterbalance."""
-_WEAK = 0.1
-"""Share of the strongest harmonic's evidence below which a harmonic is not named."""
+_CLEAR = 2.0
+"""Standard errors from which a harmonic of a profile is named: about 95 % confidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,55 +65,24 @@ def _harmonics(orders: Sequence[float], values: Array, covariance: Array) -> Ite
         yield Harmonic(order, amplitude, along, math.atan2(sine, cosine), across)
 
 
-def profile_harmonics(selection: Selection, profile: Chosen) -> tuple[Harmonic, ...]:
-    """Return the strong harmonics of a joint's complete profile, by descending evidence.
-
-    Neighbouring orders of a profile share a physical harmonic, and the model mostly reproduces the profile's slow part.
-    So the profile is removed and single orders, integer or not, are added in its place in turn, each given those
-    before.
-    """
-    joint = profile.candidate.effect.joints[0]
-    scorer, others = selection.scorer, [other for other in selection.chosen if other is not profile]
-    grid = next((grid for grid in scorer.order_grids if grid.joint == joint), None)
-    if grid is None:
-        return ()
-    chosen: list[Chosen] = []
-    strongest = 0.0
-    for _ in range(_MOST_NAMED):
-        order, evidence = scorer.strongest_order(scorer.condition([*others, *chosen]), grid)
-        if evidence <= _WEAK * strongest or evidence <= 0:
-            break
-        strongest = strongest or evidence
-        chosen.append(scorer.as_chosen(_candidate(grid, order), 0.0))
-    if not chosen:
-        return ()
-    # The columns are appended during the search; condition once more, so that the system contains them all.
-    columns = np.concatenate([harmonic.columns for harmonic in chosen])
-    conditioned = scorer.condition(others)
-    values = conditioned.least_squares(columns)
-    remaining = max(conditioned.cost - float(values @ conditioned.rhs[columns]), 0.0)
-    variance = remaining / max(conditioned.dof - columns.size, 1.0)
-    covariance = np.asarray(variance * np.linalg.pinv(conditioned.block(columns), hermitian=True), dtype=np.float64)
-    orders = [orders_of(harmonic.candidate.effect)[0] for harmonic in chosen]
-    return tuple(_harmonics(orders, values, covariance))
+def profile_harmonics(harmonics: Sequence[Harmonic]) -> tuple[Harmonic, ...]:
+    """Return the strong harmonics of a joint's complete profile, strongest first."""
+    clear = [h for h in harmonics if h.amplitude_std is not None and h.amplitude > _CLEAR * h.amplitude_std]
+    return tuple(clear[:_MOST_NAMED])
 
 
 def named_harmonics(
-    harmonics: Sequence[Harmonic], selection: Selection, finding: Chosen | None, arm: Arm, joint: str
+    harmonics: Sequence[Harmonic], aliases: Sequence[float], angle_range: float, arm: Arm, joint: str
 ) -> tuple[Harmonic, ...]:
     """Return harmonics with their physical origins and, of a single order, its aliases."""
-    grid = next((grid for grid in selection.scorer.order_grids if grid.joint == joint), None)
-    if grid is None:
-        return tuple(harmonics)
-    tolerance = order_tolerance(float(np.ptp(grid.angle)))
+    tolerance = order_tolerance(angle_range)
     ratio = arm.joint(joint).gear_ratio
-    aliases: tuple[float, ...] = ()
-    if len(harmonics) == 1 and finding is not None:
-        conditioned = selection.scorer.condition(selection.chosen, without=finding)
-        orders, evidence = selection.scorer.order_evidence(conditioned, joint)
-        aliases = _aliases(orders, evidence, harmonics[0].order, 10 * tolerance)
     return tuple(
-        dataclasses.replace(harmonic, origin=origin_of(harmonic.order, ratio, tolerance), aliases=aliases)
+        dataclasses.replace(
+            harmonic,
+            origin=origin_of(harmonic.order, ratio, tolerance),
+            aliases=tuple(aliases) if len(harmonics) == 1 else (),
+        )
         for harmonic in harmonics
     )
 
@@ -158,25 +121,3 @@ def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: S
     if others:
         origins.append(f"orders {', '.join(others)} are not distinguishable from it on these poses")
     return "; ".join(origins) or None
-
-
-def _aliases(orders: Array, evidence: Array, order: float, apart: float) -> tuple[float, ...]:
-    """Return peaks of the evidence more than ``apart`` from ``order`` that come within odds of its own."""
-    if orders.size == 0:
-        return ()
-    near = np.abs(orders - order) <= apart
-    limit = float(evidence[near].max(initial=0.0)) - _ALIAS
-    taken = near.copy()
-    result: list[float] = []
-    while len(result) < _MOST_ALIASES:
-        candidates = np.where(taken, -np.inf, evidence)
-        best = int(np.argmax(candidates))
-        if candidates[best] <= max(limit, 0.0):
-            break
-        result.append(float(orders[best]))
-        taken |= np.abs(orders - orders[best]) <= apart
-    return tuple(result)
-
-
-def _candidate(grid: OrderGrid, order: float) -> Candidate:
-    return Candidate(of_order(grid.joint, order), (), grid.log_prior)

@@ -6,21 +6,25 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from robacc.diagnostics.approach_memory import memory_of_play
 from robacc.diagnostics.residual_correlation import residual_correlations
 from robacc.diagnostics.rounded_joints import Rounding
 from robacc.diagnostics.row_loads import unlogged_loads
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
+from robacc.effects.base import Effect
+from robacc.error_model.estimate import ACCEPTED
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.geometry import rms_length
 from robacc.measurements import Measurements
-from robacc.tracing.loop import SearchResult
-from robacc.tracing.ranking import Ranked
-from robacc.tracing.selection import FALSE_ALARM
+from robacc.tracing.search import SearchResult
 
+_CHANCE = 0.002
+"""Probability below which a structure of the remaining error is no chance: some five tests share one in a hundred."""
 _OF_EVERY_ARM = ("joint_offset", "link_geometry")
 """Effects by which every nominal model deviates."""
 _MOST_REPEATABILITY = 1e-4
@@ -68,12 +72,17 @@ def _scatter_hints(repeatability: Repeatability | None, rounding: Rounding | Non
         )
 
 
-def _candidate_hints(search_result: SearchResult, best: Ranked) -> Iterator[str]:
-    """Yield hints on a candidate that the remaining error follows significantly."""
-    yield f"the remaining error follows {best.candidate.effect}, which does not explain it"
-    absent = [
-        name for name in _OF_EVERY_ARM if all(effect.name != name for effect in search_result.declared.model.free)
-    ]
+def _process_hints(found: SearchResult) -> Iterator[str]:
+    """Yield a hint on an error that depends on the pose and that no named effect describes."""
+    parameters = found.noise.terms.get("smooth")
+    if parameters is None:
+        return
+    size = math.sqrt(3.0) * math.exp(parameters[0]) * float(np.sqrt(np.mean(np.square(found.state.linear.reach))))
+    yield (
+        f"an error of about {1e3 * size:.2g} mm rms depends smoothly on the pose, and no effect of the catalogue "
+        "describes it better than chance: no cause is named"
+    )
+    absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in found.model.free)]
     if absent:
         yield (
             f"every arm deviates in {' and '.join(absent)} too, which were not declared: add "
@@ -92,7 +101,7 @@ def _outlier_hints(final: Fit, data: Measurements) -> Iterator[str]:
 
 
 def _size_hints(
-    search_result: SearchResult,
+    effects: Sequence[Effect],
     noise: LackOfFit,
     repeatability: Repeatability | None,
     rounding: Rounding | None,
@@ -101,7 +110,7 @@ def _size_hints(
     """Yield a hint if findings leave more than usual noise and nothing confirms that it is noise."""
     unconfirmed = noise.p_value is None and (repeatability is None or repeatability.source == "residual")
     most = math.hypot(_MOST_PRESUMED, 0.0 if rounding is None else _UNCERTAIN * rounding.position)
-    if unconfirmed and search_result.effects and rms > most:
+    if unconfirmed and effects and rms > most:
         yield (
             f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "
             "and neither sigma columns nor repeated poses show that it is noise: part of it may have a cause outside "
@@ -109,12 +118,12 @@ def _size_hints(
         )
 
 
-def _memory_hints(search_result: SearchResult, final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
+def _memory_hints(effects: Sequence[Effect], final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
     """Yield p-value and hint on each joint whose play remembers the previous visit."""
-    playing = {joint: effect for effect in search_result.effects if effect.follows_approach for joint in effect.joints}
+    playing = {joint: effect for effect in effects if effect.follows_approach for joint in effect.joints}
     p_values = memory_of_play(final, data, tuple(playing))
     for joint, p_value in p_values.items():
-        if p_value * len(p_values) <= FALSE_ALARM:
+        if p_value * len(p_values) <= _CHANCE:
             yield (
                 p_value * len(p_values),
                 f"in addition to {playing[joint]}, the errors of {joint} follow the change of its torque since the "
@@ -124,7 +133,8 @@ def _memory_hints(search_result: SearchResult, final: Fit, data: Measurements) -
 
 
 def remaining_error(
-    search_result: SearchResult,
+    found: SearchResult,
+    effects: Sequence[Effect],
     final: Fit,
     noise: LackOfFit,
     data: Measurements,
@@ -136,15 +146,13 @@ def remaining_error(
 
     ``shared`` are sentences on errors that poses share, which show that the model lacks an effect.
     """
-    best = next(iter(search_result.selection.rank(with_blocks=True)), None)
-    best_p_value = 1.0 if best is None else best.p_value
-    p_values = [best_p_value]
-    hints = list(_candidate_hints(search_result, best)) if best is not None and best_p_value <= FALSE_ALARM else []
+    hints = list(_process_hints(found))
+    p_values = [0.0] if hints else [found.next[0].p_value] if found.next else [1.0]
     for correlation in residual_correlations(final, data):
         p_values.append(correlation.p_value)
         hints.append(correlation.text)
     hints.extend(shared)
-    for p_value, hint in _memory_hints(search_result, final, data):
+    for p_value, hint in _memory_hints(effects, final, data):
         p_values.append(p_value)
         hints.append(hint)
     if hints and (loads := unlogged_loads(final, data)) is not None:
@@ -154,12 +162,12 @@ def remaining_error(
     hints.extend(_scatter_hints(repeatability, rounding))
     hints.extend(suspected_mistakes(final))
     hints.extend(_outlier_hints(final, data))
-    hints.extend(_size_hints(search_result, noise, repeatability, rounding, rms))
-    if noise.p_value is not None and noise.p_value <= FALSE_ALARM:
+    hints.extend(_size_hints(effects, noise, repeatability, rounding, rms))
+    if noise.p_value is not None and noise.p_value <= _CHANCE:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"
         hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
-        if best is not None and best_p_value > FALSE_ALARM:
+        if not found.next or found.next[0].log_odds < ACCEPTED:
             hints.append("no candidate explains this error: it is repeatability, or an effect outside the catalogue")
     return Unexplained(
         rms=rms,

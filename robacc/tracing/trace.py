@@ -2,32 +2,30 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-
-import numpy as np
 
 from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.moved_frames import MovedFrames, larger_error_warning
+from robacc.diagnostics.moved_frames import MovedFrames, larger_error_warning, moved_frames
 from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
+from robacc.effects.base import Effect
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
-from robacc.fitting.directional_noise import DirectionalNoise, NoiseAndScatter, noise_and_scatter
-from robacc.fitting.error_structure import StructuredFit, with_error_structure
-from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of
+from robacc.fitting.directional_noise import DirectionalNoise, noise_and_scatter
+from robacc.fitting.error_structure import with_error_structure
+from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.parameters import parameter_covariance, parameters
 from robacc.fitting.places import places_warning
-from robacc.fitting.scatter_check import with_scatter_covariance
+from robacc.fitting.scatter_check import contradicts_scatter, with_scatter_covariance
+from robacc.fitting.solver import fit
 from robacc.fitting.undeclared_load import undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
@@ -42,15 +40,13 @@ from robacc.fitting.warnings import (
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.confirmation import significant_given_structure
-from robacc.tracing.confirmed_search import ConfirmedSearch, confirmed_search, validated_again
-from robacc.tracing.cross_validation import CrossValidation, Progress
-from robacc.tracing.detection import DetectionLimit, detection_limits
+from robacc.tracing.cross_validation import Progress, cross_validate
+from robacc.tracing.detection import detection_limits
 from robacc.tracing.directional_weights import with_directional_weights
 from robacc.tracing.findings import Finding, describe_finding
-from robacc.tracing.loop import SearchResult
 from robacc.tracing.refitting import frames_first, refit
 from robacc.tracing.remaining_error import remaining_error
+from robacc.tracing.search import search
 from robacc.tracing.trace_result import Trace
 from robacc.tracing.verdict import assumption_of, explained_share, verdict_of
 
@@ -84,18 +80,6 @@ def trace(
     return with_directional_weights(run, data, holdout)
 
 
-@dataclass(frozen=True)
-class _Fits:
-    """Fits of the declared effects and of all effects at full convergence."""
-
-    declared: Fit
-    final: Fit
-    form: DeflectionChoice | None
-    """Form of elastic effects that the data support."""
-    structured: StructuredFit
-    """The final fit, allowing for the structure of its errors."""
-
-
 def _trace(
     model: Model, data: Measurements, how: HoldOut, empirical: bool, progress: Progress
 ) -> tuple[Trace, DirectionalNoise | None]:
@@ -103,55 +87,33 @@ def _trace(
     mistakes = check_data(model.arm.robot, data)
     stated = model.arm.robot.gravity
     model = with_gravity_direction(model, data)
-    confirmed, fits = _significant(confirmed_search(model, data, how, empirical, progress), data, how)
-    apart = noise_and_scatter(fits.final, _repeatability(confirmed.search_result, fits.final, data), data)
-    warnings = (*mistakes, *gravity_warning(stated, model.arm.robot.gravity))
-    result = _result(model, confirmed, fits, apart, data, how, warnings)
-    return result, apart.noise_unless(fits.structured.shared)
-
-
-def _significant(confirmed: ConfirmedSearch, data: Measurements, how: HoldOut) -> tuple[ConfirmedSearch, _Fits]:
-    """Return the findings that are significant given the structure of the remaining errors, and their fits.
-
-    Warnings list those that are withdrawn.
-    """
-    fits = _fits(confirmed.search_result, data)
-    kept, withdrawn = significant_given_structure(confirmed.search_result, fits.final, fits.structured.inflation, data)
-    if not withdrawn:
-        return confirmed, fits
-    validation = validated_again(kept, confirmed.validation, data, how)
-    warnings = (*confirmed.warnings, *withdrawn)
-    return ConfirmedSearch(kept, validation, confirmed.moved, warnings), _fits(kept, data)
-
-
-def _result(
-    model: Model,
-    confirmed: ConfirmedSearch,
-    fits: _Fits,
-    apart: NoiseAndScatter,
-    data: Measurements,
-    how: HoldOut,
-    warnings: tuple[str, ...],
-) -> Trace:
-    """Return the result of the confirmed findings and their fits; ``warnings`` come before all others."""
-    search_result, validation = confirmed.search_result, confirmed.validation
-    structured, final = fits.structured, fits.structured.fit
+    found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, how.n_folds + 1))
+    identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
+    effects = [i.effect for i in identified]
+    declared, form = choose_form(fit(model, data), model, data, Options())
+    final, scatter = declared, None
+    if effects:
+        extended = model.with_free(*frames_first(effects))
+        final, form = _fitted(refit(declared, extended.free, data, Options()), extended, data)
+    final, scatter, form = _with_scatter(final, form, data)
+    structured = with_error_structure(final, data)
+    final = structured.fit
+    validation = cross_validate(declared, final, effects, data, how, progress)
+    apart = noise_and_scatter(final, scatter, data)
     noise, repeatability = apart.noise, apart.repeatability
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
-    findings = tuple(
-        describe_finding(search_result, effect, final, coefficients, structured.inflation, validation, data)
-        for effect in search_result.effects
-    )
+    findings = tuple(describe_finding(i, effects, final, coefficients, validation, data) for i in identified)
     rounding = evident_rounding(final, data)
-    unexplained = remaining_error(search_result, final, noise, data, repeatability, rounding, structured.shared)
+    unexplained = remaining_error(found, effects, final, noise, data, repeatability, rounding, structured.shared)
     ends = None if validation is None else (validation.before, validation.after)
-    stages = before_and_after(model.arm.robot, data, fits.declared, final, ends, how)
-    return Trace(
+    stages = before_and_after(model.arm.robot, data, declared, final, ends, how)
+    moved = None if how.validation is None else moved_frames(declared, how.validation)
+    result = Trace(
         robot=apply_fit(final),
         verdict=(verdict := verdict_of(findings, unexplained)),
         assumption=assumption_of(verdict, noise, repeatability),
-        declared=fits.declared,
+        declared=declared,
         final=final,
         predicting=structured.predicting,
         noise=noise,
@@ -163,24 +125,23 @@ def _result(
         parameters=coefficients,
         covariance=parameter_covariance(with_masses),
         findings=findings,
-        deflection=fits.form,
+        deflection=form,
         undeclared_load=undeclared_load(final, data),
         unexplained=unexplained,
         repeatability=repeatability,
         explained_share=explained_share(stages.before, stages.after, noise, repeatability),
-        steps=search_result.steps,
-        rounds=search_result.rounds,
-        settled=search_result.settled,
-        missing=search_result.candidates.pool.missing,
-        detection=_detection(search_result, validation),
+        steps=found.steps,
+        settled=found.settled,
+        missing=found.pool.missing,
+        detection=tuple(detection_limits(found)),
         n_folds=0 if validation is None else validation.folds,
-        next_poses=_advice(search_result, findings, data, noise.noise.position, how.seed),
+        next_poses=_advice(declared, final, effects, findings, data, noise.noise.position, how.seed),
         warnings=(
-            *warnings,
-            *_warnings_of_fits(fits.declared, final, noise, data),
+            *mistakes,
+            *gravity_warning(stated, model.arm.robot.gravity),
+            *_warnings_of_fits(declared, final, noise, data),
             *([no_held_out_warning(data)] if validation is None else []),
-            *([] if how.validation is None else _holdout_warnings(confirmed.moved, stages.after)),
-            *confirmed.warnings,
+            *([] if how.validation is None else _holdout_warnings(moved, stages.after)),
             *([] if rounding is None else [rounding.warning]),
             *apart.warnings_if(structured.shared),
             *structured.warnings,
@@ -188,6 +149,29 @@ def _result(
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
+    return result, apart.noise_unless(structured.shared)
+
+
+def _fitted(fitted: Fit, model: Model, data: Measurements) -> tuple[Fit, DeflectionChoice | None]:
+    """Return a fit with its elastic effects in the form that the data support; with shrunk blocks as it is."""
+    return (fitted, None) if fitted.group_stds else choose_form(fitted, model, data, Options())
+
+
+def _with_scatter(
+    fitted: Fit, form: DeflectionChoice | None, data: Measurements
+) -> tuple[Fit, Repeatability | None, DeflectionChoice | None]:
+    """Return the fit beside the scatter of the joints, where it is significant."""
+
+    def refitted(options: Options) -> Fit:
+        return refit(fitted, fitted.model.free, data, options)
+
+    _, components, beside = settle_scatter(fitted, data, Options(), refitted)
+    if components is None:
+        return fitted, None, form
+    if contradicts_scatter(fitted, beside, components, data):
+        plain = with_scatter_covariance(fitted, components, data)
+        return plain, measured_alone(repeatability_of(plain, components, data)), form
+    return beside, repeatability_of(beside, components, data), form
 
 
 def _holdout_warnings(moved: MovedFrames | None, after: Stage) -> Iterator[str]:
@@ -197,50 +181,6 @@ def _holdout_warnings(moved: MovedFrames | None, after: Stage) -> Iterator[str]:
     elif after.held_out is not None:
         warning = larger_error_warning(after.fitted.position.rms, after.held_out.position.rms)
         yield from [] if warning is None else [warning]
-
-
-def _fits(search_result: SearchResult, data: Measurements) -> _Fits:
-    """Return the fits of a search at full convergence."""
-    declared, final, form = _final_fits(search_result, data)
-    return _Fits(declared, final, form, with_error_structure(final, data))
-
-
-def _final_fits(search_result: SearchResult, data: Measurements) -> tuple[Fit, Fit, DeflectionChoice | None]:
-    """Return fits of the declared effects and of all effects at full convergence.
-
-    Elastic effects are in the form that the data support; the choice is returned too. A fit with shrunk blocks is not
-    repeated.
-    """
-    declared, form = choose_form(
-        search_result.declared, search_result.declared.model, data, _converged(search_result.declared)
-    )
-    if not search_result.effects:
-        components = search_result.components
-        if components is not None and declared.scatter is None:
-            # Errors that rows of a pose share are no scatter, but shared all the same.
-            declared = with_scatter_covariance(declared, components, data)
-        return declared, declared, form
-    if search_result.final.group_stds:
-        return declared, search_result.final, None
-    model = search_result.declared.model.with_free(*frames_first(search_result.effects))
-    converged = _converged(search_result.final)
-    final, form = choose_form(refit(search_result.final, model.free, data, converged), model, data, converged)
-    return declared, final, form
-
-
-def _converged(fitted: Fit) -> Options:
-    """Return the options of a fit to full convergence, weighted as ``fitted`` is."""
-    if fitted.scatter is None:
-        return Options()
-    return dataclasses.replace(Options(), scatter=fitted.scatter, misfit=fitted.misfit)
-
-
-def _repeatability(search_result: SearchResult, final: Fit, data: Measurements) -> Repeatability | None:
-    """Return the scatter of the joints, apart from an error that no effect explains; None if it is not significant."""
-    if search_result.components is None:
-        return None
-    repeatability = repeatability_of(final, search_result.components, data)
-    return repeatability if final.scatter is not None else measured_alone(repeatability)
 
 
 def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measurements) -> tuple[str, ...]:
@@ -263,21 +203,25 @@ def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measure
 
 
 def _advice(
-    search_result: SearchResult, findings: Sequence[Finding], data: Measurements, noise: float, seed: int
+    declared: Fit,
+    final: Fit,
+    effects: Sequence[Effect],
+    findings: Sequence[Finding],
+    data: Measurements,
+    noise: float,
+    seed: int,
 ) -> tuple[Advice, ...]:
     advice = []
-    for effect, finding in zip(search_result.effects, findings, strict=True):
-        if finding.alternatives and search_result.final.theta.size <= _MOST_TO_ADVISE:
+    for effect, finding in zip(effects, findings, strict=True):
+        if finding.alternatives and final.theta.size <= _MOST_TO_ADVISE:
             nearest = finding.alternatives[0]
             rival = rival_effect(nearest.effect, nearest.joints, nearest.settings)
-            poses_to_measure = advise(search_result.declared, search_result.effects, effect, rival, data, noise, seed)
+            poses_to_measure = advise(declared, effects, effect, rival, data, noise, seed)
             if poses_to_measure is not None:
                 advice.append(poses_to_measure)
     return tuple(advice)
 
 
-def _detection(search_result: SearchResult, validation: CrossValidation | None) -> tuple[DetectionLimit, ...]:
-    rows = search_result.selection.scorer.rows
-    share = rows.size / np.count_nonzero(search_result.final.inliers)
-    folds = 0 if validation is None else validation.folds
-    return tuple(detection_limits(search_result.selection, search_result.final.weight[:, rows], folds, share))
+def _search_label(n_findings: int) -> str:
+    """Return the label of the search's progress."""
+    return "searching" if not n_findings else f"searching, {n_findings} finding{'s' * (n_findings != 1)}"

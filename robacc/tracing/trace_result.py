@@ -16,7 +16,7 @@ from robacc.tracing.advice import Advice
 from robacc.tracing.detection import DetectionLimit
 from robacc.tracing.findings import Finding
 from robacc.tracing.remaining_error import Unexplained
-from robacc.tracing.selection import SelectionStep
+from robacc.tracing.search import SearchStep
 from robacc.tracing.verdict import Verdict
 
 
@@ -55,11 +55,9 @@ class Trace:
     """Scatter of the joints; None if it is not significant given the noise."""
     explained_share: float | None
     """Share of the baseline's held-out variance above noise and repeatability that the findings explain."""
-    steps: tuple[SelectionStep, ...]
-    rounds: int
-    """Rounds of the search: a fit of all findings together, and a selection."""
+    steps: tuple[SearchStep, ...]
     settled: bool
-    """Whether the search ended because its choice repeated itself."""
+    """Whether the search ended because no move gained."""
     missing: dict[str, str]
     detection: tuple[DetectionLimit, ...]
     """Detection limits of these poses, given the findings."""

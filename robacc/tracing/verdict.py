@@ -11,7 +11,6 @@ from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.noise import LackOfFit
 from robacc.tracing.findings import Finding
 from robacc.tracing.remaining_error import Unexplained
-from robacc.tracing.selection import FALSE_ALARM
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
 _HIDDEN = 0.1
@@ -24,9 +23,7 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
         return "unexplained" if unexplained.structured else "clean"
     named = any(finding.effect != "joint_correction" for finding in findings)
     plausible = all(finding.implausible is None for finding in findings)
-    significant = not any(finding.p_value > FALSE_ALARM for finding in findings)
-    certain = named and plausible and significant
-    return "explained" if certain and not unexplained.structured else "partly_explained"
+    return "explained" if named and plausible and not unexplained.structured else "partly_explained"
 
 
 def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bool:

@@ -12,7 +12,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.fitting.solver import fit
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 from robacc.tracing.trace import trace
 
 pytestmark = pytest.mark.slow

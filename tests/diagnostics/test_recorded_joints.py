@@ -22,7 +22,7 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.csv_text import format_poses
 from robacc.poses.known_robot import KnownRobot
 from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 from robacc.tracing.trace import trace
 
 ARM = Arm.of(robot())
@@ -50,7 +50,7 @@ def fitted(data: Measurements) -> Fit:
 
 def test_an_arm_that_stands_at_the_joints_read_back_is_told() -> None:
     data = with_both(1.0)
-    result = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, empirical=False)
+    result = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data)
     (effect,) = result.effects
     assert str(effect) == "read_back"
     values = dict(zip(result.final.names, result.final.theta.tolist(), strict=True))
@@ -64,7 +64,7 @@ def test_an_arm_that_stands_at_the_joints_read_back_is_told() -> None:
 def test_joints_read_before_settling_leave_the_commanded_ones_in_force() -> None:
     data = with_both(0.0)
     declared = build(parse_requests(DECLARED), ARM, data)
-    assert search(Model(ARM, free=declared), data, empirical=False).effects == ()
+    assert search(Model(ARM, free=declared), data).effects == ()
     (text,) = read_back_warning(fitted(data), data)
     assert "read before the arm had settled" in text
     share = float(text.split("share of ")[1].split(" ")[0])
@@ -140,7 +140,7 @@ def rounded(step_degrees: float, is_command: bool) -> Measurements:
 
 def test_rounding_is_named_and_counts_as_scatter() -> None:
     data = rounded(0.1, is_command=False)
-    result = trace(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, n_folds=2, empirical=False)
+    result = trace(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, n_folds=2)
     assert result.verdict == "clean"
     (text,) = [warning for warning in result.warnings if "rounded" in warning]
     assert text.startswith("the joint variables are rounded to 0.1 degrees")
@@ -164,7 +164,7 @@ def test_an_error_that_resembles_the_difference_is_no_settling() -> None:
     assert "settled" not in text
     data = with_both(-0.8)
     declared = build(parse_requests(DECLARED), ARM, data)
-    assert search(Model(ARM, free=declared), data, only=["read_back", "gear_ratio"], empirical=False).effects == ()
+    assert search(Model(ARM, free=declared), data, only=["read_back", "gear_ratio"]).effects == ()
 
 
 UR10 = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"

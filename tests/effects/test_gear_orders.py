@@ -14,6 +14,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.tracing.candidates import OrderGrid
 from robacc.tracing.trace import trace
 from robacc.tracing.trace_result import Trace
 
@@ -30,7 +31,7 @@ def traced(order: float, ratio: float | None, n: int = 110, amplitude: float = 2
     turned[1] += amplitude * np.cos(order * poses.q[1] - 0.7)
     data = measured(poses, np.array([target(q) for q in turned.T]).T, 2e-5, 12)
     arm = Arm.of(with_ratio(ratio))
-    return trace(Model(arm, free=build(parse_requests(DECLARED), arm, data)), data, n_folds=3, empirical=False)
+    return trace(Model(arm, free=build(parse_requests(DECLARED), arm, data)), data, n_folds=3)
 
 
 @pytest.mark.parametrize(("order", "ratio", "word"), [(81.0, None, "typical gear of ratio 81"), (126.0, 63.0, "wave")])
@@ -47,18 +48,12 @@ def test_a_high_order_is_found_and_named(order: float, ratio: float | None, word
 
 def test_evenly_spaced_angles_have_aliases() -> None:
     """Angles at multiples of a step show the orders n and 2 pi / step - n alike."""
-    from robacc.tracing.harmonics import _aliases
-
     angle = np.arange(-30, 31) * (2 * np.pi / 98.25)
-    wave = np.cos(17.25 * angle - 0.3)
-    orders = np.arange(0.25, 120, 0.25)
-    evidence = []
-    for order in orders:
-        basis = np.stack((np.cos(order * angle), np.sin(order * angle)), axis=1)
-        fit = basis @ np.linalg.lstsq(basis, wave, rcond=None)[0]
-        evidence.append(100 * float(fit @ fit) / float(wave @ wave))
-    assert 81.0 in _aliases(orders, np.array(evidence), 17.25, 2.0)
-    assert _aliases(orders, np.where(np.abs(orders - 17.25) < 1, 50.0, 1.0), 17.25, 2.0) == ()
+    uneven = np.random.default_rng(1).uniform(-2.0, 2.0, 61)
+    for apart, expected in ((angle, {17.25, 81.0}), (uneven, {17.25})):
+        grid = OrderGrid("j1", 0, np.arange(0.25, 98, 0.25), apart, 0.0)
+        peaks = grid.peaks(np.cos(17.25 * apart - 0.3), np.ones(61))
+        assert set(peaks[: len(expected)].tolist()) == expected
 
 
 def test_grids_meet_and_end_at_what_the_poses_support() -> None:

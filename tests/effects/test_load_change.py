@@ -13,7 +13,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 NOISE = 2e-5
 N = 90
@@ -41,13 +41,13 @@ def loaded(seed: int, mass: float, noise: float = NOISE) -> Measurements:
 def names(data: Measurements) -> list[str]:
     """What a search beside frames, zeros and geometry finds."""
     declared = build(parse_requests(DECLARED), ARM, data)
-    return sorted(map(str, search(Model(ARM, free=declared), data, empirical=False).effects))
+    return sorted(map(str, search(Model(ARM, free=declared), data).effects))
 
 
 def test_the_load_is_found_with_its_line_and_size() -> None:
     data = loaded(4, 25.0)
     declared = build(parse_requests(DECLARED), ARM, data)
-    effects = search(Model(ARM, free=declared), data, empirical=False).effects
+    effects = search(Model(ARM, free=declared), data).effects
     assert sorted(map(str, effects)) == ["joint_compliance[j2]", "joint_compliance[j3]", "step[payload]"]
     (step,) = [effect for effect in effects if effect.name == "step"]
     assert abs(step.settings()["from_line"] - (AT + 2)) <= 3

@@ -17,7 +17,7 @@ from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 NOISE = 1e-5
 N = 80
@@ -36,7 +36,7 @@ def positions(turn: np.ndarray) -> np.ndarray:
 def found(data: Measurements) -> list[Effect]:
     """What a search beside frames, zeros and geometry finds."""
     declared = build(parse_requests(DECLARED), ARM, data)
-    return list(search(Model(ARM, free=declared), data, empirical=False).effects)
+    return list(search(Model(ARM, free=declared), data).effects)
 
 
 def coefficients(data: Measurements, effects: list[Effect]) -> dict[str, float]:

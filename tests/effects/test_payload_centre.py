@@ -15,7 +15,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 ARM = Arm.of(robot())
 NOISE = 1e-5
@@ -50,7 +50,7 @@ def error_at_other_poses(effect: PayloadCompliance, com: Matrix) -> float:
 
 def test_another_centre_is_found_and_predicts_other_poses() -> None:
     data = loaded(80, 61, NOISE, FAR)
-    effects = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, empirical=False).effects
+    effects = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data).effects
     assert [(effect.name, effect.joints, effect.settings()) for effect in effects] == [
         ("payload_compliance", ("j2",), {"com": "uncertain"})
     ]
@@ -61,7 +61,7 @@ def test_another_centre_is_found_and_predicts_other_poses() -> None:
 @pytest.mark.slow
 def test_a_centre_at_the_tool_costs_no_accuracy() -> None:
     data = loaded(80, 61, NOISE, TOOL)
-    (effect,) = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, empirical=False).effects
+    (effect,) = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data).effects
     assert isinstance(effect, PayloadCompliance)
     assert effect.joints == ("j2",)
     assert error_at_other_poses(effect, TOOL) < 1.2e-5

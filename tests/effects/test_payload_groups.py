@@ -18,7 +18,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 ARM = Arm.of(robot())
 NOISE = 1e-5
@@ -46,7 +46,7 @@ def test_named_loads_are_found_with_their_ratios_and_predict_other_poses(tmp_pat
     write_poses(tmp_path / "poses.csv", loaded(80, 61, NOISE))
     data, fresh = read_poses(tmp_path / "poses.csv", robot=robot()), loaded(60, 62, 0.0)
     declared = build(parse_requests(DECLARED), ARM, data)
-    (effect,) = search(Model(ARM, free=declared), data, empirical=False).effects
+    (effect,) = search(Model(ARM, free=declared), data).effects
     assert effect == PayloadCompliance(("j2",), groups=("gripper", "part"))
     result = fit(Model(ARM, free=(*declared, effect)), data, Options())
     values = dict(

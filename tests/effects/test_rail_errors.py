@@ -14,7 +14,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 NOISE = 1e-5
 LENGTH = 3.0
@@ -47,7 +47,7 @@ def poses(n: int, seed: int, noise: float, size: float) -> Measurements:
 def test_a_rails_curves_are_found_and_predict_other_poses() -> None:
     arm, data, fresh = arm_on_a_rail(), poses(140, 51, NOISE, 1.0), poses(60, 52, 0.0, 1.0)
     declared = build(parse_requests(DECLARED), arm, data)
-    (effect,) = search(Model(arm, free=declared), data, empirical=False).effects
+    (effect,) = search(Model(arm, free=declared), data).effects
     assert str(effect) == "rail_errors[rail]"
     errors = []
     for effects in ((), (effect,)):
@@ -61,4 +61,4 @@ def test_a_rails_curves_are_found_and_predict_other_poses() -> None:
 def test_a_straight_rail_is_left_alone() -> None:
     arm, data = arm_on_a_rail(), poses(90, 53, NOISE, 0.0)
     declared = build(parse_requests(DECLARED), arm, data)
-    assert search(Model(arm, free=declared), data, empirical=False).effects == ()
+    assert search(Model(arm, free=declared), data).effects == ()

@@ -10,7 +10,7 @@ from independent_arm import DECLARED, TOOL, Run, measured, robot, run, target
 
 import robacc
 from robacc.effects.base import Effect
-from robacc.effects.change_points import FEWEST, mixed_places, places
+from robacc.effects.change_points import mixed_places, places
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import known_effects
 from robacc.effects.step import Step
@@ -19,7 +19,6 @@ from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.step_scans import usable_places
 from robacc.tracing.trace import trace
 from robacc.tracing.trace_result import Trace
 
@@ -46,7 +45,7 @@ def positions(poses: Run, part: str, size: float) -> np.ndarray:
 def traced(data: Measurements) -> Trace:
     arm = Arm.of(robot())
     declared = build(parse_requests(DECLARED), arm, data)
-    return trace(Model(arm, free=declared), data, n_folds=4, empirical=False)
+    return trace(Model(arm, free=declared), data, n_folds=4)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +112,7 @@ def test_two_steps_of_one_part_have_coefficients_of_their_own() -> None:
     position = np.array([target(q) for q in poses.q.T]).T
     for first, shift in ((30, 4e-4), (62, -7e-4)):
         position = np.where(np.arange(N) >= first, position + np.array([[0.0], [shift], [0.6 * shift]]), position)
-    result = robacc.trace(measured(poses, position, NOISE, 7), robot=robot(), declared=DECLARED, empirical=False)
+    result = robacc.trace(measured(poses, position, NOISE, 7), robot=robot(), declared=DECLARED)
     assert [finding.effect for finding in result.findings] == ["step", "step"]
     record = result.robot.fit
     assert record is not None
@@ -138,9 +137,6 @@ def test_rows_of_a_visit_are_one_pose_to_the_search() -> None:
     repeated = dataclasses.replace(data, q=np.repeat(poses.q, 3, axis=1), rows=None, position=np.zeros((3, 3 * N)))
     single, triple = mixed_places(data, np.arange(N)), mixed_places(repeated, np.repeat(np.arange(N), 3))
     np.testing.assert_array_equal(triple, single)
-    usable = np.flatnonzero(usable_places(triple))
-    assert usable.min() + 1 >= FEWEST
-    assert N - 1 - usable.max() >= FEWEST
 
 
 def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:
@@ -160,7 +156,7 @@ def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:
         source="poses.csv",
     )
     arm = Arm.of(robot(places_of_targets))
-    result = trace(Model(arm, free=build(parse_requests(DECLARED), arm, data)), data, n_folds=4, empirical=False)
+    result = trace(Model(arm, free=build(parse_requests(DECLARED), arm, data)), data, n_folds=4)
     assert [str(finding.effect) for finding in result.findings] == ["step"]
     assert result.findings[0].settings["part"] == "base"
     assert result.findings[0].settings["from_line"] == 3 * first + 2

@@ -17,7 +17,7 @@ from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 ARM = Arm.of(robot())
 NOISE = 1e-5
@@ -63,7 +63,7 @@ def error_at_other_poses(arm: Arm, effects: tuple, data: Measurements, fresh: Me
 def test_an_undeclared_load_is_named_and_the_fit_reaches_the_floor(link: int, mass: float, com: tuple) -> None:
     place = np.array(com)
     data, fresh = loaded(80, 1, NOISE, link, mass, place), loaded(60, 2, 0.0, link, mass, place)
-    effects = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, empirical=False).effects
+    effects = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data).effects
     assert {(effect.name, effect.joints) for effect in effects} == {
         ("joint_compliance", ("j2",)),
         ("joint_compliance", ("j3",)),
@@ -73,8 +73,9 @@ def test_an_undeclared_load_is_named_and_the_fit_reaches_the_floor(link: int, ma
     assert "a link carries a load that the file does not state" in str(uncertain[0].statement(ARM, {}))
     springs = build(parse_requests("joint_compliance[j2],joint_compliance[j3]"), ARM, data)
     floor = error_at_other_poses(arm_that_states(link, mass, place), springs, data, fresh)
-    # Up to 40 corrections of masses in place of none cost a third of the floor at 80 poses.
-    assert error_at_other_poses(ARM, effects, data, fresh) < 1.4 * floor
+    # The noise is three times the floor. At 80 poses the evidence is for uncertain masses in one spring alone, which
+    # is 1.7 times the floor; uncertain masses in both are 1.4 times.
+    assert error_at_other_poses(ARM, effects, data, fresh) < 1.8 * floor
     assert error_at_other_poses(ARM, springs, data, fresh) > 1.4 * floor
 
 

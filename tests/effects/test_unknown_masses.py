@@ -16,7 +16,7 @@ from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 NOISE = 1e-5
 COMPLIANCE = 6e-7
@@ -59,7 +59,7 @@ def test_a_pedestals_tilt_is_fitted_without_masses() -> None:
 def test_a_pedestal_is_found_without_masses() -> None:
     arm, data = arm_without_masses(), poses(100, 41, NOISE)
     declared = build(parse_requests(DECLARED), arm, data)
-    effects = search(Model(arm, free=declared), data, empirical=False).effects
+    effects = search(Model(arm, free=declared), data).effects
     assert [str(effect) for effect in effects] == ["base_compliance"]
     assert effects[0].settings() == {"masses": "unknown"}
 

@@ -21,7 +21,7 @@ from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 # name, parent, origin, axis, mass of the link, its centre of mass
 TORSO = ("waist", "pelvis", (0.0, 0.0, 0.6), (0.0, 1.0, 0.0), 14.0, (0.02, 0.0, 0.25))
@@ -178,7 +178,7 @@ def test_a_trace_names_the_joints_that_give_way_to_both_arms() -> None:
     arm = Arm.of(parse_urdf(urdf(), "torso.urdf", tip_link="right_hand_link"))
     data = _as_measured(80, 3, True, NOISE)
     start = Model(arm, free=build(parse_requests("tool_frame"), arm, data))
-    effects = search(start, data, empirical=False).effects
+    effects = search(start, data).effects
     assert sorted((effect.name, effect.joints) for effect in effects) == [
         ("joint_compliance", ("right_lift",)),
         ("joint_compliance", ("waist",)),

@@ -36,7 +36,7 @@ def test_the_value_is_that_of_least_squares() -> None:
     detected = [stats.norm.cdf(explained(case, chosen, k, []) ** 0.5 - 30**0.5) for k in range(7)]
     separated = np.ones(7)
     for k in (0, 1):
-        separated[k] = stats.norm.cdf(explained(case, chosen, k, [1 - k]) ** 0.5 - 10**0.5)
+        separated[k] = stats.norm.cdf(explained(case, chosen, k, [1 - k]) ** 0.5 - 6**0.5)
     power = expected_power(case, chosen)
     np.testing.assert_allclose(
         [power.detected, power.separated], [np.mean(detected), np.mean(detected * separated)], rtol=1e-6

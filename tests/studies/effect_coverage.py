@@ -37,7 +37,7 @@ from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
 from robacc.tracing.findings import Finding
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 from robacc.tracing.trace import trace
 
 NOISE = 1e-5
@@ -241,7 +241,7 @@ def coverage(sets: int, only: str) -> None:
 
 def searched(case: Case, data: Measurements) -> list[str]:
     declared = build(parse_requests(DECLARED), case.arm, data)
-    return [str(effect) for effect in search(Model(case.arm, free=declared), data, empirical=False).effects]
+    return [str(effect) for effect in search(Model(case.arm, free=declared), data).effects]
 
 
 def clean(sets: int) -> None:
@@ -296,7 +296,7 @@ def sizes(sets: int, only: str, multiples: list[float]) -> None:
             for seed in range(sets):
                 data = case.data(case.n, 7000 + seed, NOISE, multiple * ideal)
                 declared = build(parse_requests(DECLARED), case.arm, data)
-                result = trace(Model(case.arm, free=declared), data, empirical=False)
+                result = trace(Model(case.arm, free=declared), data)
                 effect = name.split()[0]
                 if any(finding.effect == effect for finding in result.findings):
                     named += 1

@@ -13,7 +13,7 @@ from robacc.effects.periodic import orders_of
 from robacc.effects.request import build, parse_requests
 from robacc.modelling.model import Model, predict
 from robacc.simulation.simulate import Plan, simulate
-from robacc.tracing.loop import search
+from robacc.tracing.search import search
 
 AMPLITUDE, ORDER, RANGE = 3e-4, 12.6, 1.2
 
@@ -35,5 +35,5 @@ def test_a_wave_that_grows_with_the_angle_is_no_pair_of_large_waves() -> None:
     orders = sorted(order for effect in result.effects for order in orders_of(effect))
     assert min(abs(order - ORDER) for order in orders) < 0.5
     assert all(are_separable(low, high, RANGE) for low, high in itertools.pairwise(orders))
-    values = [t for name, t in zip(result.final.names, result.final.theta, strict=True) if "transmission" in name]
+    values = [t for name, t in zip(result.state.bound.names, result.state.theta, strict=True) if "transmission" in name]
     assert max(map(abs, values)) < 1.5 * AMPLITUDE

@@ -39,7 +39,6 @@ def _findings(document: Document) -> ReportSection:
             _label(finding),
             "–" if finding["largest_at_tool_m"] is None else length(finding["largest_at_tool_m"]),
             p_value(finding["p_value"]),
-            f"{finding['stability']['folds']} of {finding['stability']['of']}" if finding["stability"]["of"] else "–",
             length(finding["held_out_before_m"]),
             length(finding["held_out_after_m"]),
         ]
@@ -49,7 +48,6 @@ def _findings(document: Document) -> ReportSection:
         "effect",
         "moves the tool by up to",
         "significance",
-        "found in folds",
         "rms without it, held-out poses",
         "rms with it, held-out poses",
     )
@@ -104,11 +102,6 @@ def _alternative(finding: Mapping[str, Any], alternative: Mapping[str, Any]) -> 
     names = f"{_label(finding)} or {_label(alternative)}"
     if alternative["similarity"] > _INDISTINGUISHABLE:
         return f"{names}: same predictions"
-    if alternative.get("within_uncertainty"):
-        return (
-            f"{names}: predictions {100 * alternative['similarity']:.0f} % similar, and the errors with either differ "
-            "by less than their uncertainty"
-        )
     return (
         f"{names}: predictions {100 * alternative['similarity']:.0f} % similar, odds of the alternative "
         f"{odds(alternative['evidence_difference'])}"

@@ -19,7 +19,7 @@ from robacc.render.text.stages import NOISE_SOURCES, deflection, gain_line, repe
 from robacc.render.text.units import IN_DEGREES, IN_MM, table_unit, with_table_unit
 from robacc.tracing.findings import Finding
 from robacc.tracing.harmonics import Harmonic
-from robacc.tracing.rivals import Alternative
+from robacc.tracing.search import Alternative
 from robacc.tracing.trace_result import Trace
 from robacc.tracing.verdict import is_hidden_noise
 
@@ -126,7 +126,7 @@ def _candidates(result: Trace, width: int) -> Iterator[TextLine]:
     rows: list[list[str]] = []
     listed: set[tuple[str, tuple[str, ...]]] = set()
     for ranked in first.ranking:
-        effect = ranked.candidate.effect
+        effect = ranked.effect
         if (effect.name, effect.joints) in listed or len(rows) == _MAX_CANDIDATES:
             continue
         listed.add((effect.name, effect.joints))
@@ -149,11 +149,9 @@ def _finding(number: int, finding: Finding, baseline_rms: float | None, width: i
         name = finding.settings.get("target")
         joints = f" of the {part}" if name is None else f" of the {part} {name}"
     yield from wrapped(f"{number}) {finding.effect}{joints} {at_tool(finding, baseline_rms)}", width)
-    found_in, folds = finding.stability
-    stability = f", found in {found_in} of {folds} folds" if folds else ""
     details = [effect_class(finding.effect).about.summary]
     details += [] if finding.statement is None else [finding.statement]
-    details.append(f"{p_value(finding.p_value)}{stability}")
+    details.append(p_value(finding.p_value))
     if finding.held_out_before is not None and finding.held_out_after is not None:
         before, after = (three_digits(size * IN_MM) for size in (finding.held_out_before, finding.held_out_after))
         text = f"held-out poses: {before} mm rms without it, {after} mm rms with it"
@@ -215,11 +213,6 @@ def _alternative(alternative: Alternative) -> str:
     text = f"not distinguishable from {label} on these poses"
     if alternative.similarity > _INDISTINGUISHABLE:
         return f"{text}: same predictions"
-    if alternative.within_uncertainty:
-        return (
-            f"{text}: predictions {100 * alternative.similarity:.0f} % similar, and the errors with either differ "
-            "by less than their uncertainty"
-        )
     return (
         f"{text}: predictions {100 * alternative.similarity:.0f} % similar, odds of the alternative "
         f"{odds(alternative.evidence_difference)}"

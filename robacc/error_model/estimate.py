@@ -1,0 +1,192 @@
+"""Restricted maximum likelihood of the covariance's parameters, gross errors, and what the parameters cost."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.error_model.covariance import (
+    CovarianceParameters,
+    likelihood_and_gradient,
+    scatter_covariance,
+    score_statistics,
+    unaccounted,
+    whitened,
+)
+from robacc.error_model.rows import Linearised, first_ranks
+from robacc.error_model.terms import TERMS
+from robacc.geometry import Array
+
+ACCEPTED = 3.0
+"""Log odds beyond which an effect or a term is accepted: 20 to 1, "strong" (Kass and Raftery 1995)."""
+GROSS_SHARE = 0.01
+"""Prior share of rows with a gross error."""
+GROSS_FACTORS = np.array([1.0, 6.0, 30.0, 1000.0])
+"""Factors on a row's noise: none, a disturbed reading, a wrong one, a broken beam."""
+_LOG_SHARES = np.log([1.0 - GROSS_SHARE, *[GROSS_SHARE / 3.0] * 3])
+MOST_COMPONENTS = 500
+"""Components that the parameters are estimated on: the time grows with their cube."""
+_SMALL = -3.0
+"""Log factor on a term's start at which its score statistics are computed."""
+_WARM = 6
+"""Iterations from parameters that were estimated before a small change of the model."""
+_WORSE = 1e12
+_LEAST = math.log(1e-9)
+"""Least log standard deviation of noise, m or rad."""
+_SCORINGS = 20
+_SETTLED = 1e-4
+"""Change of a log standard deviation at which scoring ends."""
+
+
+def estimated(noise: CovarianceParameters, linear: Linearised, iterations: int = 40) -> CovarianceParameters:
+    """Return the parameters of largest restricted likelihood, with the rows' factors as they are."""
+    if not noise.terms:
+        return _independent(noise, linear)
+    from scipy.optimize import minimize  # half a second, which clean data are spared
+
+    index = subset(linear)
+    part = linear if index is None else linear.subset(index)
+    start = noise if index is None else dataclasses.replace(noise, factor=noise.factor[index])
+
+    def objective(packed: Array) -> tuple[float, Array]:
+        try:
+            value, gradient = likelihood_and_gradient(start.unpacked(packed), part)
+        except np.linalg.LinAlgError:
+            return _WORSE, np.zeros(packed.size)
+        return -value, -gradient
+
+    bounds = [(_LEAST, math.log(0.1))] * len(noise.log_std)
+    for name, parameters in noise.terms.items():
+        bounds += TERMS[name].bounds(len(parameters))
+    low, high = np.array(bounds).T
+    found = minimize(
+        objective,
+        np.clip(noise.packed, low, high),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": iterations, "ftol": 1e-7},
+    )
+    if not found.fun < _WORSE:
+        return noise
+    return dataclasses.replace(start.unpacked(found.x), factor=noise.factor)
+
+
+def _independent(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
+    """Return independent noise of largest restricted likelihood, by Fisher's scoring."""
+    for _ in range(_SCORINGS):
+        _, gradient = likelihood_and_gradient(noise, linear)
+        own = np.square(np.repeat(noise.std, 3)) * np.square(noise.factor)[:, None]
+        share = np.square(own / np.square(noise.independent(linear.rows.stated)))
+        information = 2.0 * share.reshape(len(own), -1, 3).sum(axis=(0, 2))
+        step = np.clip(gradient / np.maximum(information, 1e-300), -1.0, 1.0)
+        log_std = np.maximum(noise.log_std + step, _LEAST)
+        moved = float(np.max(np.abs(log_std - noise.log_std)))
+        noise = dataclasses.replace(noise, log_std=log_std)
+        if moved < _SETTLED:
+            break
+    return noise
+
+
+def subset(linear: Linearised) -> NDArray[np.int64] | None:
+    """Return rows of random poses that the parameters are estimated on; None for all."""
+    if linear.y.size <= MOST_COMPONENTS:
+        return None
+    return first_ranks(linear.rows.draw, MOST_COMPONENTS // linear.y.shape[1])
+
+
+def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = 6) -> CovarianceParameters:
+    """Return the noise estimated again, with the factor of each row that is most probable."""
+    noise = estimated(noise, linear, _WARM)
+    for _ in range(rounds):
+        left = unaccounted(noise, linear, whitened(noise, linear))
+        usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
+        shared = scatter_covariance(noise, linear)
+        log_posterior = []
+        for factor, log_share in zip(GROSS_FACTORS, _LOG_SHARES, strict=True):
+            if noise.terms.get("scatter") is None:
+                std = factor * usual
+                log_density = -np.sum(np.log(std), axis=1) - 0.5 * np.sum(np.square(left / std), axis=1)
+            else:
+                triangle = np.linalg.cholesky(shared + np.square(factor * usual)[:, :, None] * np.eye(left.shape[1]))
+                white = np.linalg.solve(triangle, left[:, :, None])[:, :, 0]
+                log_det = np.sum(np.log(np.diagonal(triangle, axis1=1, axis2=2)), axis=1)
+                log_density = -log_det - 0.5 * np.sum(np.square(white), axis=1)
+            log_posterior.append(log_share + log_density)
+        factor = GROSS_FACTORS[np.argmax(log_posterior, axis=0)]
+        if np.array_equal(factor, noise.factor):
+            break
+        noise = estimated(dataclasses.replace(noise, factor=factor), linear, _WARM)
+    return noise
+
+
+def log_prior_of_gross_errors(noise: CovarianceParameters) -> float:
+    """Return the log prior probability of the rows' factors."""
+    gross = int(np.count_nonzero(noise.factor > 1.0))
+    return float(gross * _LOG_SHARES[1] + (noise.factor.size - gross) * _LOG_SHARES[0])
+
+
+def too_many_gross_errors(noise: CovarianceParameters) -> bool:
+    """Return whether so many rows have gross errors that chance, at their share, is rejected at the accepted odds."""
+    count, gross = noise.factor.size, int(np.count_nonzero(noise.factor > 1.0))
+    tail = sum(
+        math.exp(
+            math.lgamma(count + 1)
+            - math.lgamma(i + 1)
+            - math.lgamma(count - i + 1)
+            + i * math.log(GROSS_SHARE)
+            + (count - i) * math.log1p(-GROSS_SHARE)
+        )
+        for i in range(gross, count + 1)
+    )
+    return gross > 0 and tail < math.exp(-ACCEPTED)
+
+
+def cost(noise: CovarianceParameters, linear: Linearised) -> float:
+    """Return what the terms cost: half the log of the rows a parameter (Schwarz 1978), and the odds for acceptance."""
+    count = sum(TERMS[name].variances(values, linear, noise.std) for name, values in noise.terms.items())
+    return 0.5 * math.log(len(linear.y)) * count + ACCEPTED * len(noise.terms)
+
+
+def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str) -> float:
+    """Return about how much the term ``name`` would gain, from score statistics and two sizes of it.
+
+    It costs three evaluations of the likelihood; an estimate costs some twenty of likelihood and gradient.
+    """
+    part, noise = _on_subset(noise, linear)
+    small = _scaled(noise, part, name, _SMALL)
+    start = small.terms[name]
+    amplitudes = TERMS[name].amplitudes(len(start))
+    try:
+        gradient = likelihood_and_gradient(small, part)[1][-len(start) :]
+    except np.linalg.LinAlgError:
+        return 0.0
+    return max(score_statistics(small, part, name, gradient[amplitudes].tolist()), least_gain(noise, part, name))
+
+
+def least_gain(noise: CovarianceParameters, linear: Linearised, name: str) -> float:
+    """Return how much the term ``name`` gains at two sizes of it, which is no more than it gains at its best."""
+    part, noise = _on_subset(noise, linear)
+    try:
+        without = whitened(noise, part).log_likelihood
+        sizes = [_scaled(noise, part, name, by) for by in (0.0, 0.7)]
+        return max(whitened(size, part).log_likelihood - without for size in sizes)
+    except np.linalg.LinAlgError:
+        return 0.0
+
+
+def _on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearised, CovarianceParameters]:
+    index = subset(linear)
+    if index is None:
+        return linear, noise
+    return linear.subset(index), dataclasses.replace(noise, factor=noise.factor[index])
+
+
+def _scaled(noise: CovarianceParameters, linear: Linearised, name: str, by: float) -> CovarianceParameters:
+    """Return the noise with a term at its start, its standard deviations times exp(``by``)."""
+    parameters = TERMS[name].start(linear, noise.std).copy()
+    parameters[TERMS[name].amplitudes(len(parameters))] += by
+    return noise.with_term(name, parameters)

@@ -1,0 +1,686 @@
+"""The search: effects and terms of the covariance are added, dropped and swapped by one marginal likelihood.
+
+Each move counts by the change of log likelihood and log prior odds, and is made beyond :data:`ACCEPTED`. Effects are
+chosen beside independent noise first. Where terms of the covariance may gain, beside these effects or in the place of
+one, a second search adds the terms first; the more probable model is the result. No finding is withdrawn afterwards.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.effects.base import Effect, Part, Term
+from robacc.effects.change_points import is_step, place_of, same_form
+from robacc.effects.orders import are_separable
+from robacc.effects.periodic import of_order, orders_of, profile, searched_order
+from robacc.error_model.covariance import CovarianceParameters, Whitened, whitened
+from robacc.error_model.estimate import (
+    ACCEPTED,
+    cost,
+    estimated,
+    least_gain,
+    log_prior_of_gross_errors,
+    too_many_gross_errors,
+    with_gross_errors,
+    worth_estimating,
+)
+from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank, with_terms
+from robacc.error_model.terms import TERMS
+from robacc.errors import RobaccError
+from robacc.fitting.closed_form import register_frames
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.bound import BoundModel
+from robacc.modelling.model import Model
+from robacc.modelling.observation import residuals
+from robacc.robots.arm import Arm
+from robacc.tracing.candidates import PROFILE_ORDERS, Candidate, Pool
+from robacc.tracing.evidence import Evidence, Scores
+
+MOST_FINDINGS = 12
+"""Largest number of findings."""
+MOST_COMPONENTS = 1200
+"""Components that a search uses: the covariance of all rows is never larger."""
+PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_geometry": 2e-3}
+"""Prior standard deviation of declared constants, m and rad; frames are registered first."""
+_OTHER_DECLARED = 10.0
+"""The same of other declared effects, in usual sizes."""
+_MOST_ALIASES = 3
+_GAINS = 0.01
+"""Least gain of a move: smaller ones are rounding, and would alternate for ever."""
+_LISTED = 10
+"""Candidates of a step's ranking that are kept."""
+_MOST_MOVES = 30
+_NEAR_ENOUGH = 1e-2
+"""Length of the last step of a fit, in standard deviations of all rows together."""
+
+_INTERVAL = 1.92
+"""Log likelihood within which a place is in the 95 % interval: half the quantile of chi-square with one degree."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A candidate's score at one step."""
+
+    effect: Effect
+    evidence: float
+    """Log Bayes factor."""
+    log_prior: float
+    gain: float
+    """Share of the whitened squares that it explains."""
+
+    @property
+    def log_odds(self) -> float:
+        """Return the log posterior odds that the effect is there."""
+        return self.evidence + self.log_prior
+
+    @property
+    def p_value(self) -> float:
+        """Return the posterior probability that the effect is not there."""
+        return 1.0 / (1.0 + math.exp(min(self.log_odds, 700.0)))
+
+
+@dataclass(frozen=True)
+class SearchStep:
+    """One move of a search, with the best candidates at the time."""
+
+    action: str
+    chosen: str | None
+    ranking: tuple[Ranked, ...]
+
+
+@dataclass
+class State:
+    """A model in the search: effects in it, their coefficients, and the covariance."""
+
+    noise: CovarianceParameters
+    bound: BoundModel
+    theta: Array
+    linear: Linearised
+    chosen: list[Candidate] = field(default_factory=list)
+    scales: list[float] = field(default_factory=list)
+    """Multiple of the usual size of each effect's prior."""
+    steps: list[SearchStep] = field(default_factory=list)
+
+    def copy(self) -> State:
+        """Return a copy whose lists can change."""
+        return dataclasses.replace(self, chosen=list(self.chosen), scales=list(self.scales), steps=list(self.steps))
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A rival that explains the same residual nearly as well."""
+
+    effect: str
+    joints: tuple[str, ...]
+    similarity: float
+    """Cosine between the fits of the two to the residual: 1 if they are not distinguishable on these poses."""
+    evidence_difference: float
+    """Log odds of the finding less those of the rival; negative if the rival is more probable."""
+    settings: dict[str, object]
+
+
+@dataclass(frozen=True)
+class Identified:
+    """An effect in the final model, with its scores and those of its rivals given all other effects."""
+
+    effect: Effect
+    ranked: Ranked
+    alternatives: tuple[Alternative, ...] = ()
+    """Rivals within :data:`ACCEPTED`, nearest first: at most one form of each effect and joint."""
+    aliases: tuple[float, ...] = ()
+    """Other orders of a periodic error that the poses do not distinguish from its own."""
+    places: tuple[float, float] | None = None
+    """First and last place of the 95 % interval of a step."""
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The most probable model of a search."""
+
+    model: Model
+    """The declared effects, with base and tool registered."""
+    identified: tuple[Identified, ...]
+    """In the order in which they were added; profiles of joints come last."""
+    noise: CovarianceParameters
+    steps: tuple[SearchStep, ...]
+    next: tuple[Ranked, ...]
+    """Candidates beside the final model, best first."""
+    settled: bool
+    evidence: Evidence
+    """Of the candidates beside the final model."""
+    pool: Pool
+    state: State
+    rows: NDArray[np.int64]
+    """Rows of the data that the search used."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the identified effects."""
+        return tuple(identified.effect for identified in self.identified)
+
+    @property
+    def final_columns(self) -> NDArray[np.int64]:
+        """Return the numbers of all columns of the final model."""
+        return np.arange(len(self.state.theta))
+
+
+def search(
+    model: Model, data: Measurements, only: Sequence[str] | None = None, progress: Progress = lambda done, count: None
+) -> SearchResult:
+    """Return the most probable effects beside the free ones of ``model``, and the covariance of the rest.
+
+    ``only`` restricts the candidates to effects of those names. ``progress`` is called with the number of moves and of
+    effects in the model.
+    """
+    return _Search(model, data, only, progress).run()
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """How the columns of candidates are made: most coefficients move one motion by a regressor."""
+
+    candidates: int
+    count: int
+    """Number of columns."""
+    motions: tuple[int, ...]
+    moved: tuple[tuple[NDArray[np.int64], Array], ...]
+    """For each motion: the columns, and their regressors ``(N, k)`` times the usual sizes."""
+    whole: tuple[Term, ...]
+    """Terms of several parts, or with a load."""
+    whole_columns: NDArray[np.int64]
+    whole_sizes: Array
+
+
+class _Search:
+    def __init__(self, model: Model, data: Measurements, only: Sequence[str] | None, progress: Progress) -> None:
+        self.rows = _rows_of(data)
+        self.data = data if self.rows.size == data.n else data.subset(self.rows)
+        names = {effect.name for effect in model.free}
+        self.model = _registered(model, self.data, names)
+        self.regressors = Rows.of(self.model.arm, self.data)
+        self.pool = Pool(self.model.arm, self.data, self.model.free, only)
+        self.progress, self.moves = progress, 0
+        self.settled = True
+        self.plan: _Plan | None = None
+
+    def run(self) -> SearchResult:
+        """Search, and return the most probable model."""
+        start = self._start()
+        ends = self._search_from(start)
+        if too_many_gross_errors(start.noise):
+            # They may show what the model lacks: a backlash, whose smaller side looks like gross errors.
+            even = start.copy()
+            even.noise = estimated(dataclasses.replace(even.noise, factor=np.ones(self.data.n)), even.linear)
+            ends += self._search_from(even)
+        best = max(ends, key=self._log_posterior)
+        self._fit(best, rounds=20)
+        return self._result(best)
+
+    # -- fits
+
+    def _bound(self, chosen: Sequence[Candidate]) -> BoundModel:
+        return self.model.with_free(*(candidate.effect for candidate in chosen)).bind(self.data)
+
+    def _prior_std(self, bound: BoundModel, scales: Sequence[float]) -> Array:
+        declared = self.model.free
+        stds = []
+        for term, owner in zip(bound.terms, bound.owners, strict=True):
+            size = term.typical * term.weight
+            if owner >= len(declared):
+                stds.append(size * scales[owner - len(declared)])
+            else:
+                stds.append(PRIOR_STDS.get(declared[owner].name, _OTHER_DECLARED * size))
+        return np.array(stds)
+
+    def _start(self) -> State:
+        """Return the fit of the declared effects beside independent noise; rows far off have less weight."""
+        bound = self._bound([])
+        theta, prior = np.zeros(len(bound.terms)), self._prior_std(bound, [])
+        residual = residuals(self.data, bound.poses(theta))
+        components = self.regressors.stated.shape[1]
+        kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
+        noise = CovarianceParameters(
+            np.array([math.log(max(_rms(kind), 1e-9)) for kind in kinds]), np.ones(self.data.n)
+        )
+        state = State(noise, bound, theta, Linearised.at(bound, theta, prior, self.regressors, self.data))
+        free = min(0.9, theta.size / residual.size)
+        for _ in range(12):
+            moved = self._step(state)
+            residual = residuals(self.data, state.bound.poses(state.theta))
+            kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
+            lengths = [np.sqrt(np.sum(np.square(kind), axis=0)) for kind in kinds]
+            # The median of the length of three normal components is 1.54 standard deviations.
+            stds = np.array([max(float(np.median(length)) / 1.54, 1e-9) for length in lengths]) / math.sqrt(1.0 - free)
+            factor = np.sqrt(1.0 + np.square(lengths[0] / (3.0 * stds[0])))
+            state.noise = CovarianceParameters(np.log(stds), factor)
+            if moved < 0.1:
+                break
+        state.noise = with_gross_errors(state.noise, state.linear)
+        self._fit(state)
+        return state
+
+    def _step(self, state: State) -> float:
+        """Take one Gauss-Newton step with a line search; return its length in standard deviations of all rows."""
+        white = whitened(state.noise, state.linear)
+        prior = state.linear.prior_std
+        step = white.coefficients * prior - state.theta
+        start = self._objective(state, white, state.theta)
+        share = 1.0
+        while share > 0.02 and not self._objective(state, white, state.theta + share * step) <= start * (1 + 1e-9):
+            share *= 0.3
+        if share <= 0.02:
+            return 0.0
+        state.theta = state.theta + share * step
+        state.linear = Linearised.at(state.bound, state.theta, prior, self.regressors, self.data)
+        return float(np.linalg.norm(white.columns @ (share * step / prior)))
+
+    def _objective(self, state: State, white: Whitened, theta: Array) -> float:
+        try:
+            residual = residuals(self.data, state.bound.poses(theta))
+        except RobaccError:
+            return math.inf
+        error = white.apply(residual[: self.regressors.stated.shape[1]].T)
+        return float(error @ error + np.sum(np.square(theta / state.linear.prior_std)))
+
+    def _fit(self, state: State, rounds: int = 6) -> None:
+        """Fit the effects of a state to convergence, and estimate its noise again."""
+        for _ in range(rounds):
+            if self._step(state) < _NEAR_ENOUGH:
+                break
+        state.noise = with_gross_errors(state.noise, state.linear)
+
+    def _with_effects(self, state: State, chosen: list[Candidate], scales: list[float]) -> None:
+        """Replace the effects of a state; coefficients that it had are the start of the new fit."""
+        earlier = {
+            (state.chosen[owner - len(self.model.free)].key if owner >= len(self.model.free) else owner, name): value
+            for owner, name, value in zip(state.bound.owners, state.bound.names, state.theta.tolist(), strict=True)
+        }
+        declared = len(self.model.free)
+        state.chosen, state.scales = chosen, scales
+        state.bound = self._bound(chosen)
+        state.theta = np.array(
+            [
+                earlier.get((chosen[owner - declared].key if owner >= declared else owner, name), 0.0)
+                for owner, name in zip(state.bound.owners, state.bound.names, strict=True)
+            ]
+        )
+        prior = self._prior_std(state.bound, scales)
+        state.linear = Linearised.at(state.bound, state.theta, prior, self.regressors, self.data)
+
+    # -- scores
+
+    def _add_orders(self, state: State, white: Whitened) -> None:
+        """Make the orders at the peaks of each joint's spectrum candidates: of the residual, and without each order."""
+        linear = state.linear
+        components = linear.y.shape[1]
+        owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
+        periodic = [k for k, candidate in enumerate(state.chosen) if orders_of(candidate.effect)]
+        square = np.sum(np.square(linear.joints / state.noise.independent(linear.rows.stated).T), axis=1)
+        # Orders above the usual are tried where nothing else is found.
+        grids = [grid for grid in self.pool.grids if not (grid.is_high and (state.chosen or state.noise.terms))]
+        for without in (None, *periodic):
+            weighted = white.weighted_residual(components, np.flatnonzero(owners != without) if periodic else None)
+            along = np.einsum("jan,na->jn", linear.joints, weighted)
+            for grid in grids:
+                peaks = grid.peaks(along[grid.number], square[grid.number])
+                self.pool.add((of_order(grid.joint, order), grid.log_prior) for order in peaks.tolist())
+
+    def _columns(self, state: State) -> Array:
+        """Return ``(N, M, K)`` the columns of all candidates at a state, times their usual sizes.
+
+        A coefficient that moves one motion by a regressor has that motion's column times the regressor.
+        """
+        plan, bound = self._plan(), state.bound
+        added = [*(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in plan.motions), *plan.whole]
+        count, extended = len(bound.terms), with_terms(bound, added)
+        theta = np.concatenate((state.theta, np.zeros(len(added))))
+        components = self.regressors.stated.shape[1]
+        _, jacobian = extended.linearise(theta, np.arange(count, count + len(added)), rows=components)
+        result = np.empty((self.data.n, components, plan.count))
+        for slot, (columns, factors) in enumerate(plan.moved):
+            result[:, :, columns] = jacobian[:, slot].T[:, :, None] * factors[:, None, :]
+        first = len(plan.motions)
+        result[:, :, plan.whole_columns] = np.moveaxis(jacobian[:, first:], -1, 0) * plan.whole_sizes
+        return result
+
+    def _plan(self) -> _Plan:
+        """Return how the candidates' columns are made, anew if there are more candidates."""
+        candidates = self.pool.all
+        if self.plan is None or self.plan.candidates != len(candidates):
+            moved: dict[int, list[tuple[int, Array]]] = {}
+            whole: list[tuple[int, Term, float]] = []
+            column = 0
+            for candidate in candidates:
+                for term, size in zip(candidate.terms, candidate.sizes.tolist(), strict=True):
+                    if (part := _plain(term)) is None:
+                        whole.append((column, term, size))
+                    else:
+                        factor = np.broadcast_to(np.asarray(part.factor) * size, (self.data.n,))
+                        moved.setdefault(part.motion, []).append((column, factor))
+                    column += 1
+            self.plan = _Plan(
+                len(candidates),
+                column,
+                tuple(moved),
+                tuple(
+                    (np.array([at for at, _ in parts]), np.stack([factor for _, factor in parts], axis=1))
+                    for parts in moved.values()
+                ),
+                tuple(term for _, term, _ in whole),
+                np.array([at for at, _, _ in whole], dtype=np.int64),
+                np.array([size for _, _, size in whole]),
+            )
+        return self.plan
+
+    def _scores(self, state: State) -> tuple[Evidence, Scores, list[Scores]]:
+        """Return the scores of all candidates beside a state, and beside it without each of its effects."""
+        for candidate in state.chosen:
+            self.pool.extend(candidate)
+        white = whitened(state.noise, state.linear)
+        self._add_orders(state, white)
+        evidence = Evidence(white, white.apply(self._columns(state)), tuple(self.pool.all))
+        owners = np.array(state.bound.owners, dtype=np.int64)
+        declared, columns = len(self.model.free), np.arange(owners.size)
+        flat = evidence.effective(owners < declared)
+        without = [evidence.scores(columns[owners != declared + k], flat) for k in range(len(state.chosen))]
+        return evidence, evidence.scores(columns, flat), without
+
+    def _log_posterior(self, state: State) -> float:
+        """Return the log posterior probability of effects and terms together, up to a constant."""
+        total = whitened(state.noise, state.linear).log_likelihood
+        total += log_prior_of_gross_errors(state.noise) - cost(state.noise, state.linear)
+        for candidate, scale in zip(state.chosen, state.scales, strict=True):
+            scales, log_prior = candidate.scales
+            nearest = int(np.argmin(np.abs(np.log(scales / scale))))
+            total += candidate.log_prior + float(log_prior[nearest]) - ACCEPTED
+            total += math.log(2.0) * candidate.effect.is_nonnegative
+        return float(total)
+
+    # -- moves
+
+    def _search_from(self, start: State) -> list[State]:
+        """Return the ends of searches from a state: without terms, and with terms first where they may gain."""
+        plain = start.copy()
+        self._settle(plain)
+        ends = [plain]
+        least = ACCEPTED + 0.5 * math.log(self.data.n)
+        may_gain = any(worth_estimating(plain.noise, plain.linear, name) > least for name in TERMS)
+        if may_gain or self._terms_rival(plain):
+            terms_first = self._with_terms(start)
+            if terms_first.noise.terms:
+                ends.append(self._settled_beside_terms(terms_first))
+        return ends
+
+    def _terms_rival(self, state: State) -> bool:
+        """Return whether a term in the place of an effect gains more than the effect: a wander in place of a step."""
+        _, _, without = self._scores(state)
+        for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
+            own = float(beside.log_odds[self._number(candidate)])
+            other = state.copy()
+            chosen, scales = list(state.chosen), list(state.scales)
+            del chosen[k], scales[k]
+            self._with_effects(other, chosen, scales)
+            self._fit(other)
+            if any(least_gain(other.noise, other.linear, name) > own for name in TERMS):
+                return True
+        return False
+
+    def _settled_beside_terms(self, state: State) -> State:
+        """Return a state with terms after the moves that gain, and without terms that no longer do."""
+        if "smooth" in state.noise.terms:
+            self.pool.add_corrections()
+        self._settle(state)
+        return self._without_idle_terms(state)
+
+    def _settle(self, state: State) -> None:
+        """Add, drop and swap effects until no move gains."""
+        visited = {frozenset(candidate.key for candidate in state.chosen)}
+        for _ in range(_MOST_MOVES):
+            _, scores, without = self._scores(state)
+            own = [self._number(candidate) for candidate in state.chosen]
+            state.scales = [float(beside.scale[i]) for beside, i in zip(without, own, strict=True)]
+            for gain, action, k, number in sorted(self._moves(state, scores, without), key=lambda move: -move[0]):
+                if gain <= _GAINS:
+                    self._log(state, "stop", None, scores)
+                    return
+                chosen, scales = list(state.chosen), list(state.scales)
+                if k is not None:
+                    del chosen[k], scales[k]
+                if number is not None:
+                    beside = scores if k is None else without[k]
+                    at = len(chosen) if k is None else k
+                    chosen.insert(at, self.pool.all[number])
+                    scales.insert(at, float(beside.scale[number]))
+                if (key := frozenset(candidate.key for candidate in chosen)) in visited:
+                    continue
+                visited.add(key)
+                names = [str(state.chosen[k].effect)] if k is not None else []
+                names += [str(self.pool.all[number].effect)] if number is not None else []
+                self._log(state, action, " -> ".join(names), scores if k is None else without[k])
+                self._with_effects(state, chosen, scales)
+                self._fit(state)
+                break
+            else:
+                return
+        self.settled = False
+
+    def _moves(
+        self, state: State, scores: Scores, without: Sequence[Scores]
+    ) -> Iterator[tuple[float, str, int | None, int | None]]:
+        """Yield the best addition, and dropping and swapping each effect: gain, action, effect and candidate."""
+        best = self._best(scores, state.chosen)
+        if best is not None and len(state.chosen) < MOST_FINDINGS:
+            yield float(scores.log_odds[best]) - ACCEPTED, "add", None, best
+        for k, beside in enumerate(without):
+            own = float(beside.log_odds[self._number(state.chosen[k])])
+            yield ACCEPTED - own, "drop", k, None
+            rival = self._best(beside, [other for i, other in enumerate(state.chosen) if i != k], state.chosen[k])
+            if rival is not None:
+                yield float(beside.log_odds[rival]) - own, "swap", k, rival
+
+    def _best(self, scores: Scores, others: Sequence[Candidate], not_itself: Candidate | None = None) -> int | None:
+        """Return the number of the best candidate that is no form of an effect in the model."""
+        for number in scores.ranking().tolist():
+            candidate = self.pool.all[number]
+            if not math.isfinite(scores.log_odds[number]):
+                return None
+            if candidate is not_itself or any(self._is_form_of(candidate, other) for other in others):
+                continue
+            if candidate.effect.rejects_implausible:
+                values = (scores.fitted(number) * candidate.sizes).tolist()
+                if candidate.effect.implausible(candidate.terms, values) is not None:
+                    continue
+            return int(number)
+        return None
+
+    def _is_form_of(self, candidate: Candidate, other: Candidate) -> bool:
+        """Return whether two candidates are forms of one effect: an effect of one name and joint is found once.
+
+        Steps at different places are different effects, and so are orders of a joint that its range separates.
+        """
+        if candidate.effect_name != other.effect_name:
+            return False
+        first, second = searched_order(candidate.effect), searched_order(other.effect)
+        if first is not None or second is not None:
+            return not self._are_separable(candidate, other)
+        return not is_step(candidate.effect) or candidate.key == other.key
+
+    def _are_separable(self, one: Candidate, other: Candidate) -> bool:
+        """Return whether the poses separate every order of one periodic error of a joint from those of another."""
+        assert self.data.q is not None
+        extent = float(np.ptp(self.data.q[self.model.arm.number(one.effect.joints[0])]))
+        pairs = itertools.product(orders_of(one.effect), orders_of(other.effect))
+        return all(are_separable(first, second, extent) for first, second in pairs)
+
+    def _number(self, candidate: Candidate) -> int:
+        return self.pool.all.index(candidate)
+
+    def _log(self, state: State, action: str, chosen: str | None, scores: Scores) -> None:
+        self.moves += 1
+        self.progress(self.moves, len(state.chosen))
+        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores)[:_LISTED])))
+
+    def _ranked(self, scores: Scores) -> list[Ranked]:
+        """Return the best form of each effect on each joint, best first."""
+        best: dict[tuple[object, ...], Ranked] = {}
+        for number in scores.ranking().tolist():
+            if not math.isfinite(scores.log_odds[number]):
+                break
+            if (name := self.pool.all[number].effect_name) not in best:
+                best[name] = self._rank(scores, number)
+        return list(best.values())
+
+    def _rank(self, scores: Scores, number: int) -> Ranked:
+        candidate = self.pool.all[number]
+        return Ranked(
+            candidate.effect, float(scores.log_bayes[number]), candidate.log_prior, float(scores.gain[number])
+        )
+
+    def _with_terms(self, start: State) -> State:
+        """Return a state with the terms that gain, added one by one, the best first."""
+        state = start.copy()
+        while True:
+            now, best = self._log_posterior(state), None
+            for name in TERMS:
+                if name in state.noise.terms or worth_estimating(state.noise, state.linear, name) < 1.0:
+                    continue
+                other = state.copy()
+                parameters = TERMS[name].start(other.linear, other.noise.std)
+                other.noise = estimated(other.noise.with_term(name, parameters), other.linear, 20)
+                other.noise = with_gross_errors(other.noise, other.linear, 1)
+                total = self._log_posterior(other)
+                if total > now + _GAINS and (best is None or total > best[0]):
+                    best = total, other, name
+            if best is None:
+                return self._without_idle_terms(state)
+            state = best[1]
+            state.steps.append(SearchStep("add", f"covariance: {best[2]}", ()))
+
+    def _without_idle_terms(self, start: State) -> State:
+        """Return a state without the terms that no longer gain."""
+        state = start
+        while state.noise.terms:
+            now, best = self._log_posterior(state), None
+            for name in state.noise.terms:
+                other = state.copy()
+                other.noise = with_gross_errors(estimated(other.noise.without(name), other.linear, 25), other.linear, 1)
+                total = self._log_posterior(other)
+                if total > now and (best is None or total > best[0]):
+                    best = total, other, name
+            if best is None:
+                return state
+            state = best[1]
+            state.steps.append(SearchStep("drop", f"covariance: {best[2]}", ()))
+        return state
+
+    # -- result
+
+    def _result(self, state: State) -> SearchResult:
+        evidence, scores, without = self._scores(state)
+        owners, declared = np.array(state.bound.owners), len(self.model.free)
+        identified = []
+        for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
+            kept = np.flatnonzero(owners != declared + k)
+            identified.append(self._identified(candidate, beside, evidence, kept, state.chosen))
+        return SearchResult(
+            model=self.model,
+            identified=(*identified, *self._profiles(state)),
+            noise=state.noise,
+            steps=tuple(state.steps),
+            next=tuple(r for r in self._ranked(scores) if r.effect not in [c.effect for c in state.chosen]),
+            settled=self.settled,
+            evidence=evidence,
+            pool=self.pool,
+            state=state,
+            rows=self.rows,
+        )
+
+    def _identified(
+        self,
+        candidate: Candidate,
+        scores: Scores,
+        evidence: Evidence,
+        kept: NDArray[np.int64],
+        chosen: Sequence[Candidate],
+    ) -> Identified:
+        own = self._number(candidate)
+        alternatives: dict[tuple[object, ...], Alternative] = {}
+        aliases: list[float] = []
+        at: list[float] = []
+        for number in scores.ranking().tolist():
+            rival, behind = self.pool.all[number], float(scores.log_odds[own] - scores.log_odds[number])
+            if behind > ACCEPTED:
+                break
+            effect = rival.effect
+            if is_step(effect) and is_step(candidate.effect) and same_form(effect, candidate.effect):
+                at += [place_of(effect)] if behind <= _INTERVAL else []
+            elif rival.effect_name == candidate.effect_name:
+                if searched_order(effect) is not None and self._are_separable(rival, candidate):
+                    aliases.append(orders_of(effect)[0])
+            elif not any(rival.effect_name in (other.effect_name, *alternatives) for other in chosen):
+                similarity = evidence.similarity(kept, own, number)
+                alternatives[rival.effect_name] = Alternative(
+                    effect.name, effect.joints, similarity, behind, effect.settings()
+                )
+        return Identified(
+            candidate.effect,
+            self._rank(scores, own),
+            tuple(alternatives.values()),
+            tuple(aliases[:_MOST_ALIASES]),
+            (min(at), max(at)) if is_step(candidate.effect) and at else None,
+        )
+
+    def _profiles(self, state: State) -> Iterator[Identified]:
+        """Yield the profiles of joints that turn, if the model is less probable without them."""
+        if "profile" not in state.noise.terms:
+            return
+        parameters = state.noise.terms["profile"]
+        likely = whitened(state.noise, state.linear).log_likelihood
+        price = 0.5 * math.log(self.data.n)
+        for j, joint in enumerate(self.model.arm.names):
+            if not (self.regressors.moves[j] and self.model.arm.is_revolute(joint)):
+                continue
+            without = parameters.copy()
+            without[j] = TERMS["profile"].bounds(len(parameters))[j][0]
+            other = dataclasses.replace(state.noise, terms={**state.noise.terms, "profile": without})
+            evidence = likely - whitened(other, state.linear).log_likelihood
+            if evidence - price > ACCEPTED:
+                yield Identified(
+                    profile(joint, PROFILE_ORDERS), Ranked(profile(joint, PROFILE_ORDERS), evidence, -price, 0.0)
+                )
+
+
+def _plain(term: Term) -> Part | None:
+    """Return the one part of a term that moves one motion by a regressor, without a load; else None."""
+    part = term.parts[0]
+    return part if len(term.parts) == 1 and part.loads is None and part.motion >= 0 else None
+
+
+def _registered(model: Model, data: Measurements, names: set[str]) -> Model:
+    """Return the model with its free base and tool registered."""
+    if not names & {"base_frame", "tool_frame"}:
+        return model
+    robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
+    return dataclasses.replace(model, arm=Arm.of(robot))
+
+
+def _rows_of(data: Measurements) -> NDArray[np.int64]:
+    """Return the rows that a search uses: all, or those of random poses up to :data:`MOST_COMPONENTS`."""
+    components = data.n * (3 if data.rotation is None else 6)
+    if components <= MOST_COMPONENTS:
+        return np.arange(data.n)
+    return first_ranks(random_rank(data), MOST_COMPONENTS * data.n // components)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

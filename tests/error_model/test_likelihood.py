@@ -1,0 +1,138 @@
+"""The likelihood of the error model, its gradient and its posterior, against dense algebra of their own."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+from arms import arm
+from scipy.stats import multivariate_normal
+
+from robacc.effects.request import build, parse_requests
+from robacc.error_model.covariance import CovarianceParameters, likelihood_and_gradient, unaccounted, whitened
+from robacc.error_model.estimate import GROSS_FACTORS, estimated, too_many_gross_errors, with_gross_errors
+from robacc.error_model.rows import Linearised, Rows
+from robacc.error_model.terms import TERMS
+from robacc.geometry import Array
+from robacc.modelling.model import Model
+from robacc.simulation.simulate import Plan, simulate
+
+NOISE = 2e-5
+
+
+@cache
+def linearised(orientation: bool = False, n: int = 24) -> Linearised:
+    """Return the frames of an arm linearised on poses with three rows a visit."""
+    robot = dataclasses.replace(arm("irb1600").robot, effects=())
+    data = simulate(robot, Plan(n, seed=3, noise_position=NOISE, orientation=orientation, time_step=20.0)).data
+    data = dataclasses.replace(data, visit=np.repeat(np.arange(n // 3), 3).astype(str))
+    model = Model.of(robot)
+    model = model.with_free(*build(parse_requests("base_frame,joint_offset"), model.arm, data))
+    bound = model.bind(data)
+    theta = np.zeros(len(bound.terms))
+    rows = Rows.of(model.arm, data)
+    return Linearised.at(bound, theta, np.full(theta.size, 1e-3), rows, data)
+
+
+def noise_with(linear: Linearised, *names: str) -> CovarianceParameters:
+    """Return noise with terms at their starts, moved a little from symmetric values."""
+    kinds = linear.y.shape[1] // 3
+    factor = np.ones(len(linear.y))
+    factor[4] = GROSS_FACTORS[1]
+    noise = CovarianceParameters(np.log([NOISE, 1e-4][:kinds]), factor)
+    rng = np.random.default_rng(5)
+    for name in names:
+        start = TERMS[name].start(linear, noise.std)
+        noise = noise.with_term(name, start + rng.normal(scale=0.2, size=start.shape))
+    return noise
+
+
+def dense(noise: CovarianceParameters, linear: Linearised) -> Array:
+    """Return the covariance of all rows, pose by pose, by sums over pairs of rows."""
+    count, components = linear.y.shape
+    matrix = np.zeros((count, components, count, components))
+    for name, parameters in noise.terms.items():
+        kernels = TERMS[name].kernels(parameters, linear.rows)
+        for carrier, kernel in enumerate(kernels):
+            if kernel is None:
+                continue
+            for i in range(count):
+                for k in range(count):
+                    if TERMS[name].of_joints:
+                        left, right = linear.joints[carrier][:, i], linear.joints[carrier][:, k]
+                        matrix[i, :, k] += kernel[i, k] * np.outer(left, right)
+                    else:
+                        matrix[i, carrier, k, carrier] += kernel[i, k]
+    flat = matrix.reshape(count * components, -1)
+    flat += np.diag(np.square(noise.independent(linear.rows.stated)).ravel())
+    columns = (linear.columns * linear.prior_std).reshape(count * components, -1)
+    result: Array = flat + columns @ columns.T
+    return result
+
+
+CASES = [(), ("scatter",), ("profile",), ("wander",), ("smooth",), ("scatter", "profile", "wander", "smooth")]
+
+
+@pytest.mark.parametrize("names", CASES, ids=lambda names: "+".join(names) or "independent")
+@pytest.mark.parametrize("orientation", [False, True])
+def test_the_likelihood_is_the_dense_gaussian_density(names: tuple[str, ...], orientation: bool) -> None:
+    linear = linearised(orientation)
+    noise = noise_with(linear, *names)
+    density = multivariate_normal(cov=dense(noise, linear), allow_singular=False).logpdf(linear.y.ravel())
+    density += 0.5 * linear.y.size * np.log(2 * np.pi)
+    assert whitened(noise, linear).log_likelihood == pytest.approx(density, rel=1e-8)
+    assert likelihood_and_gradient(noise, linear)[0] == pytest.approx(density, rel=1e-8)
+
+
+@pytest.mark.parametrize("names", CASES, ids=lambda names: "+".join(names) or "independent")
+def test_the_gradient_is_that_of_differences(names: tuple[str, ...]) -> None:
+    linear = linearised(True)
+    noise = noise_with(linear, *names)
+    packed, step = noise.packed, 1e-4
+    differences = []
+    for i in range(packed.size):
+        up, down = packed.copy(), packed.copy()
+        up[i] += step
+        down[i] -= step
+        ends = [whitened(noise.unpacked(end), linear).log_likelihood for end in (up, down)]
+        differences.append((ends[0] - ends[1]) / (2 * step))
+    # Central differences of a value of some 1e3 with 1e-13 relative rounding.
+    np.testing.assert_allclose(likelihood_and_gradient(noise, linear)[1], differences, rtol=1e-5, atol=2e-5)
+
+
+@pytest.mark.parametrize("names", [(), ("wander",), ("scatter", "wander")])
+def test_what_noise_and_scatter_account_for_is_their_posterior_mean(names: tuple[str, ...]) -> None:
+    linear = linearised()
+    noise = noise_with(linear, *names)
+    weighted = np.linalg.solve(dense(noise, linear), linear.y.ravel())
+    own = dataclasses.replace(noise, terms={n: p for n, p in noise.terms.items() if n == "scatter"})
+    without_columns = dataclasses.replace(linear, columns=0.0 * linear.columns)
+    expected = (dense(own, without_columns) @ weighted).reshape(linear.y.shape)
+    np.testing.assert_allclose(unaccounted(noise, linear, whitened(noise, linear)), expected, rtol=1e-7, atol=1e-12)
+
+
+def test_estimates_are_near_the_truth_that_the_errors_were_drawn_with() -> None:
+    linear = linearised(n=150)
+    truth = noise_with(linear, "scatter")
+    truth = dataclasses.replace(truth, factor=np.ones(150))
+    rng = np.random.default_rng(8)
+    y = np.linalg.cholesky(dense(truth, linear)) @ rng.normal(size=linear.y.size)
+    drawn = dataclasses.replace(linear, y=y.reshape(linear.y.shape))
+    start = noise_with(linear).with_term("scatter", TERMS["scatter"].start(linear, np.array([NOISE])))
+    found = estimated(dataclasses.replace(start, factor=np.ones(150)), drawn)
+    assert found.std[0] == pytest.approx(NOISE, rel=0.15)
+    assert likelihood_and_gradient(found, drawn)[0] >= likelihood_and_gradient(truth, drawn)[0]
+
+
+def test_gross_errors_are_told_from_noise() -> None:
+    linear = linearised(n=150)
+    rng = np.random.default_rng(1)
+    y = rng.normal(scale=NOISE, size=linear.y.shape)
+    y[[7, 50]] += 30 * NOISE
+    noise = with_gross_errors(CovarianceParameters(np.log([2 * NOISE]), np.ones(150)), dataclasses.replace(linear, y=y))
+    assert np.flatnonzero(noise.factor > 1).tolist() == [7, 50]
+    assert noise.std[0] == pytest.approx(NOISE, rel=0.1)
+    assert not too_many_gross_errors(noise)
+    assert too_many_gross_errors(dataclasses.replace(noise, factor=np.where(np.arange(150) < 20, 6.0, 1.0)))

@@ -140,11 +140,6 @@ def moved_frames(fit: Fit, holdout: Measurements) -> MovedFrames | None:
     return None
 
 
-def held_out_frames(fit: Fit, holdout: Measurements) -> HeldOutFrames:
-    """Return the registration of base and target to validation poses."""
-    return HeldOutFrames(holdout.position, fit.predict(holdout).rotation)
-
-
 def larger_error_warning(fitted: float, held_out: float) -> str | None:
     """Return a warning of validation poses whose rms error is much larger than that of the calibration poses, m."""
     if held_out <= _ELSEWHERE * fitted:

@@ -107,10 +107,6 @@ class Backlash(Effect):
             frictions = _distinct_frictions(number, torque, data)
             yield from (Backlash(self.joints, "gravity", friction) for friction in frictions.tolist())
 
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the size of the friction, which a search refines."""
-        return (self.name, self.joints, self.by, self.friction > 0.0)
-
     @property
     def follows_approach(self) -> bool:
         """True unless gravity alone decides the flank."""

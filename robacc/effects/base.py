@@ -66,8 +66,6 @@ class Effect(abc.ABC):
     """True if it is the base or the tool frame, which registration fits from any start."""
     is_empirical: ClassVar[bool] = False
     """True if it is a smooth correction without a physical cause."""
-    is_slow_drift: ClassVar[bool] = False
-    """True if it is a slow drift: it may replace steps that only describe errors that wander slowly."""
     is_of_measurement: ClassVar[bool] = False
     """True if it belongs to one measurement, not to the arm: no command to the arm can or should correct it."""
     shares_terms: ClassVar[bool] = False
@@ -218,11 +216,6 @@ class Effect(abc.ABC):
         return 1.0
 
     @property
-    def resembles_wander(self) -> bool:
-        """Return whether errors that wander slowly look like it, so that a search tests it against a wander."""
-        return False
-
-    @property
     def follows_approach(self) -> bool:
         """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
         return False
@@ -263,24 +256,9 @@ class Effect(abc.ABC):
         """Return name, joints and settings: two effects with the same key are the same."""
         return (self.name, self.joints, repr(sorted(self.settings().items())))
 
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key with settings that a search refines rounded to its grid."""
-        return self.key()
-
     def term_key(self, term: Term) -> str:
         """Return the key of a term's column of the Jacobian, over all forms of all effects."""
         return f"{term.name}|{'' if self.shares_terms else self.key()}"
-
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other``, identified on a subset of the poses, is the same finding as this effect."""
-        return (self.name, self.joints) == (other.name, other.joints)
-
-    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
-        """Return whether a model with this effect leaves nothing for ``other``.
-
-        ``ranges`` holds how far each joint moves over the poses, rad or m.
-        """
-        return self.key() == other.key()
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None

@@ -18,12 +18,8 @@ CHANGE_POINT = Step.name
 """Name of the effect that a search over the poses finds."""
 FEWEST = 5
 """Visits on each side of a step that a search demands: fewer deviating visits are outliers."""
-_MIXED_SHARE = 0.25
-"""Least rate, relative to random order, at which a pose and its neighbour in joint space are on either side."""
 _LEAST_TORQUE = 0.1
 """Least torque of a load on a joint that a search for a changed load includes, over the largest on any joint."""
-_MOST_COMPARED = 800
-"""Largest number of poses whose neighbours are sought."""
 
 
 def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -49,12 +45,6 @@ def _loaded_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:
     return tuple(joint for joint, size in zip(arm.names, torque, strict=True) if size > _LEAST_TORQUE * torque.max())
 
 
-def after_step(effect: Effect, data: Measurements) -> Array:
-    """Return ``(N,)`` 1 for poses after a step, 0 for poses before it."""
-    assert isinstance(effect, Step)
-    return effect.after(data)
-
-
 def at_place(form: Effect, place: float, data: Measurements) -> Effect:
     """Return the step of the same form at a place of the sequence."""
     assert isinstance(form, Step)
@@ -64,11 +54,6 @@ def at_place(form: Effect, place: float, data: Measurements) -> Effect:
 def is_step(effect: Effect) -> bool:
     """Return whether an effect is a step, whose place a search finds."""
     return isinstance(effect, Step)
-
-
-def changes_load(effect: Effect) -> bool:
-    """Return whether an effect is a step of the load at the flange."""
-    return isinstance(effect, Step) and effect.part == "payload"
 
 
 def place_of(effect: Effect) -> float:
@@ -106,28 +91,3 @@ def place_text(place: float, effect: Effect, data: Measurements) -> str:
     after = np.flatnonzero(sequence >= place)
     line = data.place(int(after[np.argmin(sequence[after])])) if after.size else "the end"
     return line if effect.from_time is None else f"{place:.6g} s ({line})"
-
-
-def mixed_places(data: Measurements, number: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return ``(P,)`` whether poses before and after each place lie between each other in joint space.
-
-    Where they do not, as in poses sorted by a joint, a step is not distinguishable from an error of that joint. The
-    measure is how often a pose and its nearest neighbour lie on either side, relative to poses in random order.
-    """
-    count = int(number.max()) + 1
-    if data.q is None:
-        return np.ones(count - 1, dtype=bool)
-    # Rows of one visit have the same joints: one of them stands for the visit.
-    visits = np.unique(number, return_index=True)[1]
-    rows = visits[np.unique(np.linspace(0, count - 1, min(count, _MOST_COMPARED)).round().astype(np.int64))]
-    q = data.q[:, rows] / np.maximum(np.ptp(data.q[:, rows], axis=1), 1e-12)[:, None]
-    square = np.sum(np.square(q), axis=0)
-    distance = square[:, None] + square - 2 * q.T @ q
-    np.fill_diagonal(distance, np.inf)
-    first, second = number[rows], number[rows[np.argmin(distance, axis=1)]]
-    low, high = np.minimum(first, second), np.maximum(first, second)
-    # A pair is on either side of the places low + 1 … high.
-    crossing = np.cumsum(np.bincount(low + 1, minlength=count + 1) - np.bincount(high + 1, minlength=count + 1))
-    before = np.cumsum(np.bincount(first, minlength=count))
-    share = before[:-1] / rows.size
-    return np.asarray(crossing[1:count] / rows.size >= _MIXED_SHARE * 2 * share * (1 - share))

@@ -10,7 +10,6 @@ import numpy as np
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import torque_driver
-from robacc.effects.orders import ORDER_STEP, SAME_ORDER
 from robacc.effects.periodic import searched_order
 from robacc.effects.torque_driven import TorqueDriven
 from robacc.effects.validity import torque_of
@@ -77,16 +76,6 @@ class ComplianceVariation(TorqueDriven):
                     part = Part(arm.axis_motion(joint), torque[number] * wave(order * q[number]))
                     terms.append(Term(f"{self.name}.{joint}.{label}{order:g}", "rad/(N m)", 1e-6, (part,)))
         return tuple(terms)
-
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` has an order in common."""
-        if not isinstance(other, ComplianceVariation) or self.joints != other.joints:
-            return False
-        return any(abs(order - other_order) <= SAME_ORDER for order in self.orders for other_order in other.orders)
-
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key with searched orders rounded to the grid of orders."""
-        return (self.name, self.joints, tuple(round(order / ORDER_STEP) for order in self.orders))
 
     def settings(self) -> dict[str, Any]:
         """Return the orders."""

@@ -76,14 +76,6 @@ class Counterbalance(Effect):
                 centre = round((self.centre + turn * i / 4 + 180.0) % 360.0 - 180.0, 4)
                 yield Counterbalance(self.joints, centre, ratio)
 
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the spring's place, which a search refines."""
-        return (self.name, self.joints)
-
-    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
-        """Return whether ``other`` is a spring across the same joint."""
-        return self.is_same_finding(other)
-
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the joint's own variable."""
         return None if joint is None else joint_driver(arm, data, joint)

@@ -34,7 +34,6 @@ class FrameDrift(Effect):
     missing_reasons = ("no time_s column that varies",)
     per_joint = False
     is_of_measurement = True
-    is_slow_drift = True
     about = About(
         summary="the base moves against the instrument: a tripod settles, a pedestal warms up, the floor sinks",
         equation="base x, y, z (and its rotations) + c ((t - t_mid) / span)^p, p = 1 … degree",

@@ -75,11 +75,6 @@ class InstrumentScale(Effect):
         return self.drift > 0
 
     @property
-    def resembles_wander(self) -> bool:
-        """Return whether the scale drifts."""
-        return self.drift > 0
-
-    @property
     def of_campaign(self) -> bool:
         """Return True: the scale belongs to the instrument on that day."""
         return True
@@ -91,10 +86,6 @@ class InstrumentScale(Effect):
     def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
         """Return the time of a drift, which ends with the poses."""
         return tuple(validity)
-
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` is a constant scale too, or a drift too."""
-        return isinstance(other, InstrumentScale) and bool(self.drift) == bool(other.drift)
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the distance from the instrument, or the time of a drift."""

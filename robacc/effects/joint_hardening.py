@@ -94,18 +94,6 @@ class JointHardening(TorqueDriven):
                     )
         return super().implausible(terms, values)
 
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` is the same at any reference torque and knee."""
-        return isinstance(other, JointHardening) and self.joints == other.joints
-
-    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
-        """Return whether ``other`` is the same at any reference torque and knee."""
-        return self.is_same_finding(other)
-
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the reference, which depends on the poses, and without the knee."""
-        return (self.name, self.joints)
-
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
         """Return the joints, and the torques on them."""
         return (*self.joints, *map(torque_of, self.joints))

@@ -70,14 +70,6 @@ class JointWarmup(Effect):
         """Return True: it counts the time since the campaign began."""
         return True
 
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` is a warm-up of the same joints, with any time constant."""
-        return isinstance(other, JointWarmup) and self.joints == other.joints
-
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the origin, which depends on the poses."""
-        return (self.name, self.joints, self.time_constant)
-
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
         """Return the time."""
         return ("time_s",)

@@ -11,10 +11,6 @@ import numpy as np
 from robacc.effects.settings import refuse_settings
 from robacc.geometry import Array
 
-ONE_TURN = 2.1 * math.pi
-"""rad: range of a joint that counts as one turn at most."""
-SAME_ORDER = 0.5
-"""Difference of two orders, identified on different poses, below which they are the same harmonic."""
 ORDER_STEP = 0.25
 """Periods per turn between orders that are tried; the best is then improved off this grid."""
 HIGHEST_ORDER = 40.0

@@ -79,14 +79,6 @@ class RailErrors(Effect):
                 return
             yield cls.default(arm, data, (joint,))
 
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` is of the same slide, over any travel."""
-        return isinstance(other, RailErrors) and self.joints == other.joints
-
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the travel, which depends on the poses."""
-        return (self.name, self.joints)
-
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the slide's travel."""
         return None if joint is None else joint_driver(arm, data, joint, is_only=False)

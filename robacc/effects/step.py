@@ -21,9 +21,6 @@ from robacc.gravity.torques import gravity_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
-_SAME_SHARE = 0.1
-"""Share of the run within which two steps of the same part, identified on different poses, are the same."""
-
 
 @register
 @dataclass(frozen=True)
@@ -67,11 +64,6 @@ class Step(Effect):
         source="G. Lorden, Annals of Mathematical Statistics 42 (1971) 1897: likelihood ratio over all change points",
         example="{effect: step, part: target, from_time_s: 1800, values: {x: 2e-4, y: -1e-4, z: 5e-5}}",
     )
-
-    @property
-    def resembles_wander(self) -> bool:
-        """Return True: steps describe a wander piece by piece."""
-        return True
 
     @property
     def of_campaign(self) -> bool:
@@ -156,19 +148,6 @@ class Step(Effect):
         if self.from_time is not None and data.time is not None:
             return circumstance_driver("time_s", data)
         return None if data.rows is None else Driver("line", "1", data.rows.astype(float), False)
-
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` is a step of the same part at nearly the same place."""
-        if not isinstance(other, Step) or self._subject() != other._subject():
-            return False
-        places = [step.from_line if step.from_time is None else step.from_time for step in (self, other)]
-        span = max(self.span, other.span)
-        if None in places or span == 0.0:
-            return True
-        return abs(float(places[0] or 0) - float(places[1] or 0)) <= _SAME_SHARE * span
-
-    def _subject(self) -> tuple[object, ...]:
-        return (self.part, None if self.part == "payload" else self.joints, self.target)
 
     def settings(self) -> dict[str, Any]:
         """Return the part, the place of the step and what moved."""

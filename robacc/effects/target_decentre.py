@@ -67,14 +67,6 @@ class TargetDecentre(LineOfSight):
         """Return the same form at another place."""
         return TargetDecentre(self.joints, place, self.axis)
 
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the place, which a search refines."""
-        return (self.name, self.axis)
-
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` has the same axis, at any place."""
-        return isinstance(other, TargetDecentre) and self.axis == other.axis
-
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:

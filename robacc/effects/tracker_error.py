@@ -88,14 +88,6 @@ class TrackerError(LineOfSight):
         """Return the same form at another place."""
         return TrackerError(self.joints, place, self.kind)
 
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key without the place, which a search refines."""
-        return (self.name, self.kind)
-
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` is an error of the same kind, from any place."""
-        return isinstance(other, TrackerError) and self.kind == other.kind
-
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:

@@ -12,8 +12,7 @@ import numpy as np
 
 from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
 from robacc.effects.driver import joint_driver
-from robacc.effects.gear_ratio import GearRatio
-from robacc.effects.orders import ONE_TURN, ORDER_STEP, SAME_ORDER, are_separable, common_period, exact_period
+from robacc.effects.orders import common_period, exact_period
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -93,51 +92,6 @@ class TransmissionError(Effect):
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the joint's own variable."""
         return None if joint is None else joint_driver(arm, data, joint)
-
-    def search_key(self) -> tuple[Any, ...]:
-        """Return the key with searched orders rounded to the grid of orders."""
-        if self.shrunk:
-            return self.key()
-        return (self.name, self.joints, tuple(round(order / ORDER_STEP) for order in self.orders))
-
-    def is_same_finding(self, other: Effect) -> bool:
-        """Return whether ``other`` has an order in common, or holds the orders of this one in its profile."""
-        if not isinstance(other, TransmissionError) or self.joints != other.joints:
-            return False
-        if self.shrunk:
-            return True
-        if other.shrunk:
-            return max(self.orders) <= max(other.orders)
-        return any(abs(order - other_order) <= SAME_ORDER for order in self.orders for other_order in other.orders)
-
-    def covers(self, other: Effect, ranges: Mapping[str, float]) -> bool:
-        """Return whether it is ``other``, an order too near to it, or a profile of the joint that it is a part of.
-
-        A correction of the joint by its own variable is a part too, and so is a trend over a short range: two functions
-        of the same variable would take large values of opposite sign, which a trend keeps beyond the range. Over more
-        than one turn, whole orders cannot describe the orders between them, so those stay candidates.
-        """
-        if self.key() == other.key():
-            return True
-        if self.joints != other.joints:
-            return False
-        measured = ranges.get(self.joints[0], math.inf)
-        if not self.shrunk:
-            orders = other.orders if isinstance(other, TransmissionError) else ()
-            return len(self.orders) == len(orders) == 1 and not are_separable(self.orders[0], orders[0], measured)
-        is_narrow = measured <= ONE_TURN
-        # Imported here: at the head of the file it would come before this effect in the catalogue.
-        from robacc.effects.joint_correction import JointCorrection
-
-        if isinstance(other, JointCorrection):
-            return is_narrow and set(other.drivers) <= {"own", *self.joints}
-        if isinstance(other, GearRatio):
-            return measured <= _SHORT
-        if not isinstance(other, TransmissionError):
-            return False
-        if max(other.orders) > max(self.orders):
-            return False
-        return is_narrow or set(other.orders) <= set(self.orders)
 
     def is_profile(self) -> bool:
         """Return whether it is the joint's whole profile."""

@@ -120,13 +120,6 @@ def significant_components(fit: Fit, data: Measurements) -> Components | None:
     return None if components is None or components.gain <= SIGNIFICANT else components
 
 
-def scatter_evidence(components: Components, data: Measurements) -> float:
-    """Return the log Bayes factor (Schwarz's approximation) for the joints' scatter; visits are the observations."""
-    variances = np.count_nonzero(components.scatter.visit_std) + np.count_nonzero(components.scatter.pose_std)
-    visits = np.unique(visit_numbers(data)).size
-    return float(0.5 * components.gain - 0.5 * variances * np.log(visits))
-
-
 def settle_scatter(
     fitted: Fit, data: Measurements, options: Options, refit: Callable[[Options], Fit]
 ) -> tuple[Options, Components | None, Fit]:

@@ -47,11 +47,6 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
     return fit(model, data, warm_start)
 
 
-def frames_of(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Return the effects that are base or tool frames."""
-    return tuple(effect for effect in effects if effect.is_frame)
-
-
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Return the effects with frames first, so that frames keep their parameters if poses cannot distinguish two."""
     return tuple(sorted(effects, key=lambda effect: not effect.is_frame))

@@ -10,7 +10,6 @@ from independent_arm import DECLARED, TOOL, Run, measured, robot, run, target
 
 import robacc
 from robacc.effects.base import Effect
-from robacc.effects.change_points import mixed_places, places
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import known_effects
 from robacc.effects.step import Step
@@ -117,26 +116,6 @@ def test_two_steps_of_one_part_have_coefficients_of_their_own() -> None:
     record = result.robot.fit
     assert record is not None
     assert record["coefficients"].count("step.x") == 2
-
-
-def test_poses_sorted_by_a_joint_have_no_usable_place() -> None:
-    poses = run(N, seed=8)
-    data = measured(poses, np.zeros((3, N)), NOISE, 8)
-    number, _ = places(data, np.arange(N))
-    assert mixed_places(data, number).mean() > 0.8
-    # Sorted by the joints: first all poses near one corner, then all near the other.
-    q = np.where(np.arange(N) < N // 2, 0.2, 0.8) + 0.05 * np.sin(np.arange(6)[:, None] * np.arange(N))
-    apart = dataclasses.replace(data, q=q)
-    assert not mixed_places(apart, number)[N // 2 - 1]
-
-
-def test_rows_of_a_visit_are_one_pose_to_the_search() -> None:
-    """Three targets a visit: the nearest row in joint space is of the same visit, and must not be compared."""
-    poses = run(N, seed=8)
-    data = measured(poses, np.zeros((3, N)), NOISE, 8)
-    repeated = dataclasses.replace(data, q=np.repeat(poses.q, 3, axis=1), rows=None, position=np.zeros((3, 3 * N)))
-    single, triple = mixed_places(data, np.arange(N)), mixed_places(repeated, np.repeat(np.arange(N), 3))
-    np.testing.assert_array_equal(triple, single)
 
 
 def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:

@@ -34,8 +34,8 @@ _SMALL = -3.0
 _WARM = 6
 """Iterations from parameters that were estimated before a small change of the model."""
 _WORSE = 1e12
-_LEAST = math.log(1e-9)
-"""Least log standard deviation of noise, m or rad."""
+LEAST = math.log(1e-7)
+"""Least log standard deviation of noise, m or rad: below the resolution of any instrument."""
 _SCORINGS = 20
 _SETTLED = 1e-4
 """Change of a log standard deviation at which scoring ends."""
@@ -58,7 +58,7 @@ def estimated(noise: CovarianceParameters, linear: Linearised, iterations: int =
             return _WORSE, np.zeros(packed.size)
         return -value, -gradient
 
-    bounds = [(_LEAST, math.log(0.1))] * len(noise.log_std)
+    bounds = [(LEAST, math.log(0.1))] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
     low, high = np.array(bounds).T
@@ -83,7 +83,7 @@ def _independent(noise: CovarianceParameters, linear: Linearised) -> CovarianceP
         share = np.square(own / np.square(noise.independent(linear.rows.stated)))
         information = 2.0 * share.reshape(len(own), -1, 3).sum(axis=(0, 2))
         step = np.clip(gradient / np.maximum(information, 1e-300), -1.0, 1.0)
-        log_std = np.maximum(noise.log_std + step, _LEAST)
+        log_std = np.maximum(noise.log_std + step, LEAST)
         moved = float(np.max(np.abs(log_std - noise.log_std)))
         noise = dataclasses.replace(noise, log_std=log_std)
         if moved < _SETTLED:

@@ -23,6 +23,7 @@ from robacc.effects.periodic import of_order, orders_of, profile, searched_order
 from robacc.error_model.covariance import CovarianceParameters, Whitened, whitened
 from robacc.error_model.estimate import (
     ACCEPTED,
+    LEAST,
     cost,
     estimated,
     least_gain,
@@ -55,8 +56,6 @@ _OTHER_DECLARED = 10.0
 _MOST_ALIASES = 3
 _GAINS = 0.01
 """Least gain of a move: smaller ones are rounding, and would alternate for ever."""
-_LISTED = 10
-"""Candidates of a step's ranking that are kept."""
 _MOST_MOVES = 30
 _NEAR_ENOUGH = 1e-2
 """Length of the last step of a fit, in standard deviations of all rows together."""
@@ -260,7 +259,8 @@ class _Search:
             kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
             lengths = [np.sqrt(np.sum(np.square(kind), axis=0)) for kind in kinds]
             # The median of the length of three normal components is 1.54 standard deviations.
-            stds = np.array([max(float(np.median(length)) / 1.54, 1e-9) for length in lengths]) / math.sqrt(1.0 - free)
+            medians = [float(np.median(length)) / 1.54 for length in lengths]
+            stds = np.maximum(medians, math.exp(LEAST)) / math.sqrt(1.0 - free)
             factor = np.sqrt(1.0 + np.square(lengths[0] / (3.0 * stds[0])))
             state.noise = CovarianceParameters(np.log(stds), factor)
             if moved < 0.1:
@@ -528,7 +528,7 @@ class _Search:
     def _log(self, state: State, action: str, chosen: str | None, scores: Scores) -> None:
         self.moves += 1
         self.progress(self.moves, len(state.chosen))
-        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores)[:_LISTED])))
+        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores))))
 
     def _ranked(self, scores: Scores) -> list[Ranked]:
         """Return the best form of each effect on each joint, best first."""

@@ -87,10 +87,10 @@ def _trace(
     mistakes = check_data(model.arm.robot, data)
     stated = model.arm.robot.gravity
     model = with_gravity_direction(model, data)
+    declared, form = choose_form(fit(model, data), model, data, Options())
     found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, how.n_folds + 1))
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
     effects = [i.effect for i in identified]
-    declared, form = choose_form(fit(model, data), model, data, Options())
     final, scatter = declared, None
     if effects:
         extended = model.with_free(*frames_first(effects))

@@ -53,12 +53,13 @@ def test_an_arm_that_stands_at_the_joints_read_back_is_told() -> None:
     result = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data)
     (effect,) = result.effects
     assert str(effect) == "read_back"
-    values = dict(zip(result.final.names, result.final.theta.tolist(), strict=True))
+    values = dict(zip(result.state.bound.names, result.state.theta.tolist(), strict=True))
     assert values["read_back"] == pytest.approx(1.0, abs=0.05)
     statement = effect.statement(ARM, values)
     assert statement is not None
     assert "follow the joints read back, not those commanded" in statement
-    assert not list(read_back_warning(result.final, data))
+    final = fit(result.model.with_free(*result.effects), data)
+    assert not list(read_back_warning(final, data))
 
 
 def test_joints_read_before_settling_leave_the_commanded_ones_in_force() -> None:

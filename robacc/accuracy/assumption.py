@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from robacc.statistics.intervals import PoseSampling
 from robacc.statistics.multivariate import AssumptionTests
 
 SIGNIFICANCE = 0.01
 """Significance level: an assumption with a smaller p-value is rejected."""
-_REMOVED = "the registration removed the mean"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,22 +24,13 @@ class Assumption:
     """Assumptions and rejections as a sentence."""
 
 
-def without_mean_test(tests: AssumptionTests) -> AssumptionTests:
-    """Drop the test of a mean that an alignment to the same errors removed, unless the test rejects it all the same."""
-    test = tests.zero_mean
-    if test.p_value is None or test.p_value < SIGNIFICANCE:
-        return tests
-    return replace(tests, zero_mean=replace(test, statistic=None, p_value=None, why=_REMOVED, imposed=True))
-
-
 def interval_assumption(tests: AssumptionTests, sampling: PoseSampling) -> Assumption:
     """Return the assumptions that the tests do not reject; the text names those that could not be tested."""
     shape_p_values = [test.p_value for test in (tests.skewness, tests.kurtosis)]
     shape = all(p is None or p >= SIGNIFICANCE for p in shape_p_values)
     zero_mean_p = tests.zero_mean.p_value
-    imposed = tests.zero_mean.imposed
     # Errors without scatter along their mean have no p-value, but such a mean is not due to chance.
-    constant = zero_mean_p is None and sampling.n_groups > 3 and not imposed
+    constant = zero_mean_p is None and sampling.n_groups > 3
     zero_mean = not constant if zero_mean_p is None else zero_mean_p >= SIGNIFICANCE
     rejections = []
     if not shape:
@@ -50,14 +40,12 @@ def interval_assumption(tests: AssumptionTests, sampling: PoseSampling) -> Assum
     independent = sampling.groups is None
     if not independent:
         rejections.append("commanded poses were repeated, and repetitions are not independent")
-    untested = (zero_mean_p is None and not imposed) or None in shape_p_values
+    untested = zero_mean_p is None or None in shape_p_values
     level = f"{100 * SIGNIFICANCE:g} %"
     if rejections:
         text = f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
     elif untested:
         text = "errors assumed Gaussian with zero mean; the poses are too few to test it"
-    elif imposed:
-        text = f"errors assumed Gaussian (no test rejects it at {level}) with zero mean ({_REMOVED})"
     else:
         text = f"errors assumed Gaussian with zero mean; no test rejects it at {level}"
     return Assumption(shape, zero_mean, independent, text)

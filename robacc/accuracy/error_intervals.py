@@ -9,10 +9,9 @@ import numpy as np
 from robacc.accuracy.assumption import Assumption
 from robacc.geometry import Array
 from robacc.statistics.confidence_curves import PercentileCurve, Tail
-from robacc.statistics.covariance_intervals import ONE_POSE
 from robacc.statistics.distributions import student_quantile
 from robacc.statistics.intervals import Interval, PoseSampling, interpolated, percentile_levels, tails
-from robacc.statistics.radius95 import PROBABILITY, satterthwaite_rms
+from robacc.statistics.radius95 import PROBABILITY, satterthwaite
 from robacc.statistics.records import Radius
 from robacc.statistics.scaled_percentile import ScaledPercentileCurve
 
@@ -25,8 +24,8 @@ def mean_intervals(
     errors: Array, centred: Array, gaussian: bool, sampling: PoseSampling, confidence: float
 ) -> tuple[Interval, Interval, Interval]:
     """Return intervals of the mean's components: Student's t for Gaussian errors (exact), else the bootstrap."""
-    n = sampling.n_groups
-    if n < 2 or not gaussian:
+    n = sampling.n_independent
+    if sampling.too_few or not gaussian:
         x, y, z = (sampling.mean_interval(component, confidence, positive=False) for component in errors)
         return x, y, z
     _, above, bound = (student_quantile(p, n - 1.0) for p in tails(confidence))
@@ -43,10 +42,11 @@ def rms_interval(
     covariance: Array, squares: Array, zero_mean_gaussian: bool, sampling: PoseSampling, confidence: float
 ) -> Interval:
     """Return the interval of the RMS length of errors whose squared lengths are ``squares`` ``(N,)``."""
-    if sampling.n_groups < 2:
-        return Interval.missing(confidence, ONE_POSE)
+    if (why := sampling.too_few) is not None:
+        return Interval.missing(confidence, why)
     if zero_mean_gaussian:
-        return satterthwaite_rms(covariance, sampling.n, confidence)
+        interval = satterthwaite(covariance, sampling.n_independent, confidence)
+        return sampling.cautious(interval, squares, confidence).root()
     return sampling.mean_interval(squares, confidence, positive=True).root()
 
 
@@ -63,12 +63,12 @@ def p95_interval(
     Both rest on the sample's own percentile. With few poses the Gaussian gives the shape of the distribution only, not
     its scale; see :mod:`robacc.statistics.scaled_percentile`.
     """
-    n = sampling.n_groups
+    n = int(sampling.n_independent)
     levels = percentile_levels(n, 0.95, confidence)
     # Repetitions count as one pose, however equal they are: the levels are then wider than needed, never narrower.
     by_model = levels[1] is None and assumption.shape and n >= FEWEST_FOR_MODEL
     if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
-        return Interval.missing(confidence, f"{n} {'pose' if n == 1 else 'poses'}: too few for a 95th percentile")
+        return Interval.missing(confidence, f"{sampling.described}: too few for a 95th percentile")
     if by_model:
         if radius.shape is None:
             return radius.interval
@@ -79,11 +79,11 @@ def p95_interval(
     # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
     limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
     lower, upper, bound = (None if level is None else next(limits) for level in levels)
-    why = None if upper is not None else f"{n} poses: too few for an upper limit without assuming a distribution"
-    method = f"order statistics of {n} poses"
+    too_few = f"{sampling.described}: too few for an upper limit without assuming a distribution"
+    method = f"order statistics of {sampling.described}"
     if sampling.groups is not None:
         method += "; all repetitions of a pose count as one, so the confidence is at least the stated one"
-    return Interval(lower, upper, bound, confidence, method, why, curve)
+    return Interval(lower, upper, bound, confidence, method, too_few if upper is None else None, curve)
 
 
 def percentile95(lengths: Array) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.assumption import interval_assumption, without_mean_test
+from robacc.accuracy.assumption import interval_assumption
 from robacc.accuracy.error_intervals import mean_intervals, p95_interval, percentile95, rms_interval
 from robacc.errors import InputError
 from robacc.geometry import Array
@@ -30,7 +30,7 @@ def error_statistics(
     unit: Unit,
     *,
     groups: NDArray[Any] | None = None,
-    aligned: bool = False,
+    share: float = 1.0,
     confidence: float = 0.95,
     bootstrap: int = 2000,
     seed: int = 0,
@@ -42,7 +42,7 @@ def error_statistics(
         unit: ``"m"`` or ``"rad"``.
         groups: ``(N,)`` id of each error's commanded pose, of any type; equal ids are repetitions of one pose and
             do not count as independent. None: no pose was repeated.
-        aligned: An alignment to these errors removed their mean, which is then not tested.
+        share: Degrees of freedom that fitted frames leave, as a share of the measured components.
         confidence: Confidence of every interval.
         bootstrap: Number of resamples where an interval needs them.
         seed: Seed of the resampling; the same seed gives the same limits.
@@ -52,10 +52,8 @@ def error_statistics(
         ValueError: The shape of ``errors`` or ``groups`` is wrong.
     """
     errors = _checked(errors)
-    sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
+    sampling = _sampling(errors.shape[1], groups, bootstrap, seed, share)
     tests = assumption_tests(_pose_means(errors, sampling))
-    if aligned:
-        tests = without_mean_test(tests)
     assumption = interval_assumption(tests, sampling)
     zero_mean_gaussian = assumption.shape and assumption.zero_mean and assumption.independent
     gaussian = assumption.shape and assumption.independent
@@ -64,13 +62,14 @@ def error_statistics(
     centred_covariance = second_moment(centred)
     squares = np.einsum("in,in->n", errors, errors)
     lengths = np.sqrt(squares)
-    n = errors.shape[1]
+    n, independent = errors.shape[1], sampling.n_independent
     about_zero = radius95(errors, np.zeros(3), covariance, zero_mean_gaussian, sampling, confidence)
     about_mean = radius95(errors, mean, centred_covariance, gaussian, sampling, confidence)
     return ErrorStatistics(
         unit=unit,
         n=n,
         n_poses=sampling.n_groups,
+        n_independent=independent,
         confidence=confidence,
         mean=mean,
         covariance=covariance,
@@ -79,12 +78,14 @@ def error_statistics(
         mean_error=float(np.mean(lengths)),
         p95=percentile95(lengths),
         max=float(np.max(lengths)),
-        share_below_max=share_below_maximum(sampling.n_groups, confidence),
+        share_below_max=share_below_maximum(independent, confidence),
         intervals=Intervals(
             mean=mean_intervals(errors, centred_covariance, gaussian, sampling, confidence),
-            covariance=matrix_interval(errors, covariance, n if zero_mean_gaussian else None, sampling, confidence),
+            covariance=matrix_interval(
+                errors, covariance, independent if zero_mean_gaussian else None, sampling, confidence
+            ),
             centred_covariance=matrix_interval(
-                centred, centred_covariance, n - 1 if gaussian else None, sampling, confidence
+                centred, centred_covariance, independent - 1.0 if gaussian else None, sampling, confidence
             ),
             rms=rms_interval(covariance, squares, zero_mean_gaussian, sampling, confidence),
             mean_error=sampling.mean_interval(lengths, confidence, positive=True),
@@ -106,6 +107,7 @@ def length_intervals(
     confidences: Sequence[float],
     *,
     groups: NDArray[Any] | None = None,
+    share: float = 1.0,
     bootstrap: int = 2000,
     seed: int = 0,
 ) -> tuple[Mapping[Statistic, Interval], ...]:
@@ -117,6 +119,7 @@ def length_intervals(
         errors: ``(3, N)``, as in :func:`error_statistics`.
         confidences: Confidences of the intervals, between 0 and 1.
         groups: As in :func:`error_statistics`.
+        share: As in :func:`error_statistics`.
         bootstrap: As in :func:`error_statistics`.
         seed: As in :func:`error_statistics`.
 
@@ -125,7 +128,7 @@ def length_intervals(
         ValueError: The shape of ``errors`` or ``groups`` is wrong.
     """
     errors = _checked(errors)
-    sampling = _sampling(errors.shape[1], groups, bootstrap, seed)
+    sampling = _sampling(errors.shape[1], groups, bootstrap, seed, share)
     assumption = interval_assumption(assumption_tests(_pose_means(errors, sampling)), sampling)
     gaussian = assumption.shape and assumption.independent
     mean, covariance = np.mean(errors, axis=1), second_moment(errors)
@@ -170,15 +173,15 @@ def _centred(errors: Array, mean: Array) -> Array:
     return centred
 
 
-def _sampling(n: int, groups: NDArray[Any] | None, draws: int, seed: int) -> PoseSampling:
+def _sampling(n: int, groups: NDArray[Any] | None, draws: int, seed: int, share: float) -> PoseSampling:
     """Turn group ids into indices; None where no pose was repeated, which is the faster and exact case."""
     if groups is None:
-        return PoseSampling(n, None, draws, seed)
+        return PoseSampling(n, None, draws, seed, share)
     groups = np.asarray(groups)
     if groups.shape != (n,):
         raise ValueError(f"groups must have the shape ({n},), not {groups.shape}")
     unique, index = np.unique(groups, return_inverse=True)
-    return PoseSampling(n, None if unique.size == n else index.astype(np.int64), draws, seed)
+    return PoseSampling(n, None if unique.size == n else index.astype(np.int64), draws, seed, share)
 
 
 def _pose_means(errors: Array, sampling: PoseSampling) -> Array:

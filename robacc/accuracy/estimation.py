@@ -128,19 +128,19 @@ def estimate(
     chosen = _choose_frame(frame, commanded)
     alignment, unaligned = None, None
     if align:
-        alignment = register(data, robot, align)
+        alignment = register(data, robot, align, held_out=True)
         unaligned = pose_errors(data, commanded, chosen).metrics()
         commanded = registered_poses(data, robot, alignment)
     errors = pose_errors(data, commanded, chosen)
     repetitions = data.repetitions()
     groups = None if repetitions is None else repetitions.repeated
-    aligned = () if alignment is None else alignment.effects
-    position, orientation = _statistics(groups, errors, aligned, confidence, seed)
+    share = 1.0 if alignment is None else alignment.share
+    position, orientation = _statistics(groups, errors, share, confidence, seed)
     scale = scale or default_scale()
     graded = position, orientation
     if scale.confidence != confidence:
         # The scale has its own confidence; the reported statistics keep the requested confidence.
-        graded = _statistics(groups, errors, aligned, scale.confidence, seed)
+        graded = _statistics(groups, errors, share, scale.confidence, seed)
     return EstimateResult(
         n_poses=data.n,
         commanded=commanded.source,
@@ -163,18 +163,12 @@ def estimate(
 
 
 def _statistics(
-    groups: NDArray[np.int64] | None, errors: PoseErrors, aligned: Sequence[str], confidence: float, seed: int
+    groups: NDArray[np.int64] | None, errors: PoseErrors, share: float, confidence: float, seed: int
 ) -> tuple[ErrorStatistics, ErrorStatistics | None]:
-    def statistics(vectors: Array, unit: Unit, centred: bool) -> ErrorStatistics:
-        return error_statistics(vectors, unit, groups=groups, aligned=centred, confidence=confidence, seed=seed)
+    def statistics(vectors: Array, unit: Unit) -> ErrorStatistics:
+        return error_statistics(vectors, unit, groups=groups, share=share, confidence=confidence, seed=seed)
 
-    # Fitting a frame removes the mean position error in that frame. Fitting the tool frame also removes the mean
-    # rotation error; fitting the base frame does not, because turning the base moves the target too.
-    removing = "tool_frame" if errors.frame == "tool" else "base_frame"
-    position = statistics(errors.position, "m", removing in aligned)
-    if errors.rotation is None:
-        return position, None
-    return position, statistics(errors.rotation, "rad", removing == "tool_frame" and removing in aligned)
+    return statistics(errors.position, "m"), None if errors.rotation is None else statistics(errors.rotation, "rad")
 
 
 def check_confidence(confidence: float) -> None:
@@ -247,7 +241,10 @@ def _notes(
         names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
         notes.append(f"effects of the robot file are applied: {', '.join(names)}")
     if alignment is not None:
-        notes.append(f"the frames were registered to the same poses, with {alignment.n_parameters} parameters")
+        notes.append(
+            f"{alignment.n_parameters} parameters of the frames were fitted to these poses; the error of each pose is "
+            "that with the frames registered to the other poses"
+        )
         notes.extend(alignment.notes)
     if data.sigma_position is not None:
         sigma = rms_length(data.sigma_position) * 1e3

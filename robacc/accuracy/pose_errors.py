@@ -95,10 +95,9 @@ def registered_poses(data: Measurements, robot: Robot | None, alignment: Alignme
     """Return the commanded poses after an alignment, or those of :func:`commanded_poses` without."""
     if alignment is None:
         return commanded_poses(data, robot)
-    if alignment.commanded is None:
-        return commanded_poses(data, alignment.robot)
-    oriented = data.commanded_rotation is not None
-    return Commanded.at(alignment.commanded.translation, alignment.commanded.rotation if oriented else None, "file")
+    oriented = robot is not None or data.commanded_rotation is not None
+    poses = alignment.commanded
+    return Commanded.at(poses.translation, poses.rotation if oriented else None, "file" if robot is None else "robot")
 
 
 def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:

@@ -14,11 +14,16 @@ _FAR = 0.05
 errors are some mm on a reach of a metre)."""
 
 
-def register(data: Measurements, robot: Robot | None, frames: Sequence[str]) -> Alignment:
-    """Fit ``frames`` of the robot, or without a robot of the commanded poses, to the measured poses."""
+def register(data: Measurements, robot: Robot | None, frames: Sequence[str], *, held_out: bool = False) -> Alignment:
+    """Fit ``frames`` of the robot, or without a robot of the commanded poses, to the measured poses.
+
+    See :func:`robacc.fitting.registration.align`.
+    """
     from robacc.fitting import registration
 
-    return registration.align_commands(data, frames) if robot is None else registration.align(robot, data, frames)
+    if robot is None:
+        return registration.align_commands(data, frames, held_out=held_out)
+    return registration.align(robot, data, frames, held_out=held_out)
 
 
 def too_far(error: float, position: Array) -> bool:

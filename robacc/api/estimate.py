@@ -117,7 +117,7 @@ def estimate(
         ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", align=("base_frame", "tool_frame")
         ... )
         >>> print(f"{result.position.rms * 1e3:.2f} mm rms at {result.n_poses} poses, grade {result.grade.grade}")
-        0.47 mm rms at 60 poses, grade D
+        0.49 mm rms at 60 poses, grade D
         >>> result.errors.position.shape
         (3, 60)
     """
@@ -150,10 +150,10 @@ def _rounding(body: EstimateResult, robot: Robot | None, data: Measurements) -> 
         return ()
     import numpy as np
 
-    from robacc.accuracy.pose_errors import registered_poses
+    from robacc.accuracy.pose_errors import commanded_poses
     from robacc.diagnostics.rounded_joints import rounding_in_errors
 
     some = data.subset(np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_ROWS)).astype(np.int64)))
     registered = robot if body.alignment is None else body.alignment.robot
-    commanded = registered_poses(some, robot, body.alignment).block(slice(None))[0]
+    commanded = commanded_poses(some, registered).block(slice(None))[0]
     return rounding_in_errors(registered, some, some.position - commanded)

@@ -57,6 +57,8 @@ class ErrorSet:
     vectors: Array
     """``(3, n)`` m or rad"""
     poses: ComparedPoses
+    independent_poses: float | None = None
+    """Number of poses that intervals count; None for all commanded poses."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,9 +113,11 @@ def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int
 
 
 def _statistics(result: ComparedResult, quantity: str, scale: Scale, seed: int) -> ErrorStatistics:
-    sample = unpaired_sample(result.errors[quantity])
+    errors = result.errors[quantity]
+    sample = unpaired_sample(errors)
+    share = (errors.independent_poses or sample.n_groups) / sample.n_groups
     return error_statistics(
-        sample.vectors, _UNITS[quantity], groups=sample.groups, confidence=scale.confidence, seed=seed
+        sample.vectors, _UNITS[quantity], groups=sample.groups, share=share, confidence=scale.confidence, seed=seed
     )
 
 

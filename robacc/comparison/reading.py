@@ -162,7 +162,7 @@ def _errors(result: ResultDocument, command: str, n: int) -> Iterator[tuple[str,
         for quantity, unit in _QUANTITIES:
             vectors = result.matrix(f"{quantity}.errors_{unit}", n, 3)
             if vectors is not None and n:
-                yield quantity, ErrorSet(vectors, poses)
+                yield quantity, ErrorSet(vectors, poses, result.number(f"{quantity}.independent_poses"))
         return
     if command not in FITS:
         return

@@ -37,6 +37,7 @@ def statistics_document(statistics: ErrorStatistics) -> Document:
         "percentile_definition": "linear interpolation at (n - 1) p (Hyndman and Fan type 7)",
         "share_below_max": statistics.share_below_max,
         "n_commanded_poses": statistics.n_poses,
+        "independent_poses": statistics.n_independent,
         "confidence": statistics.confidence,
         "assumption": statistics.assumption,
         "intervals": {

@@ -112,9 +112,11 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     sample = sample_at(document, key)
     if sample is not None and statistic in ("rms", "mean_error", "p95") and sample.rows.size <= MOST_POSES:
         levels = sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
-        statistics = length_intervals(sample.errors, levels, groups=sample.groups, seed=document.get("seed") or 0)
-        intervals = [by_name[cast("Statistic", statistic)] for by_name in statistics]
         n = int(np.unique(sample.groups).size)
+        share = (_number(holder.get("independent_poses")) or n) / n
+        seed = document.get("seed") or 0
+        statistics = length_intervals(sample.errors, levels, groups=sample.groups, share=share, seed=seed)
+        intervals = [by_name[cast("Statistic", statistic)] for by_name in statistics]
         curve = BoundCurve.through(intervals)
     return GateFigure(number, dimension, curve, n, statistic)
 

@@ -78,7 +78,7 @@ class StudentCurve:
 
     mean: float
     error: float
-    size: int
+    size: float
     bootstrap_t: Array | None
     """Resampled t values, in any order."""
     positive: bool
@@ -111,6 +111,24 @@ class StudentCurve:
 
     def _scaled_error(self) -> float:
         return 0.5 * self.error / math.sqrt(self.mean) if self.positive else self.error
+
+
+@dataclass(frozen=True, slots=True)
+class WiderCurve:
+    """Confidence curve of the wider of two intervals: the more cautious confidence on each side of the estimate."""
+
+    first: ConfidenceCurve
+    second: ConfidenceCurve
+
+    def below(self, value: float) -> float:
+        """See :class:`ConfidenceCurve`."""
+        low, high = sorted((self.first.below(value), self.second.below(value)))
+        return min(max(low, 0.5), high)
+
+    def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
+        """See :class:`ConfidenceCurve`."""
+        needed = [curve.poses_for(limit, confidence, n) for curve in (self.first, self.second)]
+        return None if None in needed else max(count for count in needed if count is not None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,6 @@ from robacc.statistics.intervals import Interval, PoseSampling, chi2_interval, c
 from robacc.statistics.multivariate import principal_axes
 from robacc.statistics.records import Ellipsoid, MatrixInterval
 
-ONE_POSE = "one commanded pose: no scatter between poses to estimate from"
 _DISTINCT = 2.5
 """Standard errors by which the logarithms of two neighbouring principal variances must differ to count as distinct."""
 
@@ -24,13 +23,13 @@ def matrix_interval(
     Args:
         errors: About zero or about their mean, as the covariance was.
         covariance: ``(3, 3)``, divisor N.
-        dof: N for Gaussian errors about their known mean, N - 1 about the estimated mean; None where the errors are
-            not Gaussian or poses were repeated.
+        dof: Degrees of freedom of Gaussian errors: N about their known mean, N - 1 about the estimated mean, less
+            where frames were fitted; None where the errors are not Gaussian or poses were repeated.
         sampling: Groups and resampling of the poses.
         confidence: Confidence of each interval.
     """
-    if sampling.n_groups < 2:
-        return MatrixInterval(None, None, confidence, "none", ONE_POSE)
+    if (why := sampling.too_few) is not None:
+        return MatrixInterval(None, None, confidence, "none", why)
     lower, upper = np.empty((3, 3)), np.empty((3, 3))
     method = "Wishart (chi-square)"
     for i in range(3):
@@ -39,17 +38,20 @@ def matrix_interval(
                 interval = sampling.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
                 method, limits = interval.method, (interval.lower, interval.upper)
             elif i == j:
-                interval = chi2_interval(_unbiased(covariance[i, i], sampling.n, dof), dof, confidence, method)
+                variance = _unbiased(covariance[i, i], sampling, dof)
+                interval = chi2_interval(variance, dof, confidence, "Wishart (chi-square)")
+                interval = sampling.cautious(interval, np.square(errors[i]), confidence)
+                method = interval.method
                 limits = (interval.lower, interval.upper)
             else:
-                first, second, cross = (_unbiased(covariance[k], sampling.n, dof) for k in ((i, i), (j, j), (i, j)))
+                first, second, cross = (_unbiased(covariance[k], sampling, dof) for k in ((i, i), (j, j), (i, j)))
                 limits = covariance_element(first, second, cross, dof, confidence)
             lower[i, j], upper[i, j] = lower[j, i], upper[j, i] = limits
     return MatrixInterval(lower, upper, confidence, method)
 
 
-def _unbiased(value: float, n: int, dof: float) -> float:
-    return float(value) * n / dof
+def _unbiased(value: float, sampling: PoseSampling, dof: float) -> float:
+    return float(value) * sampling.n_independent / dof
 
 
 def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float) -> Ellipsoid:
@@ -62,24 +64,25 @@ def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSa
     Lawley, "Tests of significance for the latent roots of covariance and correlation matrices", Biometrika 43, 1956).
     """
     variances, axes = principal_axes(covariance)
-    n = sampling.n_groups
-    if n < 2:
-        missing = Interval.missing(confidence, ONE_POSE)
+    n = sampling.n_independent
+    if (why := sampling.too_few) is not None:
+        missing = Interval.missing(confidence, why)
         return Ellipsoid(axes, np.sqrt(variances), (missing, missing, missing))
     single, runs = [], _indistinct_runs(variances, n)
     for k in range(3):
         unbias = _without_bias(variances, k, n) if [k] in runs else 1.0
+        squares = unbias * np.square(axes[:, k] @ errors)
         if gaussian:
             value = unbias * float(variances[k])
-            single.append(chi2_interval(value, n, confidence, "chi-square along a principal axis"))
+            interval = chi2_interval(value, n, confidence, "chi-square along a principal axis")
+            single.append(sampling.cautious(interval, squares, confidence))
         else:
-            squares = unbias * np.square(axes[:, k] @ errors)
             single.append(sampling.mean_interval(squares, confidence, positive=True))
     intervals = [_shared([single[i] for i in run]).root() for run in runs for _ in run]
     return Ellipsoid(axes, np.sqrt(variances), (intervals[0], intervals[1], intervals[2]))
 
 
-def _indistinct_runs(variances: Array, n: int) -> list[list[int]]:
+def _indistinct_runs(variances: Array, n: float) -> list[list[int]]:
     """Return runs of neighbouring axes whose variances the sample does not distinguish."""
     runs = [[0]]
     for k in (1, 2):
@@ -93,7 +96,7 @@ def _indistinct_runs(variances: Array, n: int) -> list[list[int]]:
     return runs
 
 
-def _without_bias(variances: Array, k: int, n: int) -> float:
+def _without_bias(variances: Array, k: int, n: float) -> float:
     """Return the factor that corrects a distinct, k-th principal variance for its bias of order 1/n."""
     # Below four poses the expansion in 1/n is useless, and its factor could have any sign.
     if variances[k] == 0.0 or n < 4:

@@ -28,6 +28,7 @@ from robacc.statistics.confidence_curves import (
     ConfidenceCurve,
     RootCurve,
     StudentCurve,
+    WiderCurve,
 )
 from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
 from robacc.statistics.resampling import resampled_counts
@@ -67,6 +68,14 @@ class Interval:
         )
         curve = None if self.curve is None else RootCurve(self.curve)
         return Interval(lower, upper, bound, self.confidence, self.method, self.why, curve)
+
+    def wider(self, other: Interval) -> Interval:
+        """Return the interval that reaches as far as both; each must have all limits."""
+        limits = [(self.lower, other.lower), (self.upper, other.upper), (self.upper_bound, other.upper_bound)]
+        pairs = [(a, b) for a, b in limits if a is not None and b is not None]
+        curve = None if self.curve is None or other.curve is None else WiderCurve(self.curve, other.curve)
+        method = f"the wider of {self.method} and {other.method}"
+        return Interval(min(pairs[0]), max(pairs[1]), max(pairs[2]), self.confidence, method, curve=curve)
 
 
 def tails(confidence: float) -> tuple[float, float, float]:
@@ -116,7 +125,7 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
     )
 
 
-def share_below_maximum(n: int, confidence: float) -> float:
+def share_below_maximum(n: float, confidence: float) -> float:
     """Return the share of poses below the largest of ``n`` with ``confidence``: (1 - confidence)^(1/n)."""
     return float((1.0 - confidence) ** (1.0 / n))
 
@@ -161,12 +170,41 @@ class PoseSampling:
     """``(n,)`` index of each error's commanded pose, or None where no pose was repeated."""
     draws: int = 2000
     seed: int = 0
+    share: float = 1.0
+    """Share of the measured components that frames fitted to them leave as degrees of freedom."""
     _cache: dict[str, Any] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     @property
     def n_groups(self) -> int:
         """Number of commanded poses."""
         return self.n if self.groups is None else int(self.sizes().size)
+
+    @property
+    def n_independent(self) -> float:
+        """Number of poses that intervals count: degrees of freedom of one component of the errors."""
+        return round(self.share * self.n_groups, 9)
+
+    @property
+    def too_few(self) -> str | None:
+        """Reason why no interval can be given; None if the poses suffice."""
+        if self.n_groups < 2:
+            return "one commanded pose: no scatter between poses to estimate from"
+        return None if self.n_independent >= 2.0 else f"{self.described}: too few for an interval"
+
+    @property
+    def described(self) -> str:
+        """Number of poses in words."""
+        text = "1 pose" if self.n_groups == 1 else f"{self.n_groups} poses"
+        return text if self.share == 1.0 else f"{text}, of which the fitted frames leave {self.n_independent:.3g}"
+
+    def cautious(self, interval: Interval, values: Array, confidence: float) -> Interval:
+        """Return the interval of a Gaussian, if frames were fitted the wider of it and that of the mean of ``values``.
+
+        Held-out errors grow with the leverage of the pose, so their squares scatter more than those of a Gaussian.
+        """
+        if self.share == 1.0:
+            return interval
+        return interval.wider(self.mean_interval(values, confidence, positive=True))
 
     def sizes(self) -> Array:
         """Return the number of repetitions of each commanded pose, ``(n_groups,)``."""
@@ -188,9 +226,8 @@ class PoseSampling:
 
     def standard_error(self, values: Array) -> float:
         """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""
-        size, mean = self.n_groups, float(np.mean(values))
-        deviations = self.sums(values - mean)
-        return math.sqrt(size / (size - 1.0) * float(deviations @ deviations)) / self.n
+        deviations = self.sums(values - float(np.mean(values)))
+        return math.sqrt(self.n_groups / (self.n_independent - 1.0) * float(deviations @ deviations)) / self.n
 
     def mean_interval(self, values: Array, confidence: float, *, positive: bool) -> Interval:
         """Return the interval of the mean of ``values`` ``(n,)`` over poses.
@@ -201,28 +238,28 @@ class PoseSampling:
             positive: The quantity cannot be negative. It is studentised on the scale of its square root, which keeps
                 the limits from being negative and reduces the skewness of squares.
         """
-        size, mean = self.n_groups, float(np.mean(values))
-        if size < 2:
-            return Interval.missing(confidence, "one commanded pose: no scatter between poses to estimate from")
+        size, count, mean = self.n_groups, self.n_independent, float(np.mean(values))
+        if (why := self.too_few) is not None:
+            return Interval.missing(confidence, why)
         error = self.standard_error(values)
         if error <= 1e-13 * max(-float(np.min(values)), float(np.max(values))):
             return Interval(mean, mean, mean, confidence, "no scatter")
         below, above, bound = tails(confidence)
-        t_above, t_bound = student_quantile(above, size - 1.0), -student_quantile(bound, size - 1.0)
-        t_below, method, resampled = -t_above, f"Student's t over {size} poses", None
+        t_above, t_bound = student_quantile(above, count - 1.0), -student_quantile(bound, count - 1.0)
+        t_below, method, resampled = -t_above, f"Student's t over {self.described}", None
         if FEWEST_FOR_BOOTSTRAP <= size <= MOST_FOR_BOOTSTRAP:
             resampled = self._studentised(values, mean, positive)
             quantiles = interpolated(resampled, [p * (resampled.size - 1) for p in (below, above, 1.0 - bound)])
             # Resampled standard errors vary less than true ones if the tails are long; Student's t is a floor.
             t_below, t_above = min(t_below, quantiles[0]), max(t_above, quantiles[1])
             t_bound = min(t_bound, quantiles[2])
-            method = f"studentised bootstrap over {size} poses, {self.draws} draws, no narrower than Student's t"
+            method = f"studentised bootstrap over {self.described}, {self.draws} draws, no narrower than Student's t"
         if positive:
             root = math.sqrt(mean)
             low, high, top = (max(root - 0.5 * t * error / root, 0.0) ** 2 for t in (t_above, t_below, t_bound))
         else:
             low, high, top = (mean - t * error for t in (t_above, t_below, t_bound))
-        return Interval(low, high, top, confidence, method, curve=StudentCurve(mean, error, size, resampled, positive))
+        return Interval(low, high, top, confidence, method, curve=StudentCurve(mean, error, count, resampled, positive))
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""

@@ -30,8 +30,6 @@ class AssumptionTest:
     dimension: int
     """Number of directions in which the errors scatter: 3 unless they are coplanar or collinear."""
     why: str | None = None
-    imposed: bool = False
-    """A fit to the same errors imposes the hypothesis, so it is not tested."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ PROBABILITY = 0.95
 _METHOD = "chi-square, effective degrees of freedom (Satterthwaite)"
 
 
-def satterthwaite_rms(covariance: Array, n: int, confidence: float) -> Interval:
-    """Return the interval of the RMS length of Gaussian errors with zero mean.
+def satterthwaite(covariance: Array, n: float, confidence: float) -> Interval:
+    """Return the interval of the mean squared length of Gaussian errors with zero mean, of ``n`` independent poses.
 
     n rms^2 is a sum of chi-squares weighted by the principal variances; a chi-square with (tr V)^2 n / tr(V^2)
     degrees of freedom has its mean and variance. (tr V)^2 and tr(V^2) are estimated without the bias of a sample's
@@ -29,10 +29,10 @@ def satterthwaite_rms(covariance: Array, n: int, confidence: float) -> Interval:
     if trace == 0.0:
         return Interval(0.0, 0.0, 0.0, confidence, "no scatter")
     dof = n / _concentration(float(np.sum(np.square(covariance))) / trace**2, n)
-    return chi2_interval(trace, dof, confidence, _METHOD).root()
+    return chi2_interval(trace, dof, confidence, _METHOD)
 
 
-def _concentration(ratio: float, n: int) -> float:
+def _concentration(ratio: float, n: float) -> float:
     """Estimate tr(S^2) / (tr S)^2, from 1/3 (equal axes) to 1 (one direction), from the ``ratio`` of the sample.
 
     For nV ~ W(n, S): E[(tr V)^2] = t + 2 s / n and E[tr(V^2)] = (1 + 1/n) s + t / n, with t = (tr S)^2, s = tr(S^2).
@@ -42,7 +42,7 @@ def _concentration(ratio: float, n: int) -> float:
     return min(max(s / t, 1.0 / 3.0), 1.0)
 
 
-def _shrunk_to_mean(variances: Array, n: int) -> Array:
+def _shrunk_to_mean(variances: Array, n: float) -> Array:
     """Shrink principal variances towards their mean by the dispersion that sampling n poses adds; the sum stays.
 
     A radius grows as the same trace goes into fewer axes, so a sample's own radius is too large for equal axes.
@@ -67,14 +67,14 @@ def radius95(
         mean: ``(3,)``, zero for the fit about zero.
         covariance: ``(3, 3)`` of the errors about ``mean``.
         gaussian: Whether the errors are Gaussian and independent. If not, the interval comes from resampling the
-            poses' first-order influence on the squared radius.
+            poses' first-order influence on the squared radius; if frames were fitted, it is the wider of both.
         sampling: Groups and resampling of the poses.
         confidence: Confidence of the interval.
     """
-    n, about_zero = sampling.n_groups, not np.any(mean)
+    n, about_zero = sampling.n_independent, not np.any(mean)
     fewest = 3 if about_zero else 4
     if n < fewest:
-        why = f"{n} {'pose' if n == 1 else 'poses'}: scatter in three directions needs at least {fewest}"
+        why = f"{sampling.described}: scatter in three directions needs at least {fewest}"
         return Radius(None, Interval.missing(confidence, why), why)
     variances, axes = principal_axes(covariance)
     along = axes.T @ mean
@@ -82,9 +82,10 @@ def radius95(
     radius = length_quantile(PROBABILITY, along, variances)
     if not np.any(variances):
         return Radius(radius, Interval(radius, radius, radius, confidence, "no scatter"))
-    if gaussian:
-        shrunk = _shrunk_to_mean(variances, n)
-        return Radius(radius, _gaussian_interval(along, shrunk, n, confidence), shape=shape_of(along, shrunk))
+    shrunk = _shrunk_to_mean(variances, n)
+    squared = _gaussian_interval(along, shrunk, n, confidence) if gaussian else None
+    if squared is not None and sampling.share == 1.0:
+        return Radius(radius, squared.root(), shape=shape_of(along, shrunk))
     by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     influence = np.empty(errors.shape[1])
     for start in range(0, influence.size, BLOCK):
@@ -92,14 +93,15 @@ def radius95(
         principal = axes.T @ errors[:, block] - along[:, None]
         influence[block] = np.einsum("in,in->n", principal, by_covariance @ principal) + by_mean @ principal
     influence += radius**2 - float(np.diag(by_covariance) @ variances)
-    interval = sampling.mean_interval(influence, confidence, positive=True).root()
-    return Radius(radius, interval, shape=shape_of(along, _shrunk_to_mean(variances, n)))
+    resampled = sampling.mean_interval(influence, confidence, positive=True)
+    interval = resampled if squared is None else squared.wider(resampled)
+    return Radius(radius, interval.root(), shape=shape_of(along, shrunk))
 
 
-def _gaussian_interval(along: Array, variances: Array, n: int, confidence: float) -> Interval:
-    """Return the radius's interval from the first-order variance of its square, over mean and covariance."""
+def _gaussian_interval(along: Array, variances: Array, n: float, confidence: float) -> Interval:
+    """Return the interval of the squared radius from its first-order variance, over mean and covariance."""
     radius = length_quantile(PROBABILITY, along, variances)
     by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     weighted = by_covariance * variances
     variance = (2.0 * float(np.sum(weighted * weighted.T)) + float(by_mean**2 @ variances)) / n
-    return chi2_interval(radius**2, 2.0 * radius**4 / variance, confidence, _METHOD).root()
+    return chi2_interval(radius**2, 2.0 * radius**4 / variance, confidence, _METHOD)

@@ -69,6 +69,8 @@ class ErrorStatistics:
     n: int
     n_poses: int
     """Commanded poses: fewer than ``n`` where some were repeated."""
+    n_independent: float
+    """Poses that intervals count: commanded poses less the share of the frames that were fitted to them."""
     confidence: float
     mean: Array
     """``(3,)``"""

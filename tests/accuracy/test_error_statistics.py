@@ -301,16 +301,20 @@ def test_the_interval_of_a_percentile_contains_the_percentile() -> None:
     assert outside > 0
 
 
-def test_a_mean_that_an_alignment_removed_is_not_tested() -> None:
-    errors = gaussian(60)
-    centred = errors - errors.mean(axis=1, keepdims=True)
-    free, aligned = error_statistics(centred, "m"), error_statistics(centred, "m", aligned=True)
-    assert free.tests.zero_mean.p_value == pytest.approx(1.0)
-    assert aligned.tests.zero_mean.p_value is None
-    assert aligned.tests.zero_mean.why == "the registration removed the mean"
-    assert aligned.assumption.endswith("with zero mean (the registration removed the mean)")
-    assert aligned.intervals.rms == free.intervals.rms
-    # Rows that an alignment left out may keep the mean from zero, and that is told.
-    offset = error_statistics(errors + 3e-4, "m", aligned=True)
-    assert offset.tests.zero_mean.p_value is not None
-    assert "their mean is not zero" in offset.assumption
+def test_fitted_parameters_count_as_poses() -> None:
+    """Frames that leave 3 of 4 components leave the degrees of freedom of 30 of 40 poses."""
+    errors = gaussian(40)
+    free, fitted = error_statistics(errors, "m"), error_statistics(errors, "m", share=0.75)
+    assert (free.n_independent, fitted.n_independent, fitted.n_poses) == (40, 30, 40)
+    for before, after in zip(free.ellipsoid.intervals, fitted.ellipsoid.intervals, strict=True):
+        assert after.lower < before.lower < before.upper < after.upper
+    for name in ("rms", "mean_error", "p95"):
+        before, after = getattr(free.intervals, name), getattr(fitted.intervals, name)
+        assert after.lower < before.lower < before.upper < after.upper
+        assert after.curve.below(after.upper_bound) == pytest.approx(0.95, abs=1e-3)
+    upper = 0.75 * 40 * np.diag(fitted.covariance) / stats.chi2.ppf(0.025, 30)
+    assert np.all(np.diag(fitted.intervals.covariance.upper) >= upper * (1 - 1e-12))
+    assert fitted.share_below_max == pytest.approx(0.05 ** (1 / 30))
+    few = error_statistics(gaussian(4), "m", share=0.25)
+    why = "4 poses, of which the fitted frames leave 1: too few for an interval"
+    assert few.intervals.rms.why == few.intervals.mean[0].why == few.intervals.covariance.why == why

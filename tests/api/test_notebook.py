@@ -20,7 +20,7 @@ def result() -> robacc.Estimate:
 
 def test_the_headline_has_the_figures_and_escapes_names(result: robacc.Estimate) -> None:
     text = result._repr_html_()
-    assert f"{result.position.rms * 1e3:.3g} mm" in text
+    assert f"{result.position.rms * 1e3:.3f} mm" in text
     assert "grade D" in text
     assert text.count("<table>") == text.count("</table>") == 1
 
@@ -28,7 +28,7 @@ def test_the_headline_has_the_figures_and_escapes_names(result: robacc.Estimate)
 def test_the_text_of_a_result_is_its_headline(result: robacc.Estimate) -> None:
     lines = str(result).splitlines()
     assert "[grade D" in lines[0]
-    assert any(f"{result.position.rms * 1e3:.3g} mm" in line for line in lines)
+    assert any(f"{result.position.rms * 1e3:.3f} mm" in line for line in lines)
     assert max(map(len, lines)) < 200
 
 

@@ -16,7 +16,7 @@ from robacc.gates.criteria import RULES, GateCriterion, Rule
 from robacc.gates.decision_rules import Decision, decide
 from robacc.gates.largest import decide_largest
 from robacc.statistics.multivariate import second_moment
-from robacc.statistics.radius95 import satterthwaite_rms
+from robacc.statistics.radius95 import satterthwaite
 
 LIMIT, POSES, ARMS = 1.0, 60, 1000
 SD = np.array([1.0, 0.6, 0.3])[:, None] / math.sqrt(1.45)
@@ -28,7 +28,7 @@ def criterion(rule: Rule, key: str = "position.rms") -> GateCriterion:
 
 def measured(rng: np.random.Generator, truth: float) -> tuple[float, BoundCurve]:
     covariance = second_moment(truth * SD * rng.normal(size=(3, POSES)))
-    curve = BoundCurve.through([satterthwaite_rms(covariance, POSES, level) for level in LEVELS])
+    curve = BoundCurve.through([satterthwaite(covariance, POSES, level).root() for level in LEVELS])
     return float(np.sqrt(np.trace(covariance))), curve
 
 

@@ -153,7 +153,7 @@ def test_annotations_say_what_became_of_each_file(folder: Path) -> None:
     gate.write_text(GATE.format(limit=0.45), encoding="utf-8")
     lines = run(*files(folder), *HOW, "--format", "github").stdout.splitlines()
     assert [line.split("::")[1].split()[0] for line in lines] == ["notice", "error", "notice"]
-    assert "60 poses; rms 0.469 mm" in lines[0]
+    assert "60 poses; rms 0.490 mm" in lines[0]
     judged = run(*files(folder), *HOW, "--format", "github", "--gate", str(gate)).stdout.splitlines()
     assert [line.split("::")[1].split()[0] for line in judged] == ["warning", "error", "warning"]
 

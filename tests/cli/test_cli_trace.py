@@ -118,7 +118,9 @@ def test_before_is_the_declared_and_after_the_finding(files: Path) -> None:
             *("--align", "base_frame,tool_frame"),
         ).stdout
     )
-    assert found["nominal"]["fitted"]["position"]["rms_m"] == pytest.approx(registered["position"]["rms_m"], rel=1e-6)
+    # An estimate holds out each pose of the registration, a trace a fold at a time.
+    assert found["nominal"]["fitted"]["position"]["rms_m"] < registered["position"]["rms_m"]
+    assert found["nominal"]["held_out"]["position"]["rms_m"] == pytest.approx(registered["position"]["rms_m"], rel=0.05)
     assert found["gain_m"]["low"] < found["gain_m"]["value"] < found["gain_m"]["high"]
 
 

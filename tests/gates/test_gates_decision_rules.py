@@ -18,7 +18,7 @@ from robacc.geometry import Array
 from robacc.statistics.intervals import Interval, chi2_interval
 from robacc.statistics.multivariate import second_moment
 from robacc.statistics.paired_difference import paired_difference
-from robacc.statistics.radius95 import satterthwaite_rms
+from robacc.statistics.radius95 import satterthwaite
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]
 RMS = float(np.sqrt(np.sum(SD**2)))
@@ -50,7 +50,7 @@ def normal(value: float, error: float, confidence: float = 0.95) -> BoundCurve:
 def rms_curve(errors: Array, confidence: float = 0.95) -> tuple[float, BoundCurve]:
     covariance, n = second_moment(errors), errors.shape[1]
     levels = sorted({*LEVELS, confidence, 2 * confidence - 1})
-    curve = BoundCurve.through([satterthwaite_rms(covariance, n, level) for level in levels])
+    curve = BoundCurve.through([satterthwaite(covariance, n, level).root() for level in levels])
     return float(np.sqrt(np.trace(covariance))), curve
 
 

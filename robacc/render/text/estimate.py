@@ -160,7 +160,7 @@ def _figures(factor: float, statistics: ErrorStatistics, before: ErrorMetrics | 
 def _mean(factor: float, statistics: ErrorStatistics) -> list[TextLine]:
     intervals = statistics.intervals.mean
     if intervals[0].lower is None:
-        # Registration makes the mean zero up to rounding, so the digits follow the rms.
+        # A mean without an interval may be zero up to rounding, so the digits follow the rms.
         places = decimals(statistics.rms * factor, None, None)
     else:
         places = max(

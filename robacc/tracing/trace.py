@@ -66,8 +66,8 @@ def trace(
 ) -> Trace:
     """Search for effects on measured poses and report them with held-out errors.
 
-    ``model`` holds the robot and the declared effects. Held-out figures are by cross-validation of the complete search,
-    or of the poses ``holdout``.
+    ``model`` holds the robot and the declared effects. Held-out figures are by cross-validation of the models with the
+    effects that all poses show, or of the poses ``holdout``.
 
     Raises:
         InputError: the data contain a mistake that no effect should explain, or are too few.

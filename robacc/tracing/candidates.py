@@ -249,7 +249,9 @@ class Pool:
         """Add the empirical corrections of each joint, which stand for errors of no cause in a model file."""
         classes = [cls for name, cls in REGISTRY.items() if cls.is_empirical and self._allows(name)]
         effects = [effect for cls in classes for effect in cls.candidates(self.arm, self.data)]
-        effects = [effect for effect in effects if len(getattr(effect, "drivers", ())) == 1]
+        # Of pairs of drivers, those of the joint's own angle and another: all pairs would be a thousand columns more.
+        drivers = [(effect, getattr(effect, "drivers", ())) for effect in effects]
+        effects = [e for e, names in drivers if len(names) == 1 or {"own", *e.joints} & set(names)]
         self.add((effect, -math.log(TYPICAL_CANDIDATES * max(len(effects), 1))) for effect in effects)
 
     def _settings_near(self, effect: Effect) -> Iterator[Effect]:

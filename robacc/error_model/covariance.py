@@ -90,11 +90,6 @@ class Whitened:
     """``(n, n)`` lower factor of V, or ``(n,)`` its standard deviations where it is diagonal."""
 
     @property
-    def square(self) -> float:
-        """Return y'P y."""
-        return float(self.y @ self.y - self.reduced @ self.reduced)
-
-    @property
     def coefficients(self) -> Array:
         """Return the posterior mean ``(P,)`` in units of the prior's standard deviations."""
         mean: Array = solve_triangular(self.triangle, self.reduced, lower=True, trans="T")

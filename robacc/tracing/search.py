@@ -159,8 +159,6 @@ class SearchResult:
     """Of the candidates beside the final model."""
     pool: Pool
     state: State
-    rows: NDArray[np.int64]
-    """Rows of the data that the search used."""
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -202,8 +200,8 @@ class _Plan:
 
 class _Search:
     def __init__(self, model: Model, data: Measurements, only: Sequence[str] | None, progress: Progress) -> None:
-        self.rows = _rows_of(data)
-        self.data = data if self.rows.size == data.n else data.subset(self.rows)
+        rows = _rows_of(data)
+        self.data = data if rows.size == data.n else data.subset(rows)
         names = {effect.name for effect in model.free}
         self.model = _registered(model, self.data, names)
         self.regressors = Rows.of(self.model.arm, self.data)
@@ -248,9 +246,8 @@ class _Search:
         residual = residuals(self.data, bound.poses(theta))
         components = self.regressors.stated.shape[1]
         kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
-        noise = CovarianceParameters(
-            np.array([math.log(max(_rms(kind), 1e-9)) for kind in kinds]), np.ones(self.data.n)
-        )
+        log_std = np.array([math.log(max(_rms(kind), math.exp(LEAST))) for kind in kinds])
+        noise = CovarianceParameters(log_std, np.ones(self.data.n))
         state = State(noise, bound, theta, Linearised.at(bound, theta, prior, self.regressors, self.data))
         free = min(0.9, theta.size / residual.size)
         for _ in range(12):
@@ -329,7 +326,8 @@ class _Search:
         # Orders above the usual are tried where nothing else is found.
         grids = [grid for grid in self.pool.grids if not (grid.is_high and (state.chosen or state.noise.terms))]
         for without in (None, *periodic):
-            weighted = white.weighted_residual(components, np.flatnonzero(owners != without) if periodic else None)
+            kept = None if without is None else np.flatnonzero(owners != without)
+            weighted = white.weighted_residual(components, kept)
             along = np.einsum("jan,na->jn", linear.joints, weighted)
             for grid in grids:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
@@ -423,6 +421,8 @@ class _Search:
 
     def _terms_rival(self, state: State) -> bool:
         """Return whether a term in the place of an effect gains more than the effect: a wander in place of a step."""
+        if not state.chosen:
+            return False
         _, _, without = self._scores(state)
         for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
             own = float(beside.log_odds[self._number(candidate)])
@@ -602,7 +602,6 @@ class _Search:
             evidence=evidence,
             pool=self.pool,
             state=state,
-            rows=self.rows,
         )
 
     def _identified(
@@ -655,9 +654,8 @@ class _Search:
             other = dataclasses.replace(state.noise, terms={**state.noise.terms, "profile": without})
             evidence = likely - whitened(other, state.linear).log_likelihood
             if evidence - price > ACCEPTED:
-                yield Identified(
-                    profile(joint, PROFILE_ORDERS), Ranked(profile(joint, PROFILE_ORDERS), evidence, -price, 0.0)
-                )
+                effect = profile(joint, PROFILE_ORDERS)
+                yield Identified(effect, Ranked(effect, evidence, -price, 0.0))
 
 
 def _plain(term: Term) -> Part | None:

@@ -319,7 +319,6 @@ class _Search:
     def _add_orders(self, state: State, white: Whitened) -> None:
         """Make the orders at the peaks of each joint's spectrum candidates: of the residual, and without each order."""
         linear = state.linear
-        components = linear.y.shape[1]
         owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         periodic = [k for k, candidate in enumerate(state.chosen) if orders_of(candidate.effect)]
         square = np.sum(np.square(linear.joints / state.noise.independent(linear.rows.stated).T), axis=1)
@@ -327,7 +326,7 @@ class _Search:
         grids = [grid for grid in self.pool.grids if not (grid.is_high and (state.chosen or state.noise.terms))]
         for without in (None, *periodic):
             kept = None if without is None else np.flatnonzero(owners != without)
-            weighted = white.weighted_residual(components, kept)
+            weighted = white.weighted_residual(linear.y.shape[1], kept)
             along = np.einsum("jan,na->jn", linear.joints, weighted)
             for grid in grids:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
@@ -347,8 +346,7 @@ class _Search:
         result = np.empty((self.data.n, components, plan.count))
         for slot, (columns, factors) in enumerate(plan.moved):
             result[:, :, columns] = jacobian[:, slot].T[:, :, None] * factors[:, None, :]
-        first = len(plan.motions)
-        result[:, :, plan.whole_columns] = np.moveaxis(jacobian[:, first:], -1, 0) * plan.whole_sizes
+        result[:, :, plan.whole_columns] = np.moveaxis(jacobian[:, len(plan.motions) :], -1, 0) * plan.whole_sizes
         return result
 
     def _plan(self) -> _Plan:

@@ -32,8 +32,9 @@ def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
         names = np.unique(data.target)
         forms += [Step((), "target", target=str(name), turning=turns) for name in names if names.size > 1]
     forms += [Step((joint,), "joint") for joint in arm.names]
-    # A load that changes is in the column of a payload that is logged.
-    loaded = () if data.payload is not None else _loaded_joints(arm, data)
+    # A load that changes is in the column of a payload that is logged. Without masses, the weight that the arm always
+    # carries has no effect of one coefficient, and a step of the load near the first pose would stand for it.
+    loaded = () if data.payload is not None or not arm.chain.bodies else _loaded_joints(arm, data)
     forms += [Step(loaded, "payload")] if loaded else []
     for form in forms:
         yield form.starting(float(sequence_of(data).min()), data)

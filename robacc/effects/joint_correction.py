@@ -68,12 +68,9 @@ class JointCorrection(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield every joint by every driver, and by every pair of drivers."""
+        """Yield every joint by every driver."""
         for joint in arm.names:
-            for driver in possible_drivers(arm, data):
-                yield cls.over(arm, data, joint, (driver,), 8)
-            for a, b in possible_pairs(arm, data):
-                yield cls.over(arm, data, joint, (a, b), 4)
+            yield from (cls.over(arm, data, joint, (driver,), 8) for driver in possible_drivers(arm, data))
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the first of the correction's drivers."""
@@ -203,15 +200,6 @@ def possible_drivers(arm: Arm, data: Measurements) -> tuple[str, ...]:
         if varies(column)
     ]
     return tuple(drivers)
-
-
-def possible_pairs(arm: Arm, data: Measurements) -> tuple[tuple[str, str], ...]:
-    """Return pairs of drivers: two joints, and torque or a joint with the direction of approach."""
-    names = arm.names
-    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-    if varies(data.direction):
-        pairs += [(name, "direction") for name in (("torque", *names) if arm.chain.bodies else names)]
-    return tuple(pairs)
 
 
 def _driver(arm: Arm, data: Measurements, joint: str, driver: str) -> Array:

@@ -33,6 +33,8 @@ _SMALL = -3.0
 """Log factor on a term's start at which its score statistics are computed."""
 _WARM = 6
 """Iterations from parameters that were estimated before a small change of the model."""
+_FLAT = 1e-5
+"""Relative change of the log likelihood at which an estimate ends: of some thousands, well below one in log odds."""
 _WORSE = 1e12
 LEAST = math.log(1e-7)
 """Least log standard deviation of noise, m or rad: below the resolution of any instrument."""
@@ -68,7 +70,7 @@ def estimated(noise: CovarianceParameters, linear: Linearised, iterations: int =
         jac=True,
         method="L-BFGS-B",
         bounds=bounds,
-        options={"maxiter": iterations, "ftol": 1e-7},
+        options={"maxiter": iterations, "ftol": _FLAT},
     )
     if not found.fun < _WORSE:
         return noise

@@ -41,6 +41,8 @@ class Rows:
     """``(N,)`` random rank of each row's commanded pose: the first ranks are a fair part of the rows, in any order."""
     stated: Array
     """``(N, M)`` variance of the noise that the file states, m² and rad²; 0 without."""
+    scale: Array
+    """``(J,)`` factor of the angles: 1 of a joint that turns, rad/m of a slide."""
 
     @classmethod
     def of(cls, arm: Arm, data: Measurements) -> Rows:
@@ -64,6 +66,7 @@ class Rows:
             moves,
             random_rank(data),
             stated,
+            scale,
         )
 
     def subset(self, index: NDArray[np.int64]) -> Rows:
@@ -75,6 +78,7 @@ class Rows:
             self.moves,
             self.draw[index],
             self.stated[index],
+            self.scale,
         )
 
     @cached_property

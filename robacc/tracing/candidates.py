@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
@@ -149,6 +150,11 @@ class OrderGrid:
     is_high: bool = False
     """Whether the orders are above the usual."""
 
+    @cached_property
+    def _wave(self) -> NDArray[np.complex128]:
+        """Return ``(K, N)`` each order over the poses."""
+        return np.exp(1j * np.multiply.outer(self.orders, self.angle))
+
     def peaks(self, residual: Array, square: Array) -> Array:
         """Return the orders where the residual's spectrum has its largest peaks.
 
@@ -157,8 +163,7 @@ class OrderGrid:
             square: ``(N,)`` squared whitened column of the joint. The gain of an order is nearly its squared amplitude
                 over their sum.
         """
-        wave = np.exp(1j * np.multiply.outer(self.orders, self.angle))
-        gain = np.square(np.abs(wave @ residual)) / max(float(np.sum(square)), 1e-300)
+        gain = np.square(np.abs(self._wave @ residual)) / max(float(np.sum(square)), 1e-300)
         ends = np.concatenate(([-1.0], gain, [-1.0]))
         at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > _LEAST_GAIN))
         peaks: Array = self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]]
@@ -219,7 +224,7 @@ class Pool:
             self.all += step_candidates(arm, data, -math.log(3.0 * units))
         self.all += [c for c in sight_candidates(arm, data) if self._allows(c.effect.name)]
         self.grids = tuple(order_grids(arm, data)) if self._allows(PERIODIC) else ()
-        self._keys = {candidate.key for candidate in self.all}
+        self._numbers = {candidate.key: number for number, candidate in enumerate(self.all)}
         self._extended: set[tuple[object, ...]] = set()
 
     def _allows(self, name: str) -> bool:
@@ -228,9 +233,13 @@ class Pool:
     def add(self, forms: Iterable[tuple[Effect, float]]) -> None:
         """Add effects with their log priors, unless they are candidates already."""
         for form, log_prior in forms:
-            if form.key() not in self._keys:
-                self._keys.add(form.key())
+            if form.key() not in self._numbers:
+                self._numbers[form.key()] = len(self.all)
                 self.all.append(_candidate(form, self.arm, self.data, log_prior))
+
+    def number(self, candidate: Candidate) -> int:
+        """Return the place of a candidate in :attr:`all`."""
+        return self._numbers[candidate.key]
 
     def extend(self, candidate: Candidate) -> None:
         """Add the forms that are candidates beside one in the model."""
@@ -244,15 +253,6 @@ class Pool:
                 beside = cls.beside(effect, self.arm, self.data)
                 forms += [(form, math.log(form.odds_beside / TYPICAL_CANDIDATES)) for form in beside]
         self.add(forms)
-
-    def add_corrections(self) -> None:
-        """Add the empirical corrections of each joint, which stand for errors of no cause in a model file."""
-        classes = [cls for name, cls in REGISTRY.items() if cls.is_empirical and self._allows(name)]
-        effects = [effect for cls in classes for effect in cls.candidates(self.arm, self.data)]
-        # Of pairs of drivers, those of the joint's own angle and another: all pairs would be a thousand columns more.
-        drivers = [(effect, getattr(effect, "drivers", ())) for effect in effects]
-        effects = [e for e, names in drivers if len(names) == 1 or {"own", *e.joints} & set(names)]
-        self.add((effect, -math.log(TYPICAL_CANDIDATES * max(len(effects), 1))) for effect in effects)
 
     def _settings_near(self, effect: Effect) -> Iterator[Effect]:
         """Yield the effect with other settings near its own: its order, its place in time or in space."""

@@ -44,6 +44,22 @@ class Scores:
     fitted: Callable[[int], Array]
     """Returns the least-squares coefficients of a candidate beside the model, in units of the usual sizes."""
 
+    def spread(self, numbers: NDArray[np.int64], count: int) -> Scores:
+        """Return the scores of ``count`` candidates, of which these are ``numbers``; the others have no odds."""
+
+        def placed(values: Array, otherwise: float) -> Array:
+            result = np.full(count, otherwise)
+            result[numbers] = values
+            return result
+
+        return Scores(
+            placed(self.log_odds, -np.inf),
+            placed(self.log_bayes, -np.inf),
+            placed(self.scale, 1.0),
+            placed(self.gain, 0.0),
+            lambda number: self.fitted(int(np.searchsorted(numbers, number))),
+        )
+
     def ranking(self) -> NDArray[np.int64]:
         """Return candidates, best first; equals, which rounding must not order, by number."""
         return np.argsort(-np.round(np.nan_to_num(self.log_odds, neginf=-1e9), 6), kind="stable")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,7 @@ from robacc.effects.base import Effect, Part, Term
 from robacc.effects.change_points import is_step, place_of, same_form
 from robacc.effects.orders import are_separable
 from robacc.effects.periodic import of_order, orders_of, profile, searched_order
+from robacc.effects.pose_correction import PoseCorrection
 from robacc.error_model.covariance import CovarianceParameters, Whitened, whitened
 from robacc.error_model.estimate import (
     ACCEPTED,
@@ -54,8 +55,13 @@ PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_
 _OTHER_DECLARED = 10.0
 """The same of other declared effects, in usual sizes."""
 _MOST_ALIASES = 3
-_GAINS = 0.01
-"""Least gain of a move: smaller ones are rounding, and would alternate for ever."""
+_GAINS = 0.1
+"""Least gain of a move: a tenth of the log odds that a rival is behind its finding at most; it bounds the moves."""
+_SHORTLIST = 60
+"""Candidates that are scored again after a move, the best beside the model and beside it without each effect.
+
+It decides about time, not about the result: before a search ends, all candidates are scored.
+"""
 _MOST_MOVES = 30
 _NEAR_ENOUGH = 1e-2
 """Length of the last step of a fit, in standard deviations of all rows together."""
@@ -149,7 +155,7 @@ class SearchResult:
     model: Model
     """The declared effects, with base and tool registered."""
     identified: tuple[Identified, ...]
-    """In the order in which they were added; profiles of joints come last."""
+    """In the order in which they were added; empirical corrections come last."""
     noise: CovarianceParameters
     steps: tuple[SearchStep, ...]
     next: tuple[Ranked, ...]
@@ -182,22 +188,6 @@ def search(
     return _Search(model, data, only, progress).run()
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """How the columns of candidates are made: most coefficients move one motion by a regressor."""
-
-    candidates: int
-    count: int
-    """Number of columns."""
-    motions: tuple[int, ...]
-    moved: tuple[tuple[NDArray[np.int64], Array], ...]
-    """For each motion: the columns, and their regressors ``(N, k)`` times the usual sizes."""
-    whole: tuple[Term, ...]
-    """Terms of several parts, or with a load."""
-    whole_columns: NDArray[np.int64]
-    whole_sizes: Array
-
-
 class _Search:
     def __init__(self, model: Model, data: Measurements, only: Sequence[str] | None, progress: Progress) -> None:
         rows = _rows_of(data)
@@ -208,7 +198,6 @@ class _Search:
         self.pool = Pool(self.model.arm, self.data, self.model.free, only)
         self.progress, self.moves = progress, 0
         self.settled = True
-        self.plan: _Plan | None = None
 
     def run(self) -> SearchResult:
         """Search, and return the most probable model."""
@@ -332,64 +321,65 @@ class _Search:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
                 self.pool.add((of_order(grid.joint, order), grid.log_prior) for order in peaks.tolist())
 
-    def _columns(self, state: State) -> Array:
-        """Return ``(N, M, K)`` the columns of all candidates at a state, times their usual sizes.
+    def _columns(self, state: State, candidates: Sequence[Candidate]) -> Array:
+        """Return ``(N, M, K)`` the columns of candidates at a state, times their usual sizes.
 
         A coefficient that moves one motion by a regressor has that motion's column times the regressor.
         """
-        plan, bound = self._plan(), state.bound
-        added = [*(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in plan.motions), *plan.whole]
+        moved: dict[int, list[tuple[int, Array]]] = {}
+        whole: list[tuple[int, Term, float]] = []
+        column = 0
+        for candidate in candidates:
+            for term, size in zip(candidate.terms, candidate.sizes.tolist(), strict=True):
+                if (part := _plain(term)) is None:
+                    whole.append((column, term, size))
+                else:
+                    moved.setdefault(part.motion, []).append((column, np.asarray(part.factor) * size))
+                column += 1
+        bound = state.bound
+        added = [
+            *(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in moved),
+            *(term for _, term, _ in whole),
+        ]
         count, extended = len(bound.terms), with_terms(bound, added)
         theta = np.concatenate((state.theta, np.zeros(len(added))))
         components = self.regressors.stated.shape[1]
         _, jacobian = extended.linearise(theta, np.arange(count, count + len(added)), rows=components)
-        result = np.empty((self.data.n, components, plan.count))
-        for slot, (columns, factors) in enumerate(plan.moved):
-            result[:, :, columns] = jacobian[:, slot].T[:, :, None] * factors[:, None, :]
-        result[:, :, plan.whole_columns] = np.moveaxis(jacobian[:, len(plan.motions) :], -1, 0) * plan.whole_sizes
+        result = np.empty((self.data.n, components, column))
+        for slot, parts in enumerate(moved.values()):
+            factors = np.stack([np.broadcast_to(factor, (self.data.n,)) for _, factor in parts], axis=1)
+            result[:, :, [at for at, _ in parts]] = jacobian[:, slot].T[:, :, None] * factors[:, None, :]
+        sizes = np.array([size for _, _, size in whole])
+        result[:, :, [at for at, _, _ in whole]] = np.moveaxis(jacobian[:, len(moved) :], -1, 0) * sizes
         return result
 
-    def _plan(self) -> _Plan:
-        """Return how the candidates' columns are made, anew if there are more candidates."""
-        candidates = self.pool.all
-        if self.plan is None or self.plan.candidates != len(candidates):
-            moved: dict[int, list[tuple[int, Array]]] = {}
-            whole: list[tuple[int, Term, float]] = []
-            column = 0
-            for candidate in candidates:
-                for term, size in zip(candidate.terms, candidate.sizes.tolist(), strict=True):
-                    if (part := _plain(term)) is None:
-                        whole.append((column, term, size))
-                    else:
-                        factor = np.broadcast_to(np.asarray(part.factor) * size, (self.data.n,))
-                        moved.setdefault(part.motion, []).append((column, factor))
-                    column += 1
-            self.plan = _Plan(
-                len(candidates),
-                column,
-                tuple(moved),
-                tuple(
-                    (np.array([at for at, _ in parts]), np.stack([factor for _, factor in parts], axis=1))
-                    for parts in moved.values()
-                ),
-                tuple(term for _, term, _ in whole),
-                np.array([at for at, _, _ in whole], dtype=np.int64),
-                np.array([size for _, _, size in whole]),
-            )
-        return self.plan
+    def _scores(self, state: State, numbers: NDArray[np.int64] | None = None) -> tuple[Evidence, Scores, list[Scores]]:
+        """Return the scores beside a state, and beside it without each of its effects.
 
-    def _scores(self, state: State) -> tuple[Evidence, Scores, list[Scores]]:
-        """Return the scores of all candidates beside a state, and beside it without each of its effects."""
+        ``numbers`` are those of the candidates that are scored, with all that join the pool; all if None.
+        """
+        earlier = len(self.pool.all)
         for candidate in state.chosen:
             self.pool.extend(candidate)
         white = whitened(state.noise, state.linear)
         self._add_orders(state, white)
-        evidence = Evidence(white, white.apply(self._columns(state)), tuple(self.pool.all))
+        pool = self.pool.all
+        if numbers is None:
+            numbers = np.arange(len(pool))
+        else:
+            own = [self.pool.number(candidate) for candidate in state.chosen]
+            numbers = np.unique(np.concatenate((numbers, own, np.arange(earlier, len(pool)))).astype(np.int64))
+        scored = tuple(pool[number] for number in numbers.tolist())
+        evidence = Evidence(white, white.apply(self._columns(state, scored)), scored)
         owners = np.array(state.bound.owners, dtype=np.int64)
         declared, columns = len(self.model.free), np.arange(owners.size)
         flat = evidence.effective(owners < declared)
         without = [evidence.scores(columns[owners != declared + k], flat) for k in range(len(state.chosen))]
-        return evidence, evidence.scores(columns, flat), without
+        return (
+            evidence,
+            evidence.scores(columns, flat).spread(numbers, len(pool)),
+            [scores.spread(numbers, len(pool)) for scores in without],
+        )
 
     def _log_posterior(self, state: State) -> float:
         """Return the log posterior probability of effects and terms together, up to a constant."""
@@ -412,9 +402,10 @@ class _Search:
         least = ACCEPTED + 0.5 * math.log(self.data.n)
         may_gain = any(worth_estimating(plain.noise, plain.linear, name) > least for name in TERMS)
         if may_gain or self._terms_rival(plain):
-            terms_first = self._with_terms(start)
-            if terms_first.noise.terms:
-                ends.append(self._settled_beside_terms(terms_first))
+            beside = self._with_terms(start)
+            if beside.noise.terms:
+                self._settle(beside)
+                ends.append(self._without_idle_terms(beside))
         return ends
 
     def _terms_rival(self, state: State) -> bool:
@@ -423,7 +414,7 @@ class _Search:
             return False
         _, _, without = self._scores(state)
         for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
-            own = float(beside.log_odds[self._number(candidate)])
+            own = float(beside.log_odds[self.pool.number(candidate)])
             other = state.copy()
             chosen, scales = list(state.chosen), list(state.scales)
             del chosen[k], scales[k]
@@ -433,44 +424,54 @@ class _Search:
                 return True
         return False
 
-    def _settled_beside_terms(self, state: State) -> State:
-        """Return a state with terms after the moves that gain, and without terms that no longer do."""
-        if "smooth" in state.noise.terms:
-            self.pool.add_corrections()
-        self._settle(state)
-        return self._without_idle_terms(state)
-
     def _settle(self, state: State) -> None:
         """Add, drop and swap effects until no move gains."""
         visited = {frozenset(candidate.key for candidate in state.chosen)}
-        for _ in range(_MOST_MOVES):
-            _, scores, without = self._scores(state)
-            own = [self._number(candidate) for candidate in state.chosen]
+        shortlist: NDArray[np.int64] | None = None
+        while len(visited) <= _MOST_MOVES:
+            _, scores, without = self._scores(state, shortlist)
+            own = [self.pool.number(candidate) for candidate in state.chosen]
             state.scales = [float(beside.scale[i]) for beside, i in zip(without, own, strict=True)]
-            for gain, action, k, number in sorted(self._moves(state, scores, without), key=lambda move: -move[0]):
-                if gain <= _GAINS:
-                    self._log(state, "stop", None, scores)
-                    return
-                chosen, scales = list(state.chosen), list(state.scales)
-                if k is not None:
-                    del chosen[k], scales[k]
-                if number is not None:
-                    beside = scores if k is None else without[k]
-                    at = len(chosen) if k is None else k
-                    chosen.insert(at, self.pool.all[number])
-                    scales.insert(at, float(beside.scale[number]))
-                if (key := frozenset(candidate.key for candidate in chosen)) in visited:
-                    continue
-                visited.add(key)
+            move = self._best_move(state, scores, without, visited)
+            if move is None and shortlist is None:
+                self._log(state, "stop", None, scores)
+                return
+            if move is None:
+                shortlist = None
+                continue
+            if shortlist is None:
+                shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
+            action, chosen, scales, names, beside = move
+            visited.add(frozenset(candidate.key for candidate in chosen))
+            self._log(state, action, names, beside)
+            self._with_effects(state, chosen, scales)
+            self._fit(state)
+        self.settled = False
+
+    def _best_move(
+        self,
+        state: State,
+        scores: Scores,
+        without: Sequence[Scores],
+        visited: Collection[frozenset[tuple[object, ...]]],
+    ) -> tuple[str, list[Candidate], list[float], str, Scores] | None:
+        """Return the move that gains most to effects not yet visited; None if none gains."""
+        for gain, action, k, number in sorted(self._moves(state, scores, without), key=lambda move: -move[0]):
+            if gain <= _GAINS:
+                return None
+            chosen, scales = list(state.chosen), list(state.scales)
+            beside = scores if k is None else without[k]
+            if k is not None:
+                del chosen[k], scales[k]
+            if number is not None:
+                at = len(chosen) if k is None else k
+                chosen.insert(at, self.pool.all[number])
+                scales.insert(at, float(beside.scale[number]))
+            if frozenset(candidate.key for candidate in chosen) not in visited:
                 names = [str(state.chosen[k].effect)] if k is not None else []
                 names += [str(self.pool.all[number].effect)] if number is not None else []
-                self._log(state, action, " -> ".join(names), scores if k is None else without[k])
-                self._with_effects(state, chosen, scales)
-                self._fit(state)
-                break
-            else:
-                return
-        self.settled = False
+                return action, chosen, scales, " -> ".join(names), beside
+        return None
 
     def _moves(
         self, state: State, scores: Scores, without: Sequence[Scores]
@@ -480,7 +481,7 @@ class _Search:
         if best is not None and len(state.chosen) < MOST_FINDINGS:
             yield float(scores.log_odds[best]) - ACCEPTED, "add", None, best
         for k, beside in enumerate(without):
-            own = float(beside.log_odds[self._number(state.chosen[k])])
+            own = float(beside.log_odds[self.pool.number(state.chosen[k])])
             yield ACCEPTED - own, "drop", k, None
             rival = self._best(beside, [other for i, other in enumerate(state.chosen) if i != k], state.chosen[k])
             if rival is not None:
@@ -519,9 +520,6 @@ class _Search:
         extent = float(np.ptp(self.data.q[self.model.arm.number(one.effect.joints[0])]))
         pairs = itertools.product(orders_of(one.effect), orders_of(other.effect))
         return all(are_separable(first, second, extent) for first, second in pairs)
-
-    def _number(self, candidate: Candidate) -> int:
-        return self.pool.all.index(candidate)
 
     def _log(self, state: State, action: str, chosen: str | None, scores: Scores) -> None:
         self.moves += 1
@@ -592,7 +590,7 @@ class _Search:
             identified.append(self._identified(candidate, beside, evidence, kept, state.chosen))
         return SearchResult(
             model=self.model,
-            identified=(*identified, *self._profiles(state)),
+            identified=(*identified, *self._corrections(state)),
             noise=state.noise,
             steps=tuple(state.steps),
             next=tuple(r for r in self._ranked(scores) if r.effect not in [c.effect for c in state.chosen]),
@@ -610,7 +608,7 @@ class _Search:
         kept: NDArray[np.int64],
         chosen: Sequence[Candidate],
     ) -> Identified:
-        own = self._number(candidate)
+        own = self.pool.number(candidate)
         alternatives: dict[tuple[object, ...], Alternative] = {}
         aliases: list[float] = []
         at: list[float] = []
@@ -637,23 +635,31 @@ class _Search:
             (min(at), max(at)) if is_step(candidate.effect) and at else None,
         )
 
-    def _profiles(self, state: State) -> Iterator[Identified]:
-        """Yield the profiles of joints that turn, if the model is less probable without them."""
-        if "profile" not in state.noise.terms:
-            return
-        parameters = state.noise.terms["profile"]
-        likely = whitened(state.noise, state.linear).log_likelihood
+    def _corrections(self, state: State) -> Iterator[Identified]:
+        """Yield what stands in a model file for the processes over the joints, where the model needs them."""
+        likely, terms = whitened(state.noise, state.linear).log_likelihood, state.noise.terms
+        arm, moves = self.model.arm, self.regressors.moves
         price = 0.5 * math.log(self.data.n)
-        for j, joint in enumerate(self.model.arm.names):
-            if not (self.regressors.moves[j] and self.model.arm.is_revolute(joint)):
-                continue
-            without = parameters.copy()
-            without[j] = TERMS["profile"].bounds(len(parameters))[j][0]
-            other = dataclasses.replace(state.noise, terms={**state.noise.terms, "profile": without})
-            evidence = likely - whitened(other, state.linear).log_likelihood
-            if evidence - price > ACCEPTED:
-                effect = profile(joint, PROFILE_ORDERS)
-                yield Identified(effect, Ranked(effect, evidence, -price, 0.0))
+
+        def gain(other: CovarianceParameters) -> float:
+            return likely - whitened(other, state.linear).log_likelihood
+
+        for j, joint in enumerate(arm.names if "profile" in terms else ()):
+            without = terms["profile"].copy()
+            without[j] = TERMS["profile"].bounds(len(without))[j][0]
+            if moves[j] and arm.is_revolute(joint):
+                evidence = gain(dataclasses.replace(state.noise, terms={**terms, "profile": without}))
+                if evidence - price > ACCEPTED:
+                    effect = profile(joint, PROFILE_ORDERS)
+                    yield Identified(effect, Ranked(effect, evidence, -price, 0.0))
+        if "smooth" in terms:
+            assert self.data.q is not None
+            joints = [joint for joint, does in zip(arm.names, moves, strict=True) if does]
+            lengths = np.exp(terms["smooth"][1:]) / self.regressors.scale
+            evidence = gain(state.noise.without("smooth"))
+            correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
+            price *= TERMS["smooth"].variances(terms["smooth"], state.linear, state.noise.std)
+            yield Identified(correction, Ranked(correction, evidence, -price, 0.0))
 
 
 def _plain(term: Term) -> Part | None:

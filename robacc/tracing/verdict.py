@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from robacc.accuracy.stages import Stage
+from robacc.effects.base import effect_class
 from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.noise import LackOfFit
 from robacc.tracing.findings import Finding
@@ -21,7 +22,7 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
     """Return the verdict on the findings and the error that remains after them."""
     if not findings:
         return "unexplained" if unexplained.structured else "clean"
-    named = any(finding.effect != "joint_correction" for finding in findings)
+    named = any(not effect_class(finding.effect).is_empirical for finding in findings)
     plausible = all(finding.implausible is None for finding in findings)
     return "explained" if named and plausible and not unexplained.structured else "partly_explained"
 

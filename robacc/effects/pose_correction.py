@@ -1,0 +1,144 @@
+"""Empirical correction of all joints as a smooth function of all joints."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.effects.settings import refuse_settings
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+_MOST = 80
+"""Largest number of centres: with six joints the basis has some hundred columns."""
+_LEFT = 0.01
+"""Share of the process's variance that the centres may leave out at a pose: a std changes by 0.5 %."""
+_USUAL_LENGTH = 1.5
+"""rad; a slide's length is the same share of its travel as this is of half a turn."""
+_JITTER = 1e-9
+"""Added to the kernel of the centres, so that its factor exists where two of them nearly coincide."""
+
+
+@register
+@dataclass(frozen=True)
+class PoseCorrection(Effect):
+    """Joint variables plus a Gaussian process over all of them, in the basis of some centres.
+
+    The kernel of two poses is exp(-sum (2 sin(d_k / 2))^2 / (2 l_k^2)), d_k the difference of joint k (a slide has d_k
+    itself) and l_k its length. With L L' the kernel of the centres, the basis is L^-1 k(centres, q) (subset of
+    regressors: Rasmussen and Williams 2006, section 8.3.1), whose coefficients have one common variance. Far from the
+    centres the correction fades to zero.
+    """
+
+    lengths: tuple[float, ...] = ()
+    centres: tuple[tuple[float, ...], ...] = ()
+
+    name = "pose_correction"
+    is_empirical = True
+    extrapolates = "it fades to zero away from the poses that it was fitted to"
+    about = About(
+        summary="empirical correction of all joints as a smooth function of all joints",
+        equation="theta_j + sum c_jk phi_k(q), phi a basis of a Gaussian process over the joints",
+        unit="rad (m for a prismatic joint)",
+        usual_size="1e-5 to 1e-3 rad",
+        usual_range=(1e-05, 0.001),
+        needs="nothing",
+        confused_with="every effect that depends on the pose; a trace adds it where no cause describes an error",
+        source="M. C. Kennedy, A. O'Hagan, Bayesian calibration of computer models, J. R. Stat. Soc. B 63 (2001) 425",
+        example="{effect: pose_correction, joints: [j2, j3], lengths: [1.0, 1.0], centres: [[0, 0], [0.5, -0.5]], "
+        "values: {j2.c1: 2e-4}}",
+    )
+
+    @classmethod
+    def over(cls, arm: Arm, data: Measurements, joints: Sequence[str], lengths: Sequence[float]) -> PoseCorrection:
+        """Return the correction with centres among these poses, by pivots of their kernel's Cholesky factor."""
+        effect = cls(tuple(joints), tuple(map(float, lengths)))
+        q = commanded(data, cls.name)[[arm.number(joint) for joint in joints]]
+        left, factor, chosen = np.ones(data.n), np.zeros((0, data.n)), list[int]()
+        # The first centre is the pose nearest to their mean, whatever the order of the rows.
+        score = -np.sum(np.square((q - q.mean(axis=1, keepdims=True)) / np.array(lengths)[:, None]), axis=0)
+        while data.n and len(chosen) < _MOST and left.max() > _LEFT:
+            pivot = int(np.argmax(score))
+            row = effect._kernel(arm, q[:, [pivot]], q)[0] - factor[:, pivot] @ factor
+            factor = np.vstack((factor, row / np.sqrt(left[pivot])))
+            left = left - np.square(factor[-1])
+            chosen.append(pivot)
+            score = left
+        return dataclasses.replace(effect, centres=tuple(tuple(pose) for pose in q[:, chosen].T.tolist()))
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return a correction of all joints that move, or of ``joints``, with lengths of usual size."""
+        extent = np.ptp(commanded(data, cls.name), axis=1) if data.n else np.zeros(len(arm.names))
+        chosen = [name for name, size in zip(arm.names, extent, strict=True) if size] if joints is None else joints
+        numbers = [arm.number(joint) for joint in chosen]
+        lengths = [
+            _USUAL_LENGTH * (1.0 if arm.is_revolute(joint) else max(extent[number], 1e-3) / np.pi)
+            for joint, number in zip(chosen, numbers, strict=True)
+        ]
+        return cls.over(arm, data, chosen, lengths)
+
+    @classmethod
+    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield the default."""
+        yield cls.default(arm, data)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return a term for each joint and centre."""
+        q = commanded(data, self.name)[[arm.number(joint) for joint in self.joints]]
+        centres = np.array(self.centres).reshape(-1, len(self.joints)).T
+        kernel = self._kernel(arm, centres, centres) + _JITTER * np.eye(len(self.centres))
+        basis = solve_triangular(np.linalg.cholesky(kernel), self._kernel(arm, centres, q), lower=True)
+        return tuple(
+            Term(f"{self.name}.{joint}.c{k}", arm.unit(joint), 1e-4, (Part(arm.axis_motion(joint), row),), self.name)
+            for joint in self.joints
+            for k, row in enumerate(basis, 1)
+        )
+
+    def _kernel(self, arm: Arm, first: Array, second: Array) -> Array:
+        """Return ``(A, B)`` the kernel of poses ``(J, A)`` and ``(J, B)``."""
+        distance = np.zeros((first.shape[1], second.shape[1]))
+        for joint, length, a, b in zip(self.joints, self.lengths, first, second, strict=True):
+            apart = a[:, None] - b
+            distance += np.square((2.0 * np.sin(0.5 * apart) if arm.is_revolute(joint) else apart) / length)
+        return np.asarray(np.exp(-0.5 * distance))
+
+    def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
+        """Return the correction in SI; lengths and centres are in the file's unit of length or angle."""
+        sizes = [angle if arm.is_revolute(joint) else length for joint in self.joints]
+        return dataclasses.replace(
+            self,
+            lengths=_times(self.lengths, sizes),
+            centres=tuple(_times(centre, sizes) for centre in self.centres),
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return the lengths and the centres."""
+        return {"lengths": list(self.lengths), "centres": [list(centre) for centre in self.centres]}
+
+    @classmethod
+    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
+        """Read ``lengths: [1.0, 1.0]``, ``centres: [[0, 0], [0.5, -0.5]]``, a number for each joint."""
+        other_settings = dict(settings)
+        lengths, centres = other_settings.pop("lengths", None), other_settings.pop("centres", None)
+        refuse_settings(cls.name, other_settings)
+        if not _are_numbers(lengths, len(joints)) or min(lengths) <= 0:
+            raise ValueError(f"{cls.name}: lengths must be a positive number for each joint, found {lengths!r}")
+        if not isinstance(centres, list) or not all(_are_numbers(centre, len(joints)) for centre in centres):
+            raise ValueError(f"{cls.name}: centres must be lists of a number for each joint, found {centres!r}")
+        return cls(joints, tuple(map(float, lengths)), tuple(tuple(map(float, centre)) for centre in centres))
+
+
+def _are_numbers(values: Any, count: int) -> bool:
+    return isinstance(values, list) and len(values) == count and all(isinstance(v, int | float) for v in values)
+
+
+def _times(values: Sequence[float], sizes: Sequence[float]) -> tuple[float, ...]:
+    return tuple(value * size for value, size in zip(values, sizes, strict=True))

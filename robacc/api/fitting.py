@@ -113,9 +113,7 @@ def with_fit(robot: Robot, result: Calibration | Trace, fit: Fit, inputs: FitInp
         held_out = (inputs.holdout, result.holdout.after if residual is None else residual)
     elif result.residuals.held_out_after is not None:
         held_out = (inputs.data, result.residuals.held_out_after)
-    record = fit_record(
-        fit, result.predicting, robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds
-    )
+    record = fit_record(fit, robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds)
     return replace(robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
 
 

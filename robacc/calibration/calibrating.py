@@ -16,17 +16,16 @@ from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect
 from robacc.effects.request import Request
+from robacc.error_model.structure import DirectionalNoise, Repeatability
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice
-from robacc.fitting.directional_noise import DirectionalNoise
-from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.leverage import high_leverage
 from robacc.fitting.mass_uncertainty import with_mass_uncertainty
-from robacc.fitting.noise import LackOfFit
+from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import (
     Correlation,
     FittedParameter,
@@ -38,9 +37,6 @@ from robacc.fitting.parameters import (
 from robacc.fitting.places import places, places_warning
 from robacc.fitting.solver import fit
 from robacc.fitting.sparse_prior import ShrunkKind
-from robacc.fitting.warnings import (
-    few_places_warning,
-)
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
@@ -55,8 +51,6 @@ class Calibration:
     robot: Robot
     effects: tuple[Effect, ...]
     fit: Fit
-    predicting: Fit
-    """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
     noise: LackOfFit
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not significant given the noise."""
@@ -135,18 +129,17 @@ def _calibrate(
     final = final_fit(plan, (*plan.fixed(data), *plan.searched(data)), data, options)
     effects = final.fit.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
-    registered = fit(Model.of(robot, frames), data, Options(robust=final.options.robust))
-    held_out_residuals = hold_out(plan, final.options, data, how, effects, progress)
+    registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
+    held_out_residuals = hold_out(plan, final.structure.options, data, how, effects, progress)
     comparison = before_and_after(robot, data, registered, final.fit, held_out_residuals, how)
-    noise = final.noise
+    noise, structure = lack_of_fit(final.fit, data), final.structure
     with_masses = with_mass_uncertainty(final.fit, data)
     result = Calibration(
         robot=apply_fit(final.fit),
         effects=effects,
         fit=final.fit,
-        predicting=final.predicting,
         noise=noise,
-        repeatability=final.repeatability,
+        repeatability=structure.repeatability,
         nominal_unregistered=comparison.nominal_unregistered,
         nominal=comparison.nominal,
         before=comparison.before,
@@ -164,10 +157,9 @@ def _calibrate(
             *mistakes,
             *gravity_warning(stated, robot.gravity),
             *places_warning(data),
-            *few_places_warning(final.fit, data),
             *fit_warnings(final.fit, data, comparison.after, noise, holdout),
             *request_warnings(plan.requests, final.fit, comparison.nominal, comparison.after),
-            *final.warnings,
+            *structure.warnings,
         ),
         residuals=comparison.residuals,
         holdout=comparison.holdout,
@@ -178,4 +170,4 @@ def _calibrate(
             for curve in partial_residuals(effect, final.fit, data)
         ),
     )
-    return result, final.directional
+    return result, structure.directional

@@ -14,7 +14,6 @@ from robacc.fitting.apply_fit import absorb_constants
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.beyond_ranges import excess_share
 from robacc.prediction.calibrated import completed
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import fitted_jacobian, model_uncertainty
@@ -48,9 +47,7 @@ def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) 
         Model.of(arm).bind(file.data)
     full_before, full_after = (completed(arm, fit, None, file.data, 0) for file in (before, after))
     predicted = Model.of(arm).bind(full_before).poses(np.zeros(0)).translation
-    poses, jacobian, covariance = fitted_jacobian(
-        Model.of(arm, fit.effects), fit, full_after, excess_share(arm, fit, full_after)
-    )
+    poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full_after)
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     separate = model_uncertainty(arm, alone, full_after, measured=True).position
     noise_used = _noise_used(after.data, fit, noise)

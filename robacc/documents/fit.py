@@ -12,8 +12,8 @@ from robacc.accuracy.stages import Gain, Residuals
 from robacc.calibration.calibrating import Calibration
 from robacc.documents.poses import pose_document, robot_document
 from robacc.documents.stages import ErrorRows, stage_document
+from robacc.error_model.structure import Repeatability
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
-from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.places import places

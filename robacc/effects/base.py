@@ -269,6 +269,11 @@ class Effect(abc.ABC):
         """
         return None
 
+    @property
+    def term_of_covariance(self) -> str | None:
+        """Return the term of the covariance whose errors it describes; None of an effect with a cause."""
+        return None
+
     def is_profile(self) -> bool:
         """Return whether it is a block of many terms, a candidate only if named terms leave structure."""
         return self.is_empirical

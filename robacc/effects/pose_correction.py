@@ -119,6 +119,11 @@ class PoseCorrection(Effect):
             centres=tuple(_times(centre, sizes) for centre in self.centres),
         )
 
+    @property
+    def term_of_covariance(self) -> str | None:
+        """Return the process over all joints."""
+        return "smooth"
+
     def settings(self) -> dict[str, Any]:
         """Return the lengths and the centres."""
         return {"lengths": list(self.lengths), "centres": [list(centre) for centre in self.centres]}

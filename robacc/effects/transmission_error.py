@@ -93,6 +93,11 @@ class TransmissionError(Effect):
         """Return the joint's own variable."""
         return None if joint is None else joint_driver(arm, data, joint)
 
+    @property
+    def term_of_covariance(self) -> str | None:
+        """Return the profiles of joints."""
+        return "profile" if self.shrunk else None
+
     def is_profile(self) -> bool:
         """Return whether it is the joint's whole profile."""
         return self.shrunk

@@ -33,7 +33,8 @@ class CovarianceParameters:
     """Parameters of the covariance."""
 
     log_std: Array
-    """``(1,)`` or ``(2,)`` log standard deviation of independent noise beyond what the file states: m, and rad."""
+    """Log standard deviation of independent noise beyond what the file states: ``(1,)`` of position, m, ``(2,)`` of
+    position and orientation, rad; ``(3,)`` or ``(4,)`` where x, y and z have their own."""
     factor: Array
     """``(N,)`` factor on the standard deviation of each row: above 1 for gross errors."""
     terms: dict[str, Array] = dataclasses.field(default_factory=dict)
@@ -43,6 +44,25 @@ class CovarianceParameters:
     def std(self) -> Array:
         """Standard deviations of the noise, m and rad."""
         return np.exp(self.log_std)
+
+    @property
+    def has_axes(self) -> bool:
+        """Return whether x, y and z have noise of their own."""
+        return len(self.log_std) > 2
+
+    def _kinds(self, components: int) -> NDArray[np.int64]:
+        """Return ``(M,)`` the number of the standard deviation of each component."""
+        return np.minimum(np.arange(components) // (1 if self.has_axes else 3), len(self.log_std) - 1)
+
+    def own_variance(self, components: int) -> Array:
+        """Return ``(N, M)`` variances of the noise beyond what the file states."""
+        variance: Array = np.square(self.std[self._kinds(components)]) * np.square(self.factor)[:, None]
+        return variance
+
+    def by_kind(self, values: Array) -> Array:
+        """Return the sums of ``values`` ``(N, M)`` over the rows and the components of each standard deviation."""
+        sums: Array = np.bincount(self._kinds(values.shape[1]), weights=values.sum(axis=0)).astype(np.float64)
+        return sums
 
     @property
     def packed(self) -> Array:
@@ -67,7 +87,7 @@ class CovarianceParameters:
 
     def independent(self, stated: Array) -> Array:
         """Return ``(N, M)`` standard deviations of the independent noise beside ``stated`` variances."""
-        variance = stated + np.square(np.repeat(self.std, 3))
+        variance = stated + np.square(self.std[self._kinds(stated.shape[1])])
         return np.sqrt(variance) * self.factor[:, None]
 
 
@@ -173,16 +193,15 @@ def likelihood_and_gradient(noise: CovarianceParameters, linear: Linearised) -> 
     Raises:
         numpy.linalg.LinAlgError: The covariance is singular.
     """
-    own = np.square(np.repeat(noise.std, 3)) * np.square(noise.factor)[:, None]
     components, count = linear.y.shape[1], len(linear.y)
-    kinds = range(len(noise.log_std))
+    own = noise.own_variance(components)
     if not noise.terms:
         white = whitened(noise, linear)
         independent = _flat(noise.independent(linear.rows.stated))
         error = white.y - white.columns @ white.coefficients
         spread = solve_triangular(white.triangle, white.columns.T, lower=True)
         slope = (np.square(error) - 1.0 + np.sum(np.square(spread), axis=0)) / np.square(independent) * _flat(own)
-        return white.log_likelihood, slope.reshape(len(kinds), -1).sum(axis=1)
+        return white.log_likelihood, noise.by_kind(slope.reshape(components, -1).T)
     matrix = covariance(noise, linear)
     for a in range(components):
         for b in range(a):
@@ -198,7 +217,7 @@ def likelihood_and_gradient(noise: CovarianceParameters, linear: Linearised) -> 
     inverse = inverse + np.tril(inverse, -1).T
     weighted = inverse @ y
     slopes = np.outer(weighted, weighted) - inverse
-    gradient = [(np.diag(slopes) * _flat(own)).reshape(len(kinds), -1).sum(axis=1)]
+    gradient = [noise.by_kind(np.diag(slopes).reshape(components, -1).T * own)]
     blocks = slopes.reshape(components, count, components, count)
     of_joints = _joint_weights(blocks, linear) if any(TERMS[name].of_joints for name in noise.terms) else []
     of_axes = [blocks[a, :, a] for a in range(components)]
@@ -241,15 +260,27 @@ def scatter_covariance(noise: CovarianceParameters, linear: Linearised) -> Array
     return result
 
 
+def row_std(noise: CovarianceParameters, linear: Linearised) -> Array:
+    """Return ``(N, M)`` standard deviations of noise and scatter together."""
+    shared = np.einsum("naa->na", scatter_covariance(noise, linear))
+    return np.asarray(np.sqrt(np.square(noise.independent(linear.rows.stated)) + shared))
+
+
+def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:
+    """Return the root mean squares of noise and scatter together, m and rad: what a further term starts from."""
+    variance = np.mean(np.square(row_std(noise, linear) / noise.factor[:, None]), axis=0)
+    return np.asarray(np.sqrt(variance.reshape(-1, 3).mean(axis=1)))
+
+
 def score_statistics(noise: CovarianceParameters, linear: Linearised, name: str, slopes: Sequence[float]) -> float:
     """Return about how much the likelihood gains by a small term: half the sum of squares of its score statistics.
 
     ``slopes`` are derivatives by the log standard deviations of the term ``name`` in ``noise``, which are small. The
-    information of a variance is half the sum of squares of its kernel in units of the noise.
+    information of a variance is half the sum of squares of its kernel in units of noise and scatter.
     """
     term, parameters = TERMS[name], noise.terms[name]
     kernels = term.kernels(parameters, linear.rows)
-    weight = 1.0 / noise.independent(linear.rows.stated).T
+    weight = 1.0 / row_std(noise, linear).T
     components = linear.y.shape[1]
     information = []
     if term.of_joints:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from robacc.error_model.covariance import (
     scatter_covariance,
     score_statistics,
     unaccounted,
+    usual_std,
     whitened,
 )
 from robacc.error_model.rows import Linearised, first_ranks
@@ -36,6 +38,8 @@ _WARM = 6
 _FLAT = 1e-5
 """Relative change of the log likelihood at which an estimate ends: of some thousands, well below one in log odds."""
 _WORSE = 1e12
+_GAINS = 0.01
+"""Least gain of a term beyond what it costs: smaller ones are rounding."""
 LEAST = math.log(1e-7)
 """Least log standard deviation of noise, m or rad: below the resolution of any instrument."""
 _SCORINGS = 20
@@ -81,9 +85,9 @@ def _independent(noise: CovarianceParameters, linear: Linearised) -> CovarianceP
     """Return independent noise of largest restricted likelihood, by Fisher's scoring."""
     for _ in range(_SCORINGS):
         _, gradient = likelihood_and_gradient(noise, linear)
-        own = np.square(np.repeat(noise.std, 3)) * np.square(noise.factor)[:, None]
+        own = noise.own_variance(linear.y.shape[1])
         share = np.square(own / np.square(noise.independent(linear.rows.stated)))
-        information = 2.0 * share.reshape(len(own), -1, 3).sum(axis=(0, 2))
+        information = 2.0 * noise.by_kind(share)
         step = np.clip(gradient / np.maximum(information, 1e-300), -1.0, 1.0)
         log_std = np.maximum(noise.log_std + step, LEAST)
         moved = float(np.max(np.abs(log_std - noise.log_std)))
@@ -149,32 +153,84 @@ def too_many_gross_errors(noise: CovarianceParameters) -> bool:
 
 def cost(noise: CovarianceParameters, linear: Linearised) -> float:
     """Return what the terms cost: half the log of the rows a parameter (Schwarz 1978), and the odds for acceptance."""
-    count = sum(TERMS[name].variances(values, linear, noise.std) for name, values in noise.terms.items())
+    usual = usual_std(noise, linear)
+    count = sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
+    count += 2 * noise.has_axes
     return 0.5 * math.log(len(linear.y)) * count + ACCEPTED * len(noise.terms)
 
 
-def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str) -> float:
-    """Return about how much the term ``name`` would gain, from score statistics and two sizes of it.
+def log_evidence(noise: CovarianceParameters, linear: Linearised) -> float:
+    """Return the log likelihood with what the terms and the gross errors cost."""
+    likely = whitened(noise, linear).log_likelihood
+    return likely + log_prior_of_gross_errors(noise) - cost(noise, linear)
 
-    It costs three evaluations of the likelihood; an estimate costs some twenty of likelihood and gradient.
+
+def with_terms_that_gain(
+    noise: CovarianceParameters, linear: Linearised, names: Iterable[str] = tuple(TERMS)
+) -> CovarianceParameters:
+    """Return the noise with the terms ``names`` that gain, added one by one, the best first."""
+    while True:
+        best, most = None, log_evidence(noise, linear) + _GAINS
+        for name in names:
+            if name in noise.terms:
+                continue
+            gain, start = worth_estimating(noise, linear, name)
+            if gain < 1.0:
+                continue
+            other = with_gross_errors(estimated(noise.with_term(name, start), linear, 20), linear, 1)
+            if (total := log_evidence(other, linear)) > most:
+                best, most = other, total
+        if best is None:
+            return without_idle_terms(noise, linear)
+        noise = best
+
+
+def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
+    """Return the noise without the terms that no longer gain, the worst first."""
+    while noise.terms:
+        best, most = None, log_evidence(noise, linear)
+        for name in noise.terms:
+            other = with_gross_errors(estimated(noise.without(name), linear, 25), linear, 1)
+            if (total := log_evidence(other, linear)) > most:
+                best, most = other, total
+        if best is None:
+            return noise
+        noise = best
+    return noise
+
+
+def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str) -> tuple[float, Array]:
+    """Return about how much the term ``name`` would gain, and the parameters to start from.
+
+    Score statistics and two sizes of it tell, for three evaluations of the likelihood a start; an estimate costs some
+    twenty of likelihood and gradient.
     """
     part, noise = _on_subset(noise, linear)
-    small = _scaled(noise, part, name, _SMALL)
-    start = small.terms[name]
-    amplitudes = TERMS[name].amplitudes(len(start))
-    try:
-        gradient = likelihood_and_gradient(small, part)[1][-len(start) :]
-    except np.linalg.LinAlgError:
-        return 0.0
-    return max(score_statistics(small, part, name, gradient[amplitudes].tolist()), least_gain(noise, part, name))
+    best, chosen = -math.inf, TERMS[name].starts(part, usual_std(noise, part))
+    for start in chosen:
+        small = noise.with_term(name, _scaled(name, start, _SMALL))
+        amplitudes = TERMS[name].amplitudes(len(start))
+        try:
+            gradient = likelihood_and_gradient(small, part)[1][-len(start) :]
+        except np.linalg.LinAlgError:
+            continue
+        scores = score_statistics(small, part, name, gradient[amplitudes].tolist())
+        if (gain := max(scores, _gain_at_sizes(noise, part, name, start))) > best:
+            best, found = gain, start
+    return (best, found) if best > -math.inf else (0.0, chosen[0])
 
 
 def least_gain(noise: CovarianceParameters, linear: Linearised, name: str) -> float:
-    """Return how much the term ``name`` gains at two sizes of it, which is no more than it gains at its best."""
+    """Return how much the term ``name`` gains at some sizes of it, which is no more than it gains at its best."""
     part, noise = _on_subset(noise, linear)
+    starts = TERMS[name].starts(part, usual_std(noise, part))
+    return max(_gain_at_sizes(noise, part, name, start) for start in starts)
+
+
+def _gain_at_sizes(noise: CovarianceParameters, part: Linearised, name: str, start: Array) -> float:
     try:
         without = whitened(noise, part).log_likelihood
-        sizes = [_scaled(noise, part, name, by) for by in (0.0, 0.7)]
+        sizes = [noise.with_term(name, _scaled(name, start, by)) for by in (0.0, 0.7)]
         return max(whitened(size, part).log_likelihood - without for size in sizes)
     except np.linalg.LinAlgError:
         return 0.0
@@ -187,8 +243,8 @@ def _on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Lineari
     return linear.subset(index), dataclasses.replace(noise, factor=noise.factor[index])
 
 
-def _scaled(noise: CovarianceParameters, linear: Linearised, name: str, by: float) -> CovarianceParameters:
-    """Return the noise with a term at its start, its standard deviations times exp(``by``)."""
-    parameters = TERMS[name].start(linear, noise.std).copy()
+def _scaled(name: str, start: Array, by: float) -> Array:
+    """Return a term's parameters with its standard deviations times exp(``by``)."""
+    parameters = start.copy()
     parameters[TERMS[name].amplitudes(len(parameters))] += by
-    return noise.with_term(name, parameters)
+    return parameters

@@ -138,6 +138,17 @@ class Linearised:
             self.rows.subset(index), self.y[index], self.columns[index], self.joints[:, :, index], self.prior_std
         )
 
+    def turned(self, axes: Array) -> Linearised:
+        """Return the same with positions along ``axes`` ``(3, 3)``, in rows."""
+
+        def along(values: Array, at: int) -> Array:
+            position, other = np.split(values, [3], axis=at)
+            return np.concatenate((np.moveaxis(np.tensordot(axes, position, (1, at)), 0, at), other), axis=at)
+
+        return dataclasses.replace(
+            self, y=along(self.y, 1), columns=along(self.columns, 1), joints=along(self.joints, 1)
+        )
+
     @cached_property
     def reach(self) -> Array:
         """``(J,)`` root mean square distance (m) by which a joint moves the target per rad or m, at least 1 um."""

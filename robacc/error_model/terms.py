@@ -31,9 +31,11 @@ class CovarianceTerm(abc.ABC):
     meaning: ClassVar[str]
     of_joints: ClassVar[bool] = True
     """Whether the carriers are the joints; else the components of the measurement."""
+    is_correlated: ClassVar[bool] = True
+    """Whether it correlates rows of different visits."""
 
     @abc.abstractmethod
-    def start(self, linear: Linearised, noise: Array) -> Array:
+    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
         """Return parameters to start from, beside noise of standard deviations ``noise`` (m and rad)."""
 
     @abc.abstractmethod
@@ -53,6 +55,17 @@ class CovarianceTerm(abc.ABC):
         """Return half the sums of the weights ``(N, N)`` of each carrier times the kernel's derivatives."""
 
     @abc.abstractmethod
+    def size(self, parameters: Array, linear: Linearised) -> float:
+        """Return the root mean square of the error at the target, m."""
+
+    def warning(self, size: float) -> str:
+        """Return a sentence on the error of root mean square ``size`` (m) for a fit that lacks its cause."""
+        return (
+            f"an error of {1e3 * size:.2g} mm rms ({self.meaning}) has no cause in the model; a trace searches for "
+            "it, and standard errors allow for it"
+        )
+
+    @abc.abstractmethod
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return the number of parameters that describe something: each costs half the logarithm of the rows."""
 
@@ -62,10 +75,11 @@ class JointScatter(CovarianceTerm):
 
     name = "scatter"
     meaning = "scatter of the joints from visit to visit"
+    is_correlated = False
 
-    def start(self, linear: Linearised, noise: Array) -> Array:
+    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
         """Return scatter of a third of the noise at the target."""
-        return np.asarray(np.log(0.3 * noise[0] / linear.reach))
+        return [np.asarray(np.log(0.3 * noise[0] / linear.reach))]
 
     def bounds(self, count: int) -> list[tuple[float, float]]:
         """Return 0.1 urad to 0.1 rad."""
@@ -79,6 +93,10 @@ class JointScatter(CovarianceTerm):
         """Return the derivatives by the log standard deviations."""
         sums = [float(np.sum(weight * rows.same_visit)) for weight in weights]
         return np.asarray(np.exp(2.0 * parameters) * np.array(sums))
+
+    def size(self, parameters: Array, linear: Linearised) -> float:
+        """Return the root of the sum over joints."""
+        return float(np.linalg.norm(np.exp(parameters) * linear.reach))
 
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return the number of joints with scatter."""
@@ -95,9 +113,9 @@ class JointProfile(CovarianceTerm):
     name = "profile"
     meaning = "errors of single joints over their own angle"
 
-    def start(self, linear: Linearised, noise: Array) -> Array:
+    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
         """Return half the noise at the target, falling from order 6 on."""
-        return np.append(np.log(0.5 * noise[0] / linear.reach), math.log(6.0))
+        return [np.append(np.log(0.5 * noise[0] / linear.reach), math.log(6.0))]
 
     def bounds(self, count: int) -> list[tuple[float, float]]:
         """Return the bounds of the standard deviations and of the order n0."""
@@ -129,6 +147,10 @@ class JointProfile(CovarianceTerm):
                 result[-1] += 0.5 * variance * float((share * slope) @ by_order)
         return result
 
+    def size(self, parameters: Array, linear: Linearised) -> float:
+        """Return the root of the sum over joints that move."""
+        return float(np.linalg.norm((np.exp(parameters[:-1]) * linear.reach)[linear.rows.moves]))
+
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return the number of joints with a profile, and one for n0."""
         large = np.exp(parameters[:-1]) * linear.reach > NEGLIGIBLE * noise[0]
@@ -142,10 +164,10 @@ class SmoothProcess(CovarianceTerm):
     name = "smooth"
     meaning = "error that depends on the pose, no cause named"
 
-    def start(self, linear: Linearised, noise: Array) -> Array:
+    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
         """Return half the noise at the target, with lengths of 1.5 rad."""
         lengths = np.full(len(linear.reach), math.log(1.5))
-        return np.append(math.log(0.5 * noise[0] / float(np.mean(linear.reach))), lengths)
+        return [np.append(math.log(0.5 * noise[0] / float(np.mean(linear.reach))), lengths)]
 
     def bounds(self, count: int) -> list[tuple[float, float]]:
         """Return the bounds of the standard deviation and of the lengths, rad."""
@@ -175,6 +197,10 @@ class SmoothProcess(CovarianceTerm):
             result[1 + j] = 0.5 * np.sum(weighted * chord) * math.exp(-2.0 * parameters[1 + j])
         return result
 
+    def size(self, parameters: Array, linear: Linearised) -> float:
+        """Return the root of the sum over joints."""
+        return float(np.exp(parameters[0]) * np.linalg.norm(linear.reach))
+
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return one for the variance and one for the length of each joint that moves."""
         return 1 + int(np.sum(linear.rows.moves))
@@ -187,9 +213,10 @@ class Wander(CovarianceTerm):
     meaning = "error that wanders over time"
     of_joints = False
 
-    def start(self, linear: Linearised, noise: Array) -> Array:
-        """Return a third of the noise, over a twentieth of the campaign."""
-        return np.append(np.log(0.3 * noise), math.log(0.05))
+    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
+        """Return a third of the noise, over a twentieth of the campaign and over one visit."""
+        times = (0.05, 1.0 / np.unique(linear.rows.visit).size)
+        return [np.append(np.log(0.3 * noise), math.log(time)) for time in times]
 
     def bounds(self, count: int) -> list[tuple[float, float]]:
         """Return the bounds of the standard deviations and of the time, as a share of the campaign."""
@@ -214,6 +241,17 @@ class Wander(CovarianceTerm):
             result[a // 3] += np.sum(weighted)
             result[-1] += 0.5 * rate * np.sum(weighted * rows.lags)
         return result
+
+    def size(self, parameters: Array, linear: Linearised) -> float:
+        """Return the length of three components."""
+        return float(np.sqrt(3.0) * np.exp(parameters[0]))
+
+    def warning(self, size: float) -> str:
+        """Return that the errors are correlated in time."""
+        return (
+            f"the remaining errors are correlated in time: {1e3 * size:.2g} mm rms of them wander slowly; standard "
+            "errors of coefficients allow for it"
+        )
 
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return all parameters."""

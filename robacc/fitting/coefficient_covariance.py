@@ -25,35 +25,14 @@ def sandwich(gram: Array, meat: Array, precision: Array) -> Array:
 
 
 def with_covariance(fit: Fit, covariance: Array) -> Fit:
-    """Return the fit with the correlations of ``covariance`` ``(K, K)``, and the larger of both variances of each.
-
-    K coefficients are identifiable. Neither estimate of a variance claims more than the other.
-    """
-    usual = np.diag(fit.covariance)[fit.identifiability.columns]
-    factor = np.sqrt(np.maximum(usual / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    return _replaced(fit, covariance * factor[:, None] * factor)
-
-
-def with_variances(fit: Fit, variance: Array) -> Fit:
-    """Return the fit with the larger of its own variances and ``variance`` ``(K,)``; correlations stay as they are."""
-    usual = np.diag(fit.covariance)[fit.identifiability.columns]
-    return with_factors(fit, np.sqrt(np.maximum(variance / np.maximum(usual, 1e-300), 1.0)))
-
-
-def with_factors(fit: Fit, factor: Array) -> Fit:
-    """Return the fit with standard errors times ``factor`` ``(K,)``; correlations stay as they are."""
+    """Return the fit with ``covariance`` ``(K, K)`` of its K identifiable coefficients."""
     columns = fit.identifiability.columns
-    return _replaced(fit, fit.covariance[np.ix_(columns, columns)] * factor[:, None] * factor)
+    whole = fit.covariance.copy()
+    whole[np.ix_(columns, columns)] = covariance
+    return dataclasses.replace(fit, covariance=whole)
 
 
 def with_added_covariance(fit: Fit, added: Array) -> Fit:
     """Return the fit with ``added`` ``(K, K)`` in its covariance, of a further, independent source."""
     columns = fit.identifiability.columns
-    return _replaced(fit, fit.covariance[np.ix_(columns, columns)] + added)
-
-
-def _replaced(fit: Fit, identifiable: Array) -> Fit:
-    columns = fit.identifiability.columns
-    covariance = fit.covariance.copy()
-    covariance[np.ix_(columns, columns)] = identifiable
-    return dataclasses.replace(fit, covariance=covariance)
+    return with_covariance(fit, fit.covariance[np.ix_(columns, columns)] + added)

@@ -12,23 +12,11 @@ from robacc.effects.base import Term
 from robacc.effects.validity import Validity
 from robacc.fitting.identifiability import Dropped, Identifiability
 from robacc.fitting.linear_algebra import solved
-from robacc.fitting.whitening import Scatter, Whitening
+from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import Noise
-
-
-@dataclass(frozen=True, slots=True)
-class AddedVariance:
-    """Variance that errors which poses share add to that of noise and scatter, in the weights of a fit."""
-
-    factor: float
-    """Factor of the variances of noise and scatter, at least 1."""
-    position: float
-    """Standard deviation of further independent errors of each position component, m."""
-    orientation: float
-    """The same of each orientation component, rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +41,8 @@ class Options:
     """Keep the standard deviations ``group_stds``; a fold does, as it keeps the noise."""
     prior_stds: Mapping[str, float] = field(default_factory=dict)
     """Prior standard deviations (m or rad) of kinds of constants to start from, by kind."""
-    scatter: Scatter | None = None
-    """Scatter of the joints, which rows of one visit share; none if None."""
-    added: AddedVariance | None = None
-    """Variance added in the weights for errors that poses share; none if None."""
+    scatter: Array | None = None
+    """``(J,)`` standard deviation (rad or m) of the joints' scatter, which rows of one visit share; none if None."""
     settled: float = 1e-3
     """Change of the misfits, as a share, at which the fit ends (ten times it for the groups' priors)."""
 
@@ -88,9 +74,10 @@ class Fit:
     """``(M, N)`` reciprocal standard deviation of each component, correlations aside."""
     whitening: Whitening
     """Map that gives the residuals of all rows unit covariance."""
-    scatter: Scatter | None
+    scatter: Array | None
+    """``(J,)`` scatter of the joints in the weights, rad or m; None without."""
     chi_square: float
-    """Sum of whitened squares over the inliers, without added variance."""
+    """Sum of whitened squares over the inliers."""
     degrees_of_freedom: float
     """Components of the inliers less effective coefficients."""
     steps: int

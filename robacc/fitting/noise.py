@@ -35,7 +35,7 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     rows = fit.inliers
     dof = fit.degrees_of_freedom * (0.5 if fit.residual.shape[0] == 6 else 1.0)
     sum_of_squares = float(np.sum(np.square(fit.residual[:3, rows])))
-    if fit.scatter is not None and not fit.scatter.is_none:
+    if fit.scatter is not None and fit.scatter.any():
         # Noise and scatter were estimated together from this residual, so it cannot be more than both.
         white = fit.whitening.apply(fit.residual * rows)[:3]
         noise = replace(fit.noise, source=_source_beside_scatter(fit, data))

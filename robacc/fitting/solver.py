@@ -89,7 +89,7 @@ class _Solver:
 
     @property
     def _has_scatter(self) -> bool:
-        return self.options.scatter is not None and not self.options.scatter.is_none
+        return self.options.scatter is not None and bool(self.options.scatter.any())
 
     def _identify(self) -> Identifiability:
         """Find the identifiable coefficients; coefficients with a group prior always are.
@@ -169,7 +169,7 @@ class _Solver:
             columns = self.equations.columns
             if self.priors.groups:
                 components = float(np.count_nonzero(self.inliers) * self.equations.rows)
-                known = self.options.misfit is not None or self.options.added is not None
+                known = self.options.misfit is not None
                 settled = 10 * self.options.settled
                 changed = self.priors.update(linear, columns, components, known, settled)
             changed = self._update_misfit(linear) or changed
@@ -239,7 +239,7 @@ class _Solver:
         equations, predicted = self.equations, self.predicted
         columns, prior = equations.columns, self.priors.precision[equations.columns]
         white = self.weights.whitening()
-        chi_square = float(np.square(self.weights.whitening_of_noise(self.inliers).apply(predicted.residual)).sum())
+        chi_square = float(np.square(self.weights.whitening(self.inliers).apply(predicted.residual)).sum())
         components = float(np.count_nonzero(self.inliers) * equations.rows)
         dof = components - self.priors.effective(linear, columns)
         kinds = self.priors.kind_stds

@@ -7,9 +7,7 @@ import numpy as np
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
-from robacc.fitting.places import places
 from robacc.fitting.registration import ALIGNABLE
-from robacc.fitting.visits import visit_numbers
 from robacc.measurements import Measurements
 
 _MAX_NAMES = 10
@@ -23,8 +21,6 @@ _LARGE_CONDITION = 1e3
 _FEW_NAMES = 3
 """Coefficients that a warning of a large condition number names."""
 _MILLI = {"m": "mm", "rad": "mrad"}
-_FEW_VALUES = 2
-"""Independent values for each coefficient, below which the errors of places are known roughly."""
 _SURE = 0.999
 """Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
 _SMALL = 0.7
@@ -41,23 +37,6 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
     several, more = "s" * (fit.outliers.size > 1), " …" * (fit.outliers.size > _MAX_NAMES)
     counted = f"{fit.outliers.size} row{several}, on {data.counted}{several} {lines}{more}"
     return (f"outliers left out of the fit: {counted}", *shared)
-
-
-def few_places_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
-    """Return a warning if errors that poses of a place share are estimated from too few places; else empty."""
-    if fit.scatter is None or not fit.scatter.pose_std.any():
-        return ()
-    n_places = int(np.unique(places(data)[fit.inliers]).size)
-    targets = int(np.bincount(visit_numbers(data)).max())
-    values = min(fit.residual.shape[0] * targets, fit.scatter.pose_std.size) * n_places
-    coefficients = fit.identifiability.columns.size
-    if values >= _FEW_VALUES * coefficients:
-        return ()
-    return (
-        f"visits of a pose, or of poses close together, share an error; {n_places} places give {values} independent "
-        f"values for {coefficients} coefficients, so this error is known only roughly, and standard errors "
-        "are larger: measure at more different poses",
-    )
 
 
 def convergence_warning(fit: Fit) -> tuple[str, ...]:

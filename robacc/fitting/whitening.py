@@ -1,21 +1,16 @@
-"""Whitening of residuals with shared scatter: rows of a visit share the arm's scatter, rows of a pose its error.
+"""Whitening of residuals: rows of a visit share the arm's scatter.
 
-The covariance of the rows of a block (one commanded pose, or one visit where each pose is visited once) is
+The covariance of the rows of a visit is
 
-    R = D + sum_v B_v diag(s_1^2 ... s_J^2) B_v^T + B diag(p_1^2 ... p_J^2) B^T,
+    R = D + B diag(s_1^2 ... s_J^2) B^T,
 
-D the diagonal covariance of the measurement, B_v the columns of the joint variables in the Jacobian, for the rows of
-visit v (equation (7) of Wu and Lee within the measurement model), and s_j the intrinsic repeatability of joint j. The
-last term is common to all visits of a pose.
-
-Rows are whitened in two steps, neither of which depends on their order: the symmetric inverse root F_v of each visit's
-D_v + B_v diag(s^2) B_v^T, then that of the remaining I + A A^T of a pose, with A = F B diag(p) of J columns. The second
-is I - A K A^T with K of J x J, so the work grows with the rows of a pose, not with their cube.
+D the covariance of the measurement, B the columns of the joint variables in the Jacobian (equation (7) of Wu and Lee
+within the measurement model), and s_j the intrinsic repeatability of joint j. Rows are whitened by its symmetric
+inverse root, which does not depend on their order.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,25 +25,6 @@ _MOST_NUMBERS = 2**21
 
 
 @dataclass(frozen=True, slots=True)
-class Scatter:
-    """Standard deviations of the joints' scatter, rad or m."""
-
-    visit_std: Array
-    """``(J,)`` scatter from visit to visit: intrinsic repeatability."""
-    pose_std: Array
-    """``(J,)`` error common to all visits of a commanded pose; zero if no pose was visited twice."""
-
-    @property
-    def is_none(self) -> bool:
-        """Return whether all standard deviations are zero."""
-        return not (self.visit_std.any() or self.pose_std.any())
-
-    def scaled(self, factor: float) -> Scatter:
-        """Return ``factor`` times the scatter."""
-        return Scatter(factor * self.visit_std, factor * self.pose_std)
-
-
-@dataclass(frozen=True, slots=True)
 class BlockFactor:
     """Whitening factors of the visits with a given number of rows."""
 
@@ -59,60 +35,12 @@ class BlockFactor:
 
 
 @dataclass(frozen=True)
-class SharedPoseErrors:
-    """Errors that all visits of a commanded pose share, as rows show them that are whitened visit by visit."""
-
-    columns: Array
-    """``(M, J, N)`` columns A of the joint variables, whitened visit by visit, times the errors' deviations."""
-    poses: NDArray[np.int64]
-    """``(N,)`` number of the commanded pose of each row."""
-
-    @cached_property
-    def spectra(self) -> list[tuple[NDArray[np.int64], Array, Array, Array]]:
-        """Rows ``(G, n)``, A ``(G, M n, J)``, eigenvalues and vectors of A^T A, for each number of rows."""
-        result = []
-        for rows in blocks_of(self.poses):
-            part = block_columns(self.columns, rows)
-            values, vectors = np.linalg.eigh(np.swapaxes(part, 1, 2) @ part)
-            result.append((rows, part, np.maximum(values, 0.0), vectors))
-        return result
-
-    @property
-    def log_determinant(self) -> float:
-        """Logarithm of the determinant of I + A A^T."""
-        return sum(float(np.log1p(values).sum()) for _, _, values, _ in self.spectra)
-
-    def whiten(self, scaled: Array) -> None:
-        """Multiply ``(..., M, N)`` in place by the symmetric inverse root of I + A A^T."""
-        for rows, part, values, vectors in self.spectra:
-            root = np.sqrt(1.0 + values)
-            small = (vectors / (root * (root + 1.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-            stacked = _stacked(scaled, rows)
-            stacked -= part @ (small @ (np.swapaxes(part, 1, 2) @ stacked))
-            _put(scaled, rows, stacked)
-
-    def inner(self) -> Array:
-        """Return ``(N, J, J)`` the matrix K of (I + A A^T)^-1 = I - A K A^T for the pose of each row."""
-        joints = self.columns.shape[1]
-        result = np.empty((self.poses.size, joints, joints))
-        for rows, _, values, vectors in self.spectra:
-            result[rows] = ((vectors / (1.0 + values)[:, None, :]) @ np.swapaxes(vectors, 1, 2))[:, None]
-        return result
-
-    def subset(self, rows: NDArray[np.int64]) -> SharedPoseErrors:
-        """Return the errors of the given rows."""
-        return SharedPoseErrors(self.columns[:, :, rows], self.poses[rows])
-
-
-@dataclass(frozen=True)
 class Whitening:
     """Linear map that gives residuals unit covariance; rows of weight zero are ignored."""
 
     weight: Array
     """``(M, N)`` reciprocal standard deviations of the measurement."""
     blocks: tuple[BlockFactor, ...] = ()
-    pose_errors: SharedPoseErrors | None = None
-    """Errors that visits of a pose share; None without such errors."""
     marginal_weight: Array | None = None
     """``(M, N)`` reciprocal standard deviations of measurement and scatter together; None without scatter."""
 
@@ -132,8 +60,6 @@ class Whitening:
         together = np.zeros(self.weight.shape[1], dtype=bool)
         for numbers in [block.rows for block in self.blocks if block.rows.shape[1] > 1]:
             together[numbers] = True
-        if self.pose_errors is not None:
-            together |= (np.bincount(self.pose_errors.poses) > 1)[self.pose_errors.poses]
         return together
 
     @cached_property
@@ -142,39 +68,22 @@ class Whitening:
         parts = [np.flatnonzero(mask) for mask in (~self._together, self._together)]
         return tuple((rows, self.subset(rows)) for rows in parts if rows.size)
 
-    @property
-    def log_determinant(self) -> float:
-        """Logarithm of the determinant of the covariance of all rows."""
-        result = -2.0 * float(np.log(self.weight).sum())
-        result -= 2.0 * sum(float(np.linalg.slogdet(block.factor)[1].sum()) for block in self.blocks)
-        return result if self.pose_errors is None else result + self.pose_errors.log_determinant
-
     def apply(self, values: Array) -> Array:
         """Return ``(..., M, N)`` whitened."""
         return self.apply_inplace(values.copy())
 
     def apply_inplace(self, scaled: Array) -> Array:
         """Whiten ``(..., M, N)`` in place, and return it."""
-        self.apply_by_visit(scaled)
-        if self.pose_errors is not None:
-            self.pose_errors.whiten(scaled)
-        return scaled
-
-    def apply_by_visit(self, scaled: Array) -> Array:
-        """Whiten ``(..., M, N)`` in place but for errors that visits of a pose share, and return it."""
         scaled *= self.weight
-        return self.multiply_by_visit(scaled)
+        return self._by_visit(scaled)
 
     def apply_transposed(self, values: Array) -> Array:
-        """Return ``(..., M, N)`` multiplied by the transposed map: errors of poses, visits, then weights."""
-        scaled = values.copy()
-        if self.pose_errors is not None:
-            self.pose_errors.whiten(scaled)
-        self.multiply_by_visit(scaled)
+        """Return ``(..., M, N)`` multiplied by the transposed map."""
+        scaled = self._by_visit(values.copy())
         scaled *= self.weight
         return scaled
 
-    def multiply_by_visit(self, scaled: Array) -> Array:
+    def _by_visit(self, scaled: Array) -> Array:
         """Multiply ``(..., M, N)`` of scaled values in place by the factors of the visits, and return it."""
         for block in self.blocks:
             step = max(1, _MOST_NUMBERS * scaled.shape[-1] // max(1, scaled.size * block.rows.shape[1]))
@@ -194,50 +103,33 @@ class Whitening:
             if included.any():
                 blocks.append(BlockFactor(inside[included], block.factor[included]))
         marginal = None if self.marginal_weight is None else self.marginal_weight[:, rows]
-        pose_errors = None if self.pose_errors is None else self.pose_errors.subset(rows)
-        return Whitening(self.weight[:, rows], tuple(blocks), pose_errors, marginal)
+        return Whitening(self.weight[:, rows], tuple(blocks), marginal)
 
 
 def whitening(
-    weight: Array,
-    joint_columns: Array,
-    scatter: Scatter,
-    visits: NDArray[np.int64],
-    poses: NDArray[np.int64],
-    noise: Array | None = None,
+    weight: Array, joint_columns: Array, scatter: Array, visits: NDArray[np.int64], noise: Array | None = None
 ) -> Whitening:
     """Build the map from the measurement's weights and the scatter of the joints.
 
     Args:
         weight: ``(M, N)`` reciprocal standard deviations, zero for rows that are ignored.
         joint_columns: ``(M, J, N)`` Jacobian of the joint variables.
-        scatter: Standard deviations of the joints.
+        scatter: ``(J,)`` standard deviation of each joint from visit to visit, rad or m.
         visits: ``(N,)`` number of the visit of each row.
-        poses: ``(N,)`` number of the commanded pose of each row; all rows of a visit share it.
         noise: ``(3, 3)`` covariance of each position in addition to the weights, m²; None without.
     """
-    if scatter.is_none:
-        return Whitening(weight) if noise is None else whitening_of_noise(weight, noise)
     scaled = joint_columns * weight[:, None, :]
     blocks = []
-    for rows in blocks_of(visits) if scatter.visit_std.any() else []:
-        columns = block_columns(scaled, rows) * scatter.visit_std
+    for rows in _blocks_of(visits):
+        columns = _block_columns(scaled, rows) * scatter
         scattered = columns @ np.swapaxes(columns, 1, 2)
         blocks.append(
-            _block_factor(rows, scattered if noise is None else scattered + noise_of_rows(weight, rows, noise))
+            _block_factor(rows, scattered if noise is None else scattered + _noise_of_rows(weight, rows, noise))
         )
-    if noise is not None and not blocks:
-        blocks += whitening_of_noise(weight, noise).blocks
-    variance = np.einsum("mjn,j->mn", np.square(scaled), np.square(scatter.visit_std) + np.square(scatter.pose_std))
+    variance = np.einsum("mjn,j->mn", np.square(scaled), np.square(scatter))
     if noise is not None:
         variance[:3] += np.square(weight[:3]) * np.diag(noise)[:, None]
-    white = Whitening(weight, tuple(blocks), None, weight / np.sqrt(1.0 + variance))
-    shared = np.flatnonzero(scatter.pose_std)
-    if shared.size == 0:
-        return white
-    by_visit = white.apply_by_visit(np.moveaxis(joint_columns[:, shared], 1, 0).copy())
-    errors = SharedPoseErrors(np.moveaxis(by_visit, 0, 1) * scatter.pose_std[shared][:, None], poses)
-    return dataclasses.replace(white, pose_errors=errors)
+    return Whitening(weight, tuple(blocks), weight / np.sqrt(1.0 + variance))
 
 
 def whitening_of_noise(weight: Array, noise: Array) -> Whitening:
@@ -245,10 +137,10 @@ def whitening_of_noise(weight: Array, noise: Array) -> Whitening:
     rows = np.arange(weight.shape[1])[:, None]
     marginal = weight.copy()
     marginal[:3] /= np.sqrt(1.0 + np.square(weight[:3]) * np.diag(noise)[:, None])
-    return Whitening(weight, (_block_factor(rows, noise_of_rows(weight, rows, noise)),), None, marginal)
+    return Whitening(weight, (_block_factor(rows, _noise_of_rows(weight, rows, noise)),), marginal)
 
 
-def noise_of_rows(weight: Array, rows: NDArray[np.int64], noise: Array) -> Array:
+def _noise_of_rows(weight: Array, rows: NDArray[np.int64], noise: Array) -> Array:
     """Return ``(V, M n, M n)`` covariances of blocks of rows by ``noise`` ``(3, 3)`` of each position, scaled."""
     components, (count, n) = weight.shape[0], rows.shape
     result = np.zeros((count, components, n, components, n))
@@ -266,7 +158,7 @@ def _block_factor(rows: NDArray[np.int64], scaled: Array) -> BlockFactor:
     return BlockFactor(rows, factor)
 
 
-def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Return the blocks of rows with equal numbers, ``(V, n)`` for each block size n."""
     order = np.argsort(numbers, kind="stable")
     _, first, counts = np.unique(numbers[order], return_index=True, return_counts=True)
@@ -284,7 +176,7 @@ def whole_groups(numbers: NDArray[np.int64], size: int) -> Iterator[NDArray[np.i
             start = end
 
 
-def block_columns(columns: Array, rows: NDArray[np.int64]) -> Array:
+def _block_columns(columns: Array, rows: NDArray[np.int64]) -> Array:
     """Return the columns ``(M, J, N)`` of the rows of each block, all components under each other: ``(V, M n, J)``."""
     count, n = rows.shape
     components, joints = columns.shape[:2]

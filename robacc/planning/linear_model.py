@@ -17,7 +17,7 @@ from robacc.fitting.shrinkage import PSEUDO_CONSTANTS
 from robacc.fitting.tolerances import tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.weak_parameters import BADLY_MADE, WEAK
-from robacc.fitting.whitening import Scatter, whitening
+from robacc.fitting.whitening import whitening
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -121,7 +121,7 @@ def whitened(model: Model, data: Measurements, noise: ExpectedNoise, jacobian: A
         weight[3:] = 1.0 / noise.orientation
     visits = visit_numbers(data)
     columns = joint_columns(dataclasses.replace(model, free=()), data)[: jacobian.shape[0]]
-    white = whitening(weight, columns, Scatter(noise.joints, np.zeros_like(noise.joints)), visits, visits)
+    white = whitening(weight, columns, noise.joints, visits)
     return np.moveaxis(white.apply(np.moveaxis(jacobian, 1, 0)), 0, 1)
 
 

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.error_model.structure import Repeatability
 from robacc.fitting.apply_fit import absorb_constants
-from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements
@@ -37,7 +37,6 @@ _FEWEST = 20
 
 def fit_record(
     fit: Fit,
-    predicting: Fit,
     robot: Robot,
     nominal: Robot,
     data: Measurements,
@@ -49,7 +48,6 @@ def fit_record(
 
     Args:
         fit: The final fit.
-        predicting: The same fit with the covariance that predictions take.
         robot: The fitted robot.
         nominal: The robot that the fit started from.
         data: Poses of the fit.
@@ -58,14 +56,13 @@ def fit_record(
         n_folds: Number of folds, if ``held_out`` are the poses ``data``; 0 for separate validation poses.
     """
     columns = fit.identifiability.columns
-    finite = np.all(np.isfinite(predicting.covariance[np.ix_(columns, columns)]), axis=1)
+    finite = np.all(np.isfinite(fit.covariance[np.ix_(columns, columns)]), axis=1)
     known = columns[finite]
-    variances = [np.diag(one.covariance)[known] for one in (fit, predicting)]
     stds = {} if repeatability is None else {name: std for name, std in repeatability.joints if std is not None}
     record = ModelFit(
         effects=fit.model.free,
         coefficients=tuple(fit.names[i] for i in known),
-        covariance=predicting.covariance[np.ix_(known, known)],
+        covariance=fit.covariance[np.ix_(known, known)],
         nominal=_changed_numbers(robot, nominal),
         repeatability=stds,
         unexplained=np.zeros((fit.residual.shape[0],) * 2),
@@ -75,7 +72,6 @@ def fit_record(
         largest_correction=_largest_correction(robot, nominal, data),
         ranges=_ranges(robot, data),
         n_poses=data.n,
-        factor_beyond=np.sqrt(np.maximum(variances[0] / np.where(variances[1] > 0.0, variances[1], np.inf), 1.0)),
     )
     residual, poses, sign = fit.residual[:, fit.inliers], data.subset(np.flatnonzero(fit.inliers)), 1.0
     if held_out is not None:

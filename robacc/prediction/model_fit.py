@@ -19,7 +19,6 @@ from robacc.robots.description import Robot
 
 _FIX = "`write_model` of a trace or a calibration writes it; do not change it, or remove this part completely"
 _DIGITS = 12
-_BEYOND = "standard_error_factor_beyond_ranges"
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,6 @@ class ModelFit:
     ranges: Mapping[str, tuple[float, float]]
     """Lowest and highest value over the poses of the fit, by joint and by column of circumstances."""
     n_poses: int
-    factor_beyond: Array
-    """``(P,)`` factor of the standard error of each coefficient beyond the joint ranges of the fit."""
     suspicions: tuple[str, ...] = ()
     """Data mistakes that the fit made likely, in words."""
 
@@ -75,7 +72,6 @@ class ModelFit:
             },
             "ranges": {name: [float(low), float(high)] for name, (low, high) in self.ranges.items()},
             "n_poses": self.n_poses,
-            **({_BEYOND: _text(self.factor_beyond)} if np.any(self.factor_beyond != 1.0) else {}),
             **({"suspected_mistakes": list(self.suspicions)} if self.suspicions else {}),
         }
 
@@ -107,11 +103,6 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
     if covariance.shape[0] != len(names):
         raise ValueError(f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}")
     orientation = noise["orientation"]
-    beyond = np.ones(len(names))
-    if _BEYOND in entry:
-        beyond = np.array([float(value) for value in str(entry[_BEYOND]).split()])
-    if beyond.shape != (len(names),) or not np.all((beyond >= 1.0) & np.isfinite(beyond)):
-        raise ValueError(f"`{_BEYOND}` has to be a list of {len(names)} numbers of at least 1")
     return ModelFit(
         effects=tuple(_effect(item) for item in entry["effects"]),
         coefficients=names,
@@ -125,7 +116,6 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
         largest_correction=(float(largest["position"]), float(largest["orientation"])),
         ranges={name: (float(low), float(high)) for name, (low, high) in entry["ranges"].items()},
         n_poses=int(entry["n_poses"]),
-        factor_beyond=beyond,
         suspicions=tuple(str(text) for text in entry.get("suspected_mistakes", ())),
     )
 

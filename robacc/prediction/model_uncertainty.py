@@ -4,8 +4,7 @@ The error of the calibrated arm against its model has the covariance
 
     V = J C J^T + J_q S J_q^T + R U R^T + X,
 
-with J the Jacobian of the pose to the fitted coefficients and C their covariance
-(:mod:`robacc.prediction.beyond_ranges`), J_q that to the joints and S the
+with J the Jacobian of the pose to the fitted coefficients and C their covariance, J_q that to the joints and S the
 variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation. X is
 what effects add beyond the ranges that they were fitted on (:mod:`robacc.prediction.extrapolation`,
 :mod:`robacc.prediction.fading`).
@@ -28,7 +27,6 @@ from robacc.fitting.apply_fit import absorb_constants
 from robacc.geometry import Array, Poses, compose, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.beyond_ranges import excess_share, widened
 from robacc.prediction.extrapolation import extrapolation, extrapolation_columns
 from robacc.prediction.fading import fading_columns
 from robacc.prediction.model_fit import ModelFit
@@ -147,7 +145,7 @@ def pose_sources(robot: Robot, fit: ModelFit, data: Measurements, measured: bool
     model = Model.of(robot, effects)
     if not measured:
         model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.is_of_measurement))
-    poses, jacobian, covariance = fitted_jacobian(model, fit, data, excess_share(robot, fit, data))
+    poses, jacobian, covariance = fitted_jacobian(model, fit, data)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
     scatter = np.zeros((6, 6, data.n))
     if stds.any():
@@ -156,7 +154,7 @@ def pose_sources(robot: Robot, fit: ModelFit, data: Measurements, measured: bool
     return PoseSources(model, data, jacobian, covariance, scatter, poses.rotation)
 
 
-def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements, excess: Array) -> tuple[Poses, Array, Array]:
+def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Poses, Array, Array]:
     """Return poses, their Jacobian ``(6, P, N)`` to the fitted coefficients, and the covariance ``(P, P)`` of these.
 
     Coefficients of the fit that the poses do not have, such as those of a target that was not measured, are left out.
@@ -165,8 +163,6 @@ def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements, excess: Arr
         model: The fitted robot, with the effects of the fit, or some of them, as free effects.
         fit: Record of the fit.
         data: Poses with their circumstances.
-        excess: ``(N,)`` how far they are beyond the ranges of the fit; there the columns of the Jacobian are larger, by
-            the factor of the coefficients' standard errors.
     """
     ranges = {known.effect.key(): known.validity for known in model.known}
     bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in model.free], fades=False)
@@ -175,7 +171,6 @@ def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements, excess: Arr
     known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]
     columns = np.array([numbers[coefficients_of_fit[i]] for i in known], dtype=np.int64)
     poses, jacobian = bound.linearise(np.zeros(len(bound.names)), columns)
-    jacobian = widened(jacobian, fit.factor_beyond[known], excess)
     return poses, jacobian, fit.covariance[np.ix_(known, known)]
 
 

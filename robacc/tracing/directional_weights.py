@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from robacc.accuracy.stages import Residuals, paired_gain
-from robacc.fitting.directional_noise import DirectionalNoise
+from robacc.error_model.structure import DirectionalNoise
 from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements

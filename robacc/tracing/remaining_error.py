@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.diagnostics.approach_memory import memory_of_play
-from robacc.diagnostics.residual_correlation import residual_correlations
 from robacc.diagnostics.rounded_joints import Rounding
 from robacc.diagnostics.row_loads import unlogged_loads
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect
 from robacc.error_model.estimate import ACCEPTED
-from robacc.fitting.fit_repeatability import Repeatability
+from robacc.error_model.structure import ErrorStructure, Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
@@ -72,10 +71,10 @@ def _scatter_hints(repeatability: Repeatability | None, rounding: Rounding | Non
         )
 
 
-def _process_hints(found: SearchResult) -> Iterator[str]:
+def _process_hints(found: SearchResult, structure: ErrorStructure) -> Iterator[str]:
     """Yield a hint on an error that depends on the pose and that no named effect describes."""
     parameters = found.noise.terms.get("smooth")
-    if parameters is None:
+    if parameters is None or "smooth" in structure.noise.terms:
         return
     size = math.sqrt(3.0) * math.exp(parameters[0]) * float(np.sqrt(np.mean(np.square(found.state.linear.reach))))
     yield (
@@ -138,20 +137,12 @@ def remaining_error(
     final: Fit,
     noise: LackOfFit,
     data: Measurements,
-    repeatability: Repeatability | None,
+    structure: ErrorStructure,
     rounding: Rounding | None = None,
-    shared: Sequence[str] = (),
 ) -> Unexplained:
-    """Return the error that remains after the findings, whether it has a structure, and hints on its cause.
-
-    ``shared`` are sentences on errors that poses share, which show that the model lacks an effect.
-    """
-    hints = list(_process_hints(found))
+    """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
+    hints = [*structure.warnings, *_process_hints(found, structure)]
     p_values = [0.0] if hints else [found.next[0].p_value] if found.next else [1.0]
-    for correlation in residual_correlations(final, data):
-        p_values.append(correlation.p_value)
-        hints.append(correlation.text)
-    hints.extend(shared)
     for p_value, hint in _memory_hints(effects, final, data):
         p_values.append(p_value)
         hints.append(hint)
@@ -159,10 +150,10 @@ def remaining_error(
         hints.insert(0, loads.text)
     residual = final.residual[:3, final.inliers]
     rms = rms_length(residual)
-    hints.extend(_scatter_hints(repeatability, rounding))
+    hints.extend(_scatter_hints(structure.repeatability, rounding))
     hints.extend(suspected_mistakes(final))
     hints.extend(_outlier_hints(final, data))
-    hints.extend(_size_hints(effects, noise, repeatability, rounding, rms))
+    hints.extend(_size_hints(effects, noise, structure.repeatability, rounding, rms))
     if noise.p_value is not None and noise.p_value <= _CHANCE:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"

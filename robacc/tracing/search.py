@@ -21,16 +21,17 @@ from robacc.effects.change_points import is_step, place_of, same_form
 from robacc.effects.orders import are_separable
 from robacc.effects.periodic import of_order, orders_of, profile, searched_order
 from robacc.effects.pose_correction import PoseCorrection
-from robacc.error_model.covariance import CovarianceParameters, Whitened, whitened
+from robacc.error_model.covariance import CovarianceParameters, Whitened, usual_std, whitened
 from robacc.error_model.estimate import (
     ACCEPTED,
     LEAST,
-    cost,
     estimated,
     least_gain,
-    log_prior_of_gross_errors,
+    log_evidence,
     too_many_gross_errors,
     with_gross_errors,
+    with_terms_that_gain,
+    without_idle_terms,
     worth_estimating,
 )
 from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank, with_terms
@@ -383,8 +384,7 @@ class _Search:
 
     def _log_posterior(self, state: State) -> float:
         """Return the log posterior probability of effects and terms together, up to a constant."""
-        total = whitened(state.noise, state.linear).log_likelihood
-        total += log_prior_of_gross_errors(state.noise) - cost(state.noise, state.linear)
+        total = log_evidence(state.noise, state.linear)
         for candidate, scale in zip(state.chosen, state.scales, strict=True):
             scales, log_prior = candidate.scales
             nearest = int(np.argmin(np.abs(np.log(scales / scale))))
@@ -400,12 +400,13 @@ class _Search:
         self._settle(plain)
         ends = [plain]
         least = ACCEPTED + 0.5 * math.log(self.data.n)
-        may_gain = any(worth_estimating(plain.noise, plain.linear, name) > least for name in TERMS)
+        may_gain = any(worth_estimating(plain.noise, plain.linear, name)[0] > least for name in TERMS)
         if may_gain or self._terms_rival(plain):
-            beside = self._with_terms(start)
-            if beside.noise.terms:
+            noise = with_terms_that_gain(start.noise, start.linear)
+            if noise.terms:
+                beside = self._with_noise(start, noise)
                 self._settle(beside)
-                ends.append(self._without_idle_terms(beside))
+                ends.append(self._with_noise(beside, without_idle_terms(beside.noise, beside.linear)))
         return ends
 
     def _terms_rival(self, state: State) -> bool:
@@ -542,41 +543,15 @@ class _Search:
             candidate.effect, float(scores.log_bayes[number]), candidate.log_prior, float(scores.gain[number])
         )
 
-    def _with_terms(self, start: State) -> State:
-        """Return a state with the terms that gain, added one by one, the best first."""
+    def _with_noise(self, start: State, noise: CovarianceParameters) -> State:
+        """Return a state with another covariance."""
         state = start.copy()
-        while True:
-            now, best = self._log_posterior(state), None
-            for name in TERMS:
-                if name in state.noise.terms or worth_estimating(state.noise, state.linear, name) < 1.0:
-                    continue
-                other = state.copy()
-                parameters = TERMS[name].start(other.linear, other.noise.std)
-                other.noise = estimated(other.noise.with_term(name, parameters), other.linear, 20)
-                other.noise = with_gross_errors(other.noise, other.linear, 1)
-                total = self._log_posterior(other)
-                if total > now + _GAINS and (best is None or total > best[0]):
-                    best = total, other, name
-            if best is None:
-                return self._without_idle_terms(state)
-            state = best[1]
-            state.steps.append(SearchStep("add", f"covariance: {best[2]}", ()))
-
-    def _without_idle_terms(self, start: State) -> State:
-        """Return a state without the terms that no longer gain."""
-        state = start
-        while state.noise.terms:
-            now, best = self._log_posterior(state), None
-            for name in state.noise.terms:
-                other = state.copy()
-                other.noise = with_gross_errors(estimated(other.noise.without(name), other.linear, 25), other.linear, 1)
-                total = self._log_posterior(other)
-                if total > now and (best is None or total > best[0]):
-                    best = total, other, name
-            if best is None:
-                return state
-            state = best[1]
-            state.steps.append(SearchStep("drop", f"covariance: {best[2]}", ()))
+        for action, names in (
+            ("add", set(noise.terms) - set(start.noise.terms)),
+            ("drop", set(start.noise.terms) - set(noise.terms)),
+        ):
+            state.steps += [SearchStep(action, f"covariance: {name}", ()) for name in sorted(names)]
+        state.noise = noise
         return state
 
     # -- result
@@ -658,7 +633,7 @@ class _Search:
             lengths = np.exp(terms["smooth"][1:]) / self.regressors.scale
             evidence = gain(state.noise.without("smooth"))
             correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
-            price *= TERMS["smooth"].variances(terms["smooth"], state.linear, state.noise.std)
+            price *= TERMS["smooth"].variances(terms["smooth"], state.linear, usual_std(state.noise, state.linear))
             yield Identified(correction, Ranked(correction, evidence, -price, 0.0))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 
 from robacc.accuracy.before_after import before_and_after
@@ -12,25 +13,21 @@ from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect
+from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
-from robacc.fitting.directional_noise import DirectionalNoise, noise_and_scatter
-from robacc.fitting.error_structure import with_error_structure
-from robacc.fitting.fit_repeatability import Repeatability, measured_alone, repeatability_of, settle_scatter
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
 from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
-from robacc.fitting.noise import LackOfFit
+from robacc.fitting.noise import LackOfFit, lack_of_fit
 from robacc.fitting.parameters import parameter_covariance, parameters
 from robacc.fitting.places import places_warning
-from robacc.fitting.scatter_check import contradicts_scatter, with_scatter_covariance
 from robacc.fitting.solver import fit
 from robacc.fitting.undeclared_load import undeclared_load
 from robacc.fitting.warnings import (
     condition_warning,
     convergence_warning,
-    few_places_warning,
     frames_warning,
     no_held_out_warning,
     outliers_warning,
@@ -91,21 +88,20 @@ def _trace(
     found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, how.n_folds + 1))
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
     effects = [i.effect for i in identified]
-    final, scatter = declared, None
+    final = declared
     if effects:
         extended = model.with_free(*frames_first(effects))
         final, form = _fitted(refit(declared, extended.free, data, Options()), extended, data)
-    final, scatter, form = _with_scatter(final, form, data)
-    structured = with_error_structure(final, data)
-    final = structured.fit
+    refitted = functools.partial(refit, final, final.model.free, data)
+    structured = with_error_structure(final, data, Options(), refitted)
+    final, repeatability = structured.fit, structured.repeatability
     validation = cross_validate(declared, final, effects, data, how, progress)
-    apart = noise_and_scatter(final, scatter, data)
-    noise, repeatability = apart.noise, apart.repeatability
+    noise = lack_of_fit(final, data)
     with_masses = with_mass_uncertainty(final, data)
     coefficients = parameters(with_masses)
     findings = tuple(describe_finding(i, effects, final, coefficients, validation, data) for i in identified)
     rounding = evident_rounding(final, data)
-    unexplained = remaining_error(found, effects, final, noise, data, repeatability, rounding, structured.shared)
+    unexplained = remaining_error(found, effects, final, noise, data, structured, rounding)
     ends = None if validation is None else (validation.before, validation.after)
     stages = before_and_after(model.arm.robot, data, declared, final, ends, how)
     moved = None if how.validation is None else moved_frames(declared, how.validation)
@@ -115,7 +111,6 @@ def _trace(
         assumption=assumption_of(verdict, noise, repeatability),
         declared=declared,
         final=final,
-        predicting=structured.predicting,
         noise=noise,
         nominal_unregistered=stages.nominal_unregistered,
         nominal=stages.nominal,
@@ -143,35 +138,16 @@ def _trace(
             *([no_held_out_warning(data)] if validation is None else []),
             *([] if how.validation is None else _holdout_warnings(moved, stages.after)),
             *([] if rounding is None else [rounding.warning]),
-            *apart.warnings_if(structured.shared),
-            *structured.warnings,
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
-    return result, apart.noise_unless(structured.shared)
+    return result, structured.directional
 
 
 def _fitted(fitted: Fit, model: Model, data: Measurements) -> tuple[Fit, DeflectionChoice | None]:
     """Return a fit with its elastic effects in the form that the data support; with shrunk blocks as it is."""
     return (fitted, None) if fitted.group_stds else choose_form(fitted, model, data, Options())
-
-
-def _with_scatter(
-    fitted: Fit, form: DeflectionChoice | None, data: Measurements
-) -> tuple[Fit, Repeatability | None, DeflectionChoice | None]:
-    """Return the fit beside the scatter of the joints, where it is significant."""
-
-    def refitted(options: Options) -> Fit:
-        return refit(fitted, fitted.model.free, data, options)
-
-    _, components, beside = settle_scatter(fitted, data, Options(), refitted)
-    if components is None:
-        return fitted, None, form
-    if contradicts_scatter(fitted, beside, components, data):
-        plain = with_scatter_covariance(fitted, components, data)
-        return plain, measured_alone(repeatability_of(plain, components, data)), form
-    return beside, repeatability_of(beside, components, data), form
 
 
 def _holdout_warnings(moved: MovedFrames | None, after: Stage) -> Iterator[str]:
@@ -192,7 +168,6 @@ def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measure
         *data.warnings,
         *data.contradicted_ids(),
         *places_warning(data),
-        *few_places_warning(final, data),
         *outliers_warning(final, data),
         *read_back_warning(final, data),
         *frames_warning(declared, data),

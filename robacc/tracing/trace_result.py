@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robacc.accuracy.stages import Gain, Residuals, Stage
+from robacc.error_model.structure import Repeatability
 from robacc.fitting.deflection_model import DeflectionChoice
-from robacc.fitting.fit_repeatability import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.parameters import FittedParameter, ParameterCovariance
@@ -31,8 +31,6 @@ class Trace:
     """What the verdict presumes where the noise is known from the residual alone."""
     declared: Fit
     final: Fit
-    predicting: Fit
-    """The same fit with the covariance for predictions, without errors that poses share: held-out poses show these."""
     noise: LackOfFit
     nominal_unregistered: Stage
     """The nominal model as it stands in the robot file."""

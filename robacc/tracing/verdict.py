@@ -8,7 +8,7 @@ from typing import Literal
 
 from robacc.accuracy.stages import Stage
 from robacc.effects.base import effect_class
-from robacc.fitting.fit_repeatability import Repeatability
+from robacc.error_model.structure import Repeatability
 from robacc.fitting.noise import LackOfFit
 from robacc.tracing.findings import Finding
 from robacc.tracing.remaining_error import Unexplained

@@ -64,10 +64,9 @@ def test_a_usual_correction_is_not() -> None:
 @pytest.mark.parametrize(("size", "suspected"), [(0.1, True), (0.01, False)])
 def test_orientations_of_another_convention_are_suspected(size: float, suspected: bool) -> None:
     """Rotations about random axes of some 6 degrees, as angles of another order leave them, or of half a degree."""
-    q, position, _ = made(N, 5)
+    q, position, exact = made(N, 5)
     rng = np.random.default_rng(3)
     turns = exp_so3(rng.normal(scale=size / np.sqrt(3), size=(3, N)))
-    exact = np.stack([arm.link_frames(angles)[-1][:3, :3] for angles in q.T], axis=2)
     data = Measurements(position=position, q=q, rotation=np.einsum("ijn,jkn->ikn", exact, turns))
     result = calibrate(arm.robot(), data, parse_requests("base_frame,tool_frame"), n_folds=2)
     assert any("median orientation error" in text for text in result.warnings) == suspected

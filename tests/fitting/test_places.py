@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
 from arms import arm
 
 from robacc.effects.request import build, parse_requests
+from robacc.error_model.structure import with_error_structure
 from robacc.fitting.cross_validation import folds
-from robacc.fitting.fit_repeatability import settle_scatter
-from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.fit_result import Options
 from robacc.fitting.places import places, places_warning
 from robacc.fitting.solver import fit
-from robacc.fitting.warnings import few_places_warning
-from robacc.fitting.whitening import Scatter
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
@@ -98,29 +97,10 @@ def test_errors_that_poses_of_a_place_share_widen_the_intervals() -> None:
         data = dataclasses.replace(poses(q), position=exact + rng.normal(scale=1e-5, size=exact.shape))
         model = Model.of(robot, build(parse_requests("base_frame,tool_frame,joint_offset"), model_arm, data))
         plain = fit(model, data)
-
-        def refit(options: Options, model: Model = model, data: Measurements = data) -> Fit:
-            return fit(model, data, options)
-
-        options, components, _ = settle_scatter(plain, data, Options(), refit)
-        assert components is not None
-        assert components.scatter.pose_std.any()
-        for shared, answer in ((False, plain), (True, refit(options))):
+        allowed = with_error_structure(plain, data, Options(), functools.partial(fit, model, data)).fit
+        for shared, answer in ((False, plain), (True, allowed)):
             zeros = [i for i in answer.identifiability.columns if answer.names[i].startswith("joint_offset")]
             scores[shared].extend(answer.theta[zeros] / np.sqrt(np.diag(answer.covariance)[zeros]))
     # Of 48 scores, the root mean square of standard Gaussians lies between 0.8 and 1.2 with 95 % probability.
     assert np.sqrt(np.mean(np.square(scores[False]))) > 2.0
     assert 0.7 < np.sqrt(np.mean(np.square(scores[True]))) < 1.4
-
-
-@pytest.mark.parametrize("n_places", [7, 20])
-def test_few_places_with_errors_of_their_own_are_warned_of(n_places: int) -> None:
-    robot, rng = arm("puma560").robot, np.random.default_rng(5)
-    q = np.repeat(rng.uniform(-1.5, 1.5, (6, n_places)), 6, axis=1) + rng.normal(scale=0.02, size=(6, 6 * n_places))
-    data = dataclasses.replace(poses(q), position=predict(robot, poses(q)).translation)
-    model = Model.of(robot, build(parse_requests("base_frame,tool_frame,joint_offset"), Arm.of(robot), data))
-    shared = fit(model, data, Options(scatter=Scatter(np.zeros(6), np.full(6, 5e-5)), misfit=(1e-5, 1e-5)))
-    expected = "7 places give 21 independent values for 13 coefficients" if n_places == 7 else ""
-    assert expected in "".join(few_places_warning(shared, data))
-    assert bool(few_places_warning(shared, data)) is bool(expected)
-    assert few_places_warning(fit(model, data), data) == ()

@@ -79,7 +79,6 @@ def fitted(values: np.ndarray, covariance: np.ndarray) -> tuple[Robot, ModelFit]
         largest_correction=(1e-3, 1e-3),
         ranges={"j2": (LOW, HIGH)},
         n_poses=100,
-        factor_beyond=np.ones(len(names())),
     )
     robot = arm("puma560").robot
     joints = tuple(dataclasses.replace(joint, gear_ratio=100.0) for joint in robot.joints)

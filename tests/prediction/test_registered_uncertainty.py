@@ -49,7 +49,6 @@ def model() -> tuple[Robot, ModelFit]:
         largest_correction=(1e-3, 1e-3),
         ranges={},
         n_poses=100,
-        factor_beyond=np.ones(1),
     )
     return robot, fit
 

@@ -295,7 +295,7 @@ def test_what_is_left_is_held_against_its_neighbours() -> None:
     found = traced(arm("puma560").robot, dataclasses.replace(data, position=swaying))
     assert found.verdict == "unexplained"
     assert found.unexplained.p_value < 1e-4
-    assert any("errors of successive poses" in hint for hint in found.unexplained.hints)
+    assert any("correlated in time" in hint for hint in found.unexplained.hints)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robacc.fitting.fit_repeatability import Repeatability
+from robacc.error_model.structure import Repeatability
 from robacc.fitting.noise import LackOfFit
 from robacc.modelling.observation import Noise
 from robacc.render.text.trace import _remaining_error, _residual

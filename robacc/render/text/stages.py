@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from robacc.accuracy.metrics import PoseMetrics
 from robacc.accuracy.stages import Gain, Stage
+from robacc.error_model.structure import Repeatability
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
-from robacc.fitting.fit_repeatability import Repeatability
 from robacc.render.text.layout import TextLine, columns
 from robacc.render.text.numbers import three_digits
 from robacc.render.text.units import IN_DEGREES, IN_MM

@@ -1,0 +1,282 @@
+"""What remains beside a fit: scatter, errors that depend on the pose, wander and noise, and what they do to the fit.
+
+The terms of the covariance are chosen by evidence beside the fit's columns. Rows are weighted by noise and scatter.
+Correlated errors of the other terms, K in all rows, leave the coefficients as they are, with the covariance
+
+    (X'W X + P)^-1 (X'W X + X'W K W X + P) (X'W X + P)^-1,
+
+W the weights and P the precision of the priors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.error_model.covariance import CovarianceParameters, likelihood_and_gradient, whitened
+from robacc.error_model.estimate import (
+    ACCEPTED,
+    LEAST,
+    MOST_COMPONENTS,
+    estimated,
+    log_evidence,
+    subset,
+    with_terms_that_gain,
+)
+from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank
+from robacc.error_model.terms import TERMS
+from robacc.fitting.coefficient_covariance import sandwich, with_covariance
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.linear_algebra import posterior
+from robacc.fitting.visits import visit_numbers
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+
+_BROAD = 1e3
+"""Prior standard deviation of a coefficient without a prior, in its standard errors: in effect none."""
+_RESOLVED = 0.5
+"""Largest relative standard error for which a joint's scatter is reported: two standard errors from zero."""
+_PRIOR = 2.0
+"""Prior standard deviation of the logarithm of a joint's scatter: without information it is not resolved."""
+_STEP = 0.05
+"""Change of a log standard deviation for the second derivative of the likelihood."""
+_LEAST_RATIO = 2.0
+"""Ratio of the noise along two axes from which a fit allows for it: a smaller one costs the coefficients less than a
+fifth of their accuracy."""
+
+Source = Literal["repeated visits", "several targets", "residual"]
+
+
+@dataclass(frozen=True, slots=True)
+class Repeatability:
+    """Intrinsic repeatability of an arm, apart from the measurement noise."""
+
+    joints: tuple[tuple[str, float | None], ...]
+    """Standard deviation of each joint's scatter, rad or m; None where it is not identifiable."""
+    position: float
+    """Root mean square of the scatter's length at the target, m."""
+    source: Source
+    """Source that separates it from the noise; with ``residual``, an effect outside the catalogue looks the same."""
+    pose_position: float
+    """Root mean square of the error at the target that depends on the pose and that no effect explains, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class DirectionalNoise:
+    """Noise of different size along three axes."""
+
+    axes: Array
+    """``(3, 3)`` axes in the measuring frame, in rows."""
+    std: Array
+    """``(3,)`` standard deviations along them, m."""
+
+    @property
+    def beyond_least(self) -> tuple[tuple[float, float, float], ...]:
+        """Return the covariance in the measuring frame beyond equal noise of the least standard deviation, m²."""
+        excess = np.square(self.std) - np.square(self.std.min())
+        return tuple((x, y, z) for x, y, z in (self.axes.T @ (excess[:, None] * self.axes)).tolist())
+
+    @property
+    def _structure(self) -> str:
+        """Return the direction that differs from the two others, and by how much."""
+        small, middle, large = np.sort(self.std)
+        is_smaller = middle / small > large / middle
+        k = int(np.argmin(self.std) if is_smaller else np.argmax(self.std))
+        across = float(np.sqrt(np.mean(np.square(np.delete(self.std, k)))))
+        axis = self.axes[k] * np.sign(self.axes[k][np.argmax(np.abs(self.axes[k]))])
+        direction = f"the direction ({', '.join(f'{value:.2f}' for value in axis + 0.0)}) of the measuring frame"
+        if is_smaller:
+            return f"the error that remains is {across / self.std[k]:.2g} times as large across {direction} as along it"
+        return f"the error that remains is {self.std[k] / across:.2g} times as large along {direction} as across it"
+
+    @property
+    def warning(self) -> str:
+        """Return the direction that differs, for a fit that weighted all directions equally."""
+        return (
+            f"{self._structure}: the model lacks an effect, or the instrument's noise differs along its line of sight; "
+            "if it is noise, state it in the columns sigma_x, sigma_y, sigma_z, and the fit allows for it"
+        )
+
+    @property
+    def message(self) -> str:
+        """Return the direction that differs, for a fit that allowed for it."""
+        sizes = ", ".join(f"{1e3 * std:.3g}" for std in self.std)
+        return (
+            f"{self._structure} (an instrument's noise may differ along its line of sight): {sizes} mm along three "
+            "axes; the fit weights each direction by its own noise"
+        )
+
+
+@dataclass(frozen=True)
+class ErrorStructure:
+    """A fit that allows for the structure of its errors, and that structure."""
+
+    fit: Fit
+    options: Options
+    """Options of the fit, with the scatter of the joints."""
+    noise: CovarianceParameters
+    sizes: Mapping[str, float]
+    """Root mean square of the error of each term at the target, m."""
+    repeatability: Repeatability | None
+    """Scatter of the joints; None if it is not there."""
+    directional: DirectionalNoise | None
+    """Noise that is much larger along one direction than along others; None if it is not."""
+    warnings: tuple[str, ...]
+
+
+def with_error_structure(
+    fitted: Fit, data: Measurements, options: Options, refitted: Callable[[Options], Fit]
+) -> ErrorStructure:
+    """Return the fit with weights and standard errors that allow for the structure of its errors.
+
+    ``refitted`` fits again with given options.
+    """
+    linear, rows = beside(fitted, data)
+    log_std = np.log(np.maximum(fitted.misfit[: linear.y.shape[1] // 3], math.exp(LEAST)))
+    start = estimated(CovarianceParameters(log_std, np.ones(rows.size)), linear)
+    noise = with_terms_that_gain(start, linear, _absent(fitted))
+    if data.position_variance is not None:
+        alone = dataclasses.replace(noise, log_std=np.where(np.arange(noise.log_std.size) == 0, LEAST, noise.log_std))
+        if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
+            noise = alone  # The noise is what the file states.
+    directional = None
+    if data.position_variance is None and data.noise_covariance is None:
+        directional = _directional(start, noise, linear)
+        noise = start if directional is not None else noise
+    if "scatter" in noise.terms:
+        stds = np.append(noise.std, 0.0)[:2].tolist()
+        options = dataclasses.replace(options, scatter=np.exp(noise.terms["scatter"]), misfit=(stds[0], stds[1]))
+        fitted = refitted(options)
+        linear, rows = beside(fitted, data)
+    sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
+    return ErrorStructure(
+        _with_correlated_errors(fitted, noise, linear, rows),
+        options,
+        noise,
+        sizes,
+        _repeatability(fitted, noise, linear, data, sizes) if "scatter" in sizes else None,
+        directional,
+        tuple(TERMS[name].warning(sizes[name]) for name in noise.terms if TERMS[name].is_correlated),
+    )
+
+
+def beside(fitted: Fit, data: Measurements) -> tuple[Linearised, NDArray[np.int64]]:
+    """Return a fit linearised at inliers of random poses, and the numbers of these rows."""
+    inliers = np.flatnonzero(data.first_measured(fitted.inliers))
+    draw = random_rank(data)[inliers]
+    rows = inliers[first_ranks(draw, max(2 * MOST_COMPONENTS // fitted.residual.shape[0], 1))]
+    part, columns = data.subset(rows), fitted.identifiability.columns
+    bound = fitted.model.bind(part)
+    variance = np.diag(posterior(fitted.gram, fitted.precision))
+    prior = np.where(fitted.precision > 0.0, fitted.precision, 1.0 / (_BROAD**2 * np.maximum(variance, 1e-300)))
+    whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part), part)
+    linear = dataclasses.replace(whole, columns=whole.columns[:, :, columns], prior_std=1.0 / np.sqrt(prior))
+    return linear, rows
+
+
+def _absent(fitted: Fit) -> list[str]:
+    """Return the terms that no effect of the fit stands for already."""
+    present = {effect.term_of_covariance for effect in fitted.model.free}
+    return [name for name in TERMS if name not in present]
+
+
+def _with_correlated_errors(
+    fitted: Fit, noise: CovarianceParameters, linear: Linearised, rows: NDArray[np.int64]
+) -> Fit:
+    """Return the fit with the covariance of its coefficients under the terms that correlate rows.
+
+    ``linear`` is the fit at ``rows``, a random part of the inliers; pairs of rows count as often as all rows have them.
+    """
+    terms = [name for name in noise.terms if TERMS[name].is_correlated]
+    if not terms or not len(linear.prior_std):
+        return fitted
+    share = np.count_nonzero(fitted.inliers) / rows.size
+    white = fitted.whitening.subset(rows)
+    weighted = white.apply_transposed(white.apply(np.moveaxis(linear.columns, 0, -1).swapaxes(0, 1)))
+    by_column = np.moveaxis(weighted, -1, 0)  # (n, K, M)
+    meat = np.zeros_like(fitted.gram)
+    for name in terms:
+        term = TERMS[name]
+        for number, kernel in enumerate(term.kernels(noise.terms[name], linear.rows)):
+            if kernel is None:
+                continue
+            carried = (
+                np.einsum("nkm,mn->nk", by_column, linear.joints[number]) if term.of_joints else by_column[..., number]
+            )
+            own = carried * np.diag(kernel)[:, None]
+            meat += share**2 * carried.T @ (kernel @ carried) + (share - share**2) * carried.T @ own
+    return with_covariance(fitted, sandwich(fitted.gram, fitted.gram + meat, fitted.precision))
+
+
+def _repeatability(
+    fitted: Fit,
+    noise: CovarianceParameters,
+    linear: Linearised,
+    data: Measurements,
+    sizes: Mapping[str, float],
+) -> Repeatability:
+    stds = np.exp(noise.terms["scatter"])
+    share = np.count_nonzero(fitted.inliers) / len(linear.y)
+    resolved = _relative_errors(noise, linear) / math.sqrt(share) <= _RESOLVED
+    visits, poses = visit_numbers(data), data.groups()
+    source: Source = "residual"
+    if np.unique(visits).size > np.unique(poses).size:
+        source = "repeated visits"
+    elif np.unique(visits).size < data.n:
+        source = "several targets"
+    joints = zip(fitted.model.arm.names, stds.tolist(), resolved, strict=True)
+    return Repeatability(
+        tuple((name, std if is_resolved else None) for name, std, is_resolved in joints),
+        sizes["scatter"],
+        source,
+        math.hypot(*(sizes[name] for name in sizes if TERMS[name].of_joints and name != "scatter")),
+    )
+
+
+def _relative_errors(noise: CovarianceParameters, linear: Linearised) -> Array:
+    """Return ``(J,)`` relative standard errors of the scatter's standard deviations, by the likelihood's curvature."""
+    index = subset(linear)
+    part, of_all = linear, 1.0
+    if index is not None:
+        part, of_all = linear.subset(index), math.sqrt(len(linear.y) / index.size)
+        noise = dataclasses.replace(noise, factor=noise.factor[index])
+    kept = CovarianceParameters(noise.log_std, noise.factor, {"scatter": noise.terms["scatter"], **noise.terms})
+    count = len(kept.log_std) + len(kept.terms["scatter"])
+    hessian = np.zeros((count, count))
+    for k in range(count):
+        ends = [kept.packed + sign * _STEP * (np.arange(kept.packed.size) == k) for sign in (-1.0, 1.0)]
+        low, high = (likelihood_and_gradient(kept.unpacked(end), part)[1][:count] for end in ends)
+        hessian[k] = (low - high) / (2.0 * _STEP)
+    # A standard deviation at its bound has no curvature: its information is that of the prior alone.
+    values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+    variance = np.sum(np.square(vectors) / (np.maximum(values, 0.0) + _PRIOR**-2), axis=1)
+    errors: Array = np.sqrt(variance[len(kept.log_std) :]) / of_all
+    return errors
+
+
+def _directional(
+    start: CovarianceParameters, noise: CovarianceParameters, linear: Linearised
+) -> DirectionalNoise | None:
+    """Return noise of its own size along three axes, if it is more likely than the chosen terms beside equal noise.
+
+    The axes are those of the measuring frame, or those of the residual's covariance where they are more likely.
+    """
+    white = whitened(start, linear)
+    left = linear.y - linear.columns @ (white.coefficients * linear.prior_std)
+    squares, vectors = np.linalg.eigh(left[:, :3].T @ left[:, :3])
+    if squares[2] <= _LEAST_RATIO * max(squares[0], 1e-300):
+        return None
+    best, most = None, log_evidence(noise, linear) + ACCEPTED
+    for axes, cost in ((np.eye(3), 0.0), (vectors.T, 1.5 * math.log(len(linear.y)))):
+        log_std = np.concatenate((np.repeat(start.log_std[:1], 3), start.log_std[1:]))
+        along = linear.turned(axes)
+        found = estimated(CovarianceParameters(log_std, start.factor), along)
+        if (total := log_evidence(found, along) - cost) > most:
+            best, most = DirectionalNoise(axes, found.std[:3]), total
+    return best if best is not None and best.std.max() >= _LEAST_RATIO * best.std.min() else None

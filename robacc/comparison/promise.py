@@ -69,7 +69,8 @@ def _noise_used(data: Measurements, fit: ModelFit, noise: str | float | None) ->
         return PromisedNoise(size(noise, "length", "`noise`"), "given", treatment)
     if (stated := data.stated_noise[0]) is not None:
         return PromisedNoise(stated, "file", treatment)
-    return PromisedNoise(fit.noise[0] if fit.noise_is_separate else 0.0, "model", treatment)
+    is_contained = not fit.noise_is_separate and bool(fit.unexplained.any())
+    return PromisedNoise(0.0 if is_contained else fit.noise[0], "model", treatment)
 
 
 def _with_noise(covariance: Array, noise: PromisedNoise, counts: NDArray[np.int64]) -> Array:

@@ -23,11 +23,6 @@ def of_order(joint: str, order: float) -> Effect:
     return TransmissionError((joint,), (order,))
 
 
-def profile(joint: str, orders: tuple[float, ...]) -> Effect:
-    """Return the periodic error of ``joint`` of all ``orders``, shrunk by a common prior."""
-    return TransmissionError((joint,), orders, True)
-
-
 def orders_of(effect: Effect) -> tuple[float, ...]:
     """Return the orders of a periodic error; none of any other effect."""
     return effect.orders if isinstance(effect, TransmissionError) else ()

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.change_points import is_step, place_of, same_form
 from robacc.effects.orders import are_separable
-from robacc.effects.periodic import of_order, orders_of, profile, searched_order
-from robacc.effects.pose_correction import PoseCorrection
+from robacc.effects.periodic import of_order, orders_of, searched_order
+from robacc.effects.processes import pose_correction, profile
 from robacc.error_model.covariance import CovarianceParameters, Whitened, usual_std, whitened
 from robacc.error_model.estimate import (
     ACCEPTED,
@@ -440,8 +440,7 @@ class _Search:
             if move is None:
                 shortlist = None
                 continue
-            if shortlist is None:
-                shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
+            shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
             action, chosen, scales, names, beside = move
             visited.add(frozenset(candidate.key for candidate in chosen))
             self._log(state, action, names, beside)
@@ -632,7 +631,7 @@ class _Search:
             joints = [joint for joint, does in zip(arm.names, moves, strict=True) if does]
             lengths = np.exp(terms["smooth"][1:]) / self.regressors.scale
             evidence = gain(state.noise.without("smooth"))
-            correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
+            correction = pose_correction(arm, self.data, joints, lengths[moves].tolist())
             price *= TERMS["smooth"].variances(terms["smooth"], state.linear, usual_std(state.noise, state.linear))
             yield Identified(correction, Ranked(correction, evidence, -price, 0.0))
 

@@ -94,7 +94,7 @@ def test_nothing_outside_the_effects_names_one() -> None:
     folder = Path(robacc.__file__).parent
     classes = re.compile(
         r"from robacc\.effects\.(?!base|catalogue|change_points|driver|elastic|gear_orders|instrument_place|orders"
-        r"|entry_units|periodic|request|specification)"
+        r"|entry_units|periodic|processes|request|specification)"
     )
     offenders = [
         str(path.relative_to(folder))

@@ -44,7 +44,7 @@ def noise_with(linear: Linearised, *names: str) -> CovarianceParameters:
     noise = CovarianceParameters(np.log([NOISE, 1e-4][:kinds]), factor)
     rng = np.random.default_rng(5)
     for name in names:
-        start = TERMS[name].start(linear, noise.std)
+        start = TERMS[name].starts(linear, noise.std)[0]
         noise = noise.with_term(name, start + rng.normal(scale=0.2, size=start.shape))
     return noise
 
@@ -120,7 +120,7 @@ def test_estimates_are_near_the_truth_that_the_errors_were_drawn_with() -> None:
     rng = np.random.default_rng(8)
     y = np.linalg.cholesky(dense(truth, linear)) @ rng.normal(size=linear.y.size)
     drawn = dataclasses.replace(linear, y=y.reshape(linear.y.shape))
-    start = noise_with(linear).with_term("scatter", TERMS["scatter"].start(linear, np.array([NOISE])))
+    start = noise_with(linear).with_term("scatter", TERMS["scatter"].starts(linear, np.array([NOISE]))[0])
     found = estimated(dataclasses.replace(start, factor=np.ones(150)), drawn)
     assert found.std[0] == pytest.approx(NOISE, rel=0.15)
     assert likelihood_and_gradient(found, drawn)[0] >= likelihood_and_gradient(truth, drawn)[0]

@@ -38,6 +38,8 @@ _WARM = 6
 _FLAT = 1e-5
 """Relative change of the log likelihood at which an estimate ends: of some thousands, well below one in log odds."""
 _WORSE = 1e12
+_WORTH = 0.5
+"""Gain, by a lower bound, from which a term is estimated; it decides about time."""
 _GAINS = 0.01
 """Least gain of a term beyond what it costs: smaller ones are rounding."""
 LEAST = math.log(1e-7)
@@ -175,7 +177,7 @@ def with_terms_that_gain(
             if name in noise.terms:
                 continue
             gain, start = worth_estimating(noise, linear, name)
-            if gain < 1.0:
+            if gain < _WORTH:
                 continue
             other = with_gross_errors(estimated(noise.with_term(name, start), linear, 20), linear, 1)
             if (total := log_evidence(other, linear)) > most:

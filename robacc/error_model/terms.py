@@ -165,8 +165,8 @@ class SmoothProcess(CovarianceTerm):
     meaning = "error that depends on the pose, no cause named"
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
-        """Return half the noise at the target, with lengths of 1.5 rad."""
-        lengths = np.full(len(linear.reach), math.log(1.5))
+        """Return half the noise at the target, with lengths of 3 rad: few poses are closer than that in all joints."""
+        lengths = np.full(len(linear.reach), math.log(3.0))
         return [np.append(math.log(0.5 * noise[0] / float(np.mean(linear.reach))), lengths)]
 
     def bounds(self, count: int) -> list[tuple[float, float]]:

@@ -32,7 +32,6 @@ from robacc.error_model.estimate import (
     with_gross_errors,
     with_terms_that_gain,
     without_idle_terms,
-    worth_estimating,
 )
 from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank, with_terms
 from robacc.error_model.terms import TERMS
@@ -399,9 +398,7 @@ class _Search:
         plain = start.copy()
         self._settle(plain)
         ends = [plain]
-        least = ACCEPTED + 0.5 * math.log(self.data.n)
-        may_gain = any(worth_estimating(plain.noise, plain.linear, name)[0] > least for name in TERMS)
-        if may_gain or self._terms_rival(plain):
+        if with_terms_that_gain(plain.noise, plain.linear).terms or self._terms_rival(plain):
             noise = with_terms_that_gain(start.noise, start.linear)
             if noise.terms:
                 beside = self._with_noise(start, noise)

@@ -33,7 +33,6 @@ from robacc.effects import (  # noqa: I001  the order is the catalogue's
     tracker_error as tracker_error,
     target_decentre as target_decentre,
     joint_correction as joint_correction,
-    pose_correction as pose_correction,
 )
 from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, needed, register, varies
+from robacc.effects.base import Driver, Effect, Part, Term, commanded, needed, register, varies
 from robacc.effects.driver import circumstance_driver, is_circumstance, joint_driver, torque_driver
+from robacc.effects.pose_correction import ABOUT, PoseCorrection
 from robacc.effects.requirements import torques_needed
 from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity
@@ -36,18 +37,7 @@ class JointCorrection(Effect):
 
     name = "joint_correction"
     is_empirical = True
-    about = About(
-        summary="empirical correction of one joint as a smooth function of a driver",
-        equation="theta_j + sum c_k T_k(x), T_k Chebyshev polynomials of the driver scaled to its range",
-        unit="rad (m for a prismatic joint)",
-        usual_size="1e-5 to 1e-3 rad",
-        usual_range=(1e-05, 0.001),
-        needs="the driver's column, for example time_s",
-        confused_with="every effect of the same joint; a trace therefore tests it last",
-        source="a parameter times a regressor, as every effect here; prior width by marginal likelihood (REML)",
-        example="{effect: joint_correction, joints: [j3], drivers: [j2], range: [[-1, 1]], degree: 3, "
-        "values: {j3.j2.T2: 1e-4}}",
-    )
+    about = ABOUT
 
     @classmethod
     def over(cls, arm: Arm, data: Measurements, joint: str, drivers: tuple[str, ...], degree: int) -> JointCorrection:
@@ -167,7 +157,9 @@ class JointCorrection(Effect):
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``drivers: [j3]``, ``range: [[-1.5, 1.5]]``, ``degree: 8``."""
+        """Read ``drivers: [j3]``, ``range: [[-1.5, 1.5]]``, ``degree: 8``; or ``lengths`` and ``centres``."""
+        if "centres" in settings:
+            return PoseCorrection.from_settings(joints, settings)
         other_settings = dict(settings)
         drivers, ranges, degree = (
             other_settings.pop("drivers", None),

@@ -1,16 +1,16 @@
-"""Empirical correction of all joints as a smooth function of all joints."""
+"""Empirical correction of joints as a smooth function of all of them: the form of `joint_correction` over the pose."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, register
+from robacc.effects.base import About, Effect, Part, Term, commanded
 from robacc.effects.settings import refuse_settings
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -20,17 +20,31 @@ _MOST = 80
 """Largest number of centres: with six joints the basis has some hundred columns."""
 _LEFT = 0.01
 """Share of the process's variance that the centres may leave out at a pose: a std changes by 0.5 %."""
-_USUAL_LENGTH = 1.5
-"""rad; a slide's length is the same share of its travel as this is of half a turn."""
 _JITTER = 1e-9
 """Added to the kernel of the centres, so that its factor exists where two of them nearly coincide."""
 
 
-@register
+ABOUT = About(
+    summary="empirical correction of one joint as a smooth function of a driver, or of joints as one of the pose",
+    equation="theta_j + sum c_k T_k(x), T_k Chebyshev polynomials of the driver scaled to its range; or theta_j + "
+    "sum c_jk phi_k(q), phi a basis of a Gaussian process over the joints",
+    unit="rad (m for a prismatic joint)",
+    usual_size="1e-5 to 1e-3 rad",
+    usual_range=(1e-05, 0.001),
+    needs="the driver's column, for example time_s",
+    confused_with="every effect of the same joints; a trace adds it where no cause describes an error",
+    source="M. C. Kennedy, A. O'Hagan, Bayesian calibration of computer models, J. R. Stat. Soc. B 63 (2001) 425; "
+    "prior width by marginal likelihood (REML)",
+    example="{effect: joint_correction, joints: [j3], drivers: [j2], range: [[-1, 1]], degree: 3, "
+    "values: {j3.j2.T2: 1e-4}}",
+)
+
+
 @dataclass(frozen=True)
 class PoseCorrection(Effect):
     """Joint variables plus a Gaussian process over all of them, in the basis of some centres.
 
+    It is the form of `joint_correction` with the settings ``lengths`` and ``centres``.
     The kernel of two poses is exp(-sum (2 sin(d_k / 2))^2 / (2 l_k^2)), d_k the difference of joint k (a slide has d_k
     itself) and l_k its length. With L L' the kernel of the centres, the basis is L^-1 k(centres, q) (subset of
     regressors: Rasmussen and Williams 2006, section 8.3.1), whose coefficients have one common variance. Far from the
@@ -40,21 +54,10 @@ class PoseCorrection(Effect):
     lengths: tuple[float, ...] = ()
     centres: tuple[tuple[float, ...], ...] = ()
 
-    name = "pose_correction"
+    name = "joint_correction"
+    about = ABOUT
     is_empirical = True
     extrapolates = "it fades to zero away from the poses that it was fitted to"
-    about = About(
-        summary="empirical correction of all joints as a smooth function of all joints",
-        equation="theta_j + sum c_jk phi_k(q), phi a basis of a Gaussian process over the joints",
-        unit="rad (m for a prismatic joint)",
-        usual_size="1e-5 to 1e-3 rad",
-        usual_range=(1e-05, 0.001),
-        needs="nothing",
-        confused_with="every effect that depends on the pose; a trace adds it where no cause describes an error",
-        source="M. C. Kennedy, A. O'Hagan, Bayesian calibration of computer models, J. R. Stat. Soc. B 63 (2001) 425",
-        example="{effect: pose_correction, joints: [j2, j3], lengths: [1.0, 1.0], centres: [[0, 0], [0.5, -0.5]], "
-        "values: {j2.c1: 2e-4}}",
-    )
 
     @classmethod
     def over(cls, arm: Arm, data: Measurements, joints: Sequence[str], lengths: Sequence[float]) -> PoseCorrection:
@@ -72,23 +75,6 @@ class PoseCorrection(Effect):
             chosen.append(pivot)
             score = left
         return dataclasses.replace(effect, centres=tuple(tuple(pose) for pose in q[:, chosen].T.tolist()))
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Return a correction of all joints that move, or of ``joints``, with lengths of usual size."""
-        extent = np.ptp(commanded(data, cls.name), axis=1) if data.n else np.zeros(len(arm.names))
-        chosen = [name for name, size in zip(arm.names, extent, strict=True) if size] if joints is None else joints
-        numbers = [arm.number(joint) for joint in chosen]
-        lengths = [
-            _USUAL_LENGTH * (1.0 if arm.is_revolute(joint) else max(extent[number], 1e-3) / np.pi)
-            for joint, number in zip(chosen, numbers, strict=True)
-        ]
-        return cls.over(arm, data, chosen, lengths)
-
-    @classmethod
-    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield the default."""
-        yield cls.default(arm, data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return a term for each joint and centre."""

@@ -154,6 +154,7 @@ def with_error_structure(
         options = dataclasses.replace(options, scatter=np.exp(noise.terms["scatter"]), misfit=(stds[0], stds[1]))
         fitted = refitted(options)
         linear, rows = beside(fitted, data)
+        noise = dataclasses.replace(noise, factor=np.ones(rows.size))
     sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
     return ErrorStructure(
         _with_correlated_errors(fitted, noise, linear, rows),

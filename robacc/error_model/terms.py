@@ -206,6 +206,30 @@ class SmoothProcess(CovarianceTerm):
         return 1 + int(np.sum(linear.rows.moves))
 
 
+class Field(SmoothProcess):
+    """Error of the target along fixed axes that depends on all joints: of the instrument, or of the ground."""
+
+    name = "field"
+    meaning = "error along fixed axes that depends on the pose, no cause named"
+    of_joints = False
+
+    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
+        """Return half the noise, with lengths of 3 rad."""
+        return [np.append(math.log(0.5 * noise[0]), np.full(len(linear.reach), math.log(3.0)))]
+
+    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
+        """Return the same kernel for x, y and z."""
+        return [self._kernel(parameters, rows)] * 3 + [None] * (rows.stated.shape[1] - 3)
+
+    def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
+        """Return the derivatives of the position's kernels."""
+        return super().gradient(parameters, rows, weights[:3])
+
+    def size(self, parameters: Array, linear: Linearised) -> float:
+        """Return the length of three components."""
+        return float(math.sqrt(3.0) * np.exp(parameters[0]))
+
+
 class Wander(CovarianceTerm):
     """Random and slow error of instrument and base over time: an Ornstein-Uhlenbeck process of each component."""
 
@@ -259,7 +283,7 @@ class Wander(CovarianceTerm):
 
 
 TERMS: Mapping[str, CovarianceTerm] = {
-    term.name: term for term in (JointScatter(), JointProfile(), Wander(), SmoothProcess())
+    term.name: term for term in (JointScatter(), JointProfile(), Wander(), SmoothProcess(), Field())
 }
 """Terms by name."""
 

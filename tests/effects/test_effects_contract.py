@@ -28,6 +28,7 @@ OTHER_FORMS = {
     "approach_lag": ({"common": True},),
     "backlash": ({"by": "gravity"},),
     "joint_compliance": ({"masses": "unknown"}, {"masses": "uncertain", "deflection": "rigid"}),
+    "joint_correction": ({"lengths": [1.5], "centres": [[0.0], [0.4]]},),
     "joint_hardening": ({"knee_nm": 40.0},),
     "lateral_compliance": ({"deflection": "rigid"}, {"masses": "unknown"}),
     "payload_compliance": ({"deflection": "rigid"}, {"com": "uncertain"}),
@@ -244,10 +245,6 @@ def test_a_file_in_mm_and_degrees_says_the_same(name: str) -> None:
     entry = entry_of(effect, other)
     if name == "joint_correction":
         entry["range"] = [[end * 180 / np.pi for end in pair] for pair in entry["range"]]
-    if name == "pose_correction":
-        sizes = [180 / np.pi] * len(effect.joints)
-        entry["lengths"] = [length * size for length, size in zip(entry["lengths"], sizes, strict=True)]
-        entry["centres"] = [[180 / np.pi * v for v in centre] for centre in entry["centres"]]
     if name == "rail_errors":
         entry |= {end: 1e3 * entry[end] for end in ("from", "to")}
     if "instrument" in entry:

@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.change_points import CHANGE_POINT, FEWEST, at_place, is_step, place_of, places, step_forms
+from robacc.effects.change_points import (
+    CHANGE_POINT,
+    FEWEST,
+    at_place,
+    is_step,
+    place_of,
+    places,
+    possible_places,
+    step_forms,
+)
 from robacc.effects.instrument_place import LineOfSight, Place, first_places, lines_of_sight, neighbours
 from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_OF_SLIDE, ORDER_STEP, high_orders, supported_orders
 from robacc.effects.periodic import PERIODIC, of_order, periodic_joints, searched_order
@@ -191,8 +200,11 @@ def step_candidates(arm: Arm, data: Measurements, log_prior: float) -> Iterator[
     between = between[FEWEST - 1 : len(between) - FEWEST + 1]
     if not between.size:
         return
-    few = between[np.unique(np.linspace(0, between.size - 1, min(between.size, _STEP_PLACES)).round().astype(int))]
     for form in step_forms(arm, data):
+        possible = possible_places(form, between)
+        few = possible[
+            np.unique(np.linspace(0, possible.size - 1, min(possible.size, _STEP_PLACES)).round().astype(int))
+        ]
         for place in few.tolist():
             yield _candidate(at_place(form, place, data), arm, data, log_prior - math.log(few.size))
 
@@ -262,7 +274,7 @@ class Pool:
             for step in _PLACE_STEPS:
                 yield from (effect.at(_rounded(place)) for place in neighbours(np.array(effect.place), centre, step))
         elif is_step(effect):
-            _, between = places(self.data, visit_numbers(self.data))
+            between = possible_places(effect, places(self.data, visit_numbers(self.data))[1])
             nearest = between[np.argsort(np.abs(between - place_of(effect)), kind="stable")[:20]]
             yield from (at_place(effect, place, self.data) for place in nearest.tolist())
         elif (constant := getattr(effect, "time_constant", None)) is not None:

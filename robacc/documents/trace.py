@@ -58,6 +58,7 @@ def trace_payload(
             "structured": trace.unexplained.structured,
             "p_value": trace.unexplained.p_value,
             "hints": list(trace.unexplained.hints),
+            "parts": {f"{part}_m": size for part, size in trace.unexplained.parts.items()},
         },
         "parameters": parameters_document(trace.parameters),
         "parameter_covariance": covariance_document(trace.covariance),

@@ -30,7 +30,7 @@ from robacc.error_model.estimate import (
     with_terms_that_gain,
 )
 from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank
-from robacc.error_model.terms import TERMS
+from robacc.error_model.terms import TERMS, Part
 from robacc.fitting.coefficient_covariance import sandwich, with_covariance
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.linear_algebra import posterior
@@ -121,8 +121,8 @@ class ErrorStructure:
     options: Options
     """Options of the fit, with the scatter of the joints."""
     noise: CovarianceParameters
-    sizes: Mapping[str, float]
-    """Root mean square of the error of each term at the target, m."""
+    parts: Mapping[Part, float]
+    """Root mean square of each part of the remaining error at the target, m."""
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not there."""
     directional: DirectionalNoise | None
@@ -156,12 +156,16 @@ def with_error_structure(
         linear, rows = beside(fitted, data)
         noise = dataclasses.replace(noise, factor=np.ones(rows.size))
     sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
+    independent = np.square(noise.independent(linear.rows.stated)[:, :3]).sum(axis=1)
+    parts: dict[Part, float] = {"noise": float(np.sqrt(np.median(independent)))}
+    for name, size in sizes.items():
+        parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))
     return ErrorStructure(
         _with_correlated_errors(fitted, noise, linear, rows),
         options,
         noise,
-        sizes,
-        _repeatability(fitted, noise, linear, data, sizes) if "scatter" in sizes else None,
+        parts,
+        _repeatability(fitted, noise, linear, data, parts) if "scatter" in parts else None,
         directional,
         tuple(TERMS[name].warning(sizes[name]) for name in noise.terms if TERMS[name].is_correlated),
     )
@@ -220,7 +224,7 @@ def _repeatability(
     noise: CovarianceParameters,
     linear: Linearised,
     data: Measurements,
-    sizes: Mapping[str, float],
+    parts: Mapping[Part, float],
 ) -> Repeatability:
     stds = np.exp(noise.terms["scatter"])
     share = np.count_nonzero(fitted.inliers) / len(linear.y)
@@ -234,9 +238,9 @@ def _repeatability(
     joints = zip(fitted.model.arm.names, stds.tolist(), resolved, strict=True)
     return Repeatability(
         tuple((name, std if is_resolved else None) for name, std, is_resolved in joints),
-        sizes["scatter"],
+        parts["scatter"],
         source,
-        math.hypot(*(sizes[name] for name in sizes if TERMS[name].of_joints and name != "scatter")),
+        parts.get("pose", 0.0),
     )
 
 

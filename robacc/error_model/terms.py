@@ -10,13 +10,15 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from robacc.error_model.rows import ORDERS, Linearised, Rows
 from robacc.geometry import Array
 
+Part = Literal["noise", "scatter", "pose", "wander"]
+"""Noise of the instrument, scatter of the joints, error that depends on the pose, wander over time."""
 NEGLIGIBLE = 0.1
 """Share of the noise below which a standard deviation is negligible: it changes a variance by 1 %."""
 
@@ -31,6 +33,8 @@ class CovarianceTerm(abc.ABC):
     meaning: ClassVar[str]
     of_joints: ClassVar[bool] = True
     """Whether the carriers are the joints; else the components of the measurement."""
+    part: ClassVar[Part] = "pose"
+    """Part of the remaining error that it describes."""
     is_correlated: ClassVar[bool] = True
     """Whether it correlates rows of different visits."""
 
@@ -75,6 +79,7 @@ class JointScatter(CovarianceTerm):
 
     name = "scatter"
     meaning = "scatter of the joints from visit to visit"
+    part = "scatter"
     is_correlated = False
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
@@ -235,6 +240,7 @@ class Wander(CovarianceTerm):
 
     name = "wander"
     meaning = "error that wanders over time"
+    part = "wander"
     of_joints = False
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:

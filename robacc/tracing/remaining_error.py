@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect
 from robacc.error_model.estimate import ACCEPTED
 from robacc.error_model.structure import ErrorStructure, Repeatability
+from robacc.error_model.terms import Part
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.noise import LackOfFit
 from robacc.fitting.outlier_pattern import outlier_pattern
@@ -51,6 +52,8 @@ class Unexplained:
     """Whether the error has a structure; each structure has a hint."""
     p_value: float
     hints: tuple[str, ...]
+    parts: Mapping[Part, float]
+    """Root mean square of each part at the target, m."""
 
 
 def _scatter_hints(repeatability: Repeatability | None, rounding: Rounding | None) -> Iterator[str]:
@@ -166,4 +169,5 @@ def remaining_error(
         structured=bool(hints),
         p_value=min(p_values),
         hints=tuple(hints),
+        parts=structure.parts,
     )

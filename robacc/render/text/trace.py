@@ -236,8 +236,19 @@ def _remaining_error(result: Trace) -> Iterable[str]:
         share = f"{100 * result.explained_share:.0f} %"
         floor = "noise" if result.repeatability is None else "noise and repeatability"
         yield f"{share} of the explainable error is explained (held-out variance above {floor})"
+    if len(unexplained.parts) > 1:
+        parts = (f"{_PARTS[part]} {three_digits(size * IN_MM)}" for part, size in unexplained.parts.items())
+        yield f"its parts, mm rms at the target: {', '.join(parts)}"
     yield from repeatability_items(result.repeatability, result.final.model.arm)
     yield from unexplained.hints
+
+
+_PARTS = {
+    "noise": "noise",
+    "scatter": "scatter of the joints",
+    "pose": "error that depends on the pose",
+    "wander": "wander over time",
+}
 
 
 def _significance(probability: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,20 +171,29 @@ def with_terms_that_gain(
     noise: CovarianceParameters, linear: Linearised, names: Iterable[str] = tuple(TERMS)
 ) -> CovarianceParameters:
     """Return the noise with the terms ``names`` that gain, added one by one, the best first."""
-    while True:
-        best, most = None, log_evidence(noise, linear) + _GAINS
-        for name in names:
-            if name in noise.terms:
-                continue
-            gain, start = worth_estimating(noise, linear, name)
-            if gain < _WORTH:
-                continue
+    while (gains := list(_with_one_more(noise, linear, names))) != []:
+        noise = max(gains, key=lambda gain: gain[0])[1]
+    return without_idle_terms(noise, linear)
+
+
+def has_term_that_gains(noise: CovarianceParameters, linear: Linearised) -> bool:
+    """Return whether any term gains."""
+    return next(_with_one_more(noise, linear, TERMS), None) is not None
+
+
+def _with_one_more(
+    noise: CovarianceParameters, linear: Linearised, names: Iterable[str]
+) -> Iterator[tuple[float, CovarianceParameters]]:
+    """Yield the noise with each further term that gains, and its evidence."""
+    least = log_evidence(noise, linear) + _GAINS
+    for name in names:
+        if name in noise.terms:
+            continue
+        gain, start = worth_estimating(noise, linear, name)
+        if gain >= _WORTH:
             other = with_gross_errors(estimated(noise.with_term(name, start), linear, 20), linear, 1)
-            if (total := log_evidence(other, linear)) > most:
-                best, most = other, total
-        if best is None:
-            return without_idle_terms(noise, linear)
-        noise = best
+            if (total := log_evidence(other, linear)) > least:
+                yield total, other
 
 
 def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -131,16 +131,22 @@ class ErrorStructure:
 
 
 def with_error_structure(
-    fitted: Fit, data: Measurements, options: Options, refitted: Callable[[Options], Fit]
+    fitted: Fit,
+    data: Measurements,
+    options: Options,
+    refitted: Callable[[Options], Fit],
+    names: Collection[str] = tuple(TERMS),
 ) -> ErrorStructure:
     """Return the fit with weights and standard errors that allow for the structure of its errors.
 
-    ``refitted`` fits again with given options.
+    ``refitted`` fits again with given options. The terms ``names`` are tried, unless an effect of the fit stands for
+    them.
     """
     linear, rows = beside(fitted, data)
     log_std = np.log(np.maximum(fitted.misfit[: linear.y.shape[1] // 3], math.exp(LEAST)))
     start = estimated(CovarianceParameters(log_std, np.ones(rows.size)), linear)
-    noise = with_terms_that_gain(start, linear, _absent(fitted))
+    present = {effect.term_of_covariance for effect in fitted.model.free}
+    noise = with_terms_that_gain(start, linear, [name for name in names if name not in present])
     if data.position_variance is not None:
         alone = dataclasses.replace(noise, log_std=np.where(np.arange(noise.log_std.size) == 0, LEAST, noise.log_std))
         if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
@@ -183,12 +189,6 @@ def beside(fitted: Fit, data: Measurements) -> tuple[Linearised, NDArray[np.int6
     whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part), part)
     linear = dataclasses.replace(whole, columns=whole.columns[:, :, columns], prior_std=1.0 / np.sqrt(prior))
     return linear, rows
-
-
-def _absent(fitted: Fit) -> list[str]:
-    """Return the terms that no effect of the fit stands for already."""
-    present = {effect.term_of_covariance for effect in fitted.model.free}
-    return [name for name in TERMS if name not in present]
 
 
 def _with_correlated_errors(

@@ -26,6 +26,7 @@ from robacc.error_model.estimate import (
     ACCEPTED,
     LEAST,
     estimated,
+    has_term_that_gains,
     least_gain,
     log_evidence,
     too_many_gross_errors,
@@ -398,7 +399,7 @@ class _Search:
         plain = start.copy()
         self._settle(plain)
         ends = [plain]
-        if with_terms_that_gain(plain.noise, plain.linear).terms or self._terms_rival(plain):
+        if has_term_that_gains(plain.noise, plain.linear) or self._terms_rival(plain):
             noise = with_terms_that_gain(start.noise, start.linear)
             if noise.terms:
                 beside = self._with_noise(start, noise)

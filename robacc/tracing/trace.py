@@ -93,7 +93,7 @@ def _trace(
         extended = model.with_free(*frames_first(effects))
         final, form = _fitted(refit(declared, extended.free, data, Options()), extended, data)
     refitted = functools.partial(refit, final, final.model.free, data)
-    structured = with_error_structure(final, data, Options(), refitted)
+    structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
     final, repeatability = structured.fit, structured.repeatability
     validation = cross_validate(declared, final, effects, data, how, progress)
     noise = lack_of_fit(final, data)

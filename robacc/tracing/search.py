@@ -59,7 +59,7 @@ _MOST_ALIASES = 3
 _GAINS = 0.1
 """Least gain of a move: a tenth of the log odds that a rival is behind its finding at most; it bounds the moves."""
 _SHORTLIST = 60
-"""Candidates that are scored again after a move, the best beside the model and beside it without each effect.
+"""Candidates that are scored after a swap or a drop, the best beside the model and beside it without each effect.
 
 It decides about time, not about the result: before a search ends, all candidates are scored.
 """
@@ -438,8 +438,10 @@ class _Search:
             if move is None:
                 shortlist = None
                 continue
-            shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
             action, chosen, scales, names, beside = move
+            # A new effect may show what it hid; a swap, mostly of an order or a place, changes little.
+            shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
+            shortlist = None if action == "add" else shortlist
             visited.add(frozenset(candidate.key for candidate in chosen))
             self._log(state, action, names, beside)
             self._with_effects(state, chosen, scales)

@@ -404,7 +404,10 @@ class _Search:
             if noise.terms:
                 beside = self._with_noise(start, noise)
                 self._settle(beside)
-                ends.append(self._with_noise(beside, without_idle_terms(beside.noise, beside.linear)))
+                while len((noise := without_idle_terms(beside.noise, beside.linear)).terms) < len(beside.noise.terms):
+                    beside = self._with_noise(beside, noise)
+                    self._settle(beside)
+                ends.append(beside)
         return ends
 
     def _terms_rival(self, state: State) -> bool:

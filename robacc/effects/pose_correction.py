@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from robacc.effects.base import About, Effect, Part, Term, commanded
 from robacc.effects.settings import refuse_settings
@@ -81,7 +80,7 @@ class PoseCorrection(Effect):
         q = commanded(data, self.name)[[arm.number(joint) for joint in self.joints]]
         centres = np.array(self.centres).reshape(-1, len(self.joints)).T
         kernel = self._kernel(arm, centres, centres) + _JITTER * np.eye(len(self.centres))
-        basis = solve_triangular(np.linalg.cholesky(kernel), self._kernel(arm, centres, q), lower=True)
+        basis = np.linalg.solve(np.linalg.cholesky(kernel), self._kernel(arm, centres, q))
         return tuple(
             Term(f"{self.name}.{joint}.c{k}", arm.unit(joint), 1e-4, (Part(arm.axis_motion(joint), row),), self.name)
             for joint in self.joints

@@ -414,7 +414,7 @@ class _Search:
         """Return whether a term in the place of an effect gains more than the effect: a wander in place of a step."""
         if not state.chosen:
             return False
-        _, _, without = self._scores(state)
+        _, _, without = self._scores(state, np.empty(0, dtype=np.int64))
         for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
             own = float(beside.log_odds[self.pool.number(candidate)])
             other = state.copy()

@@ -217,8 +217,8 @@ def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str)
     twenty of likelihood and gradient.
     """
     part, noise = _on_subset(noise, linear)
-    best, chosen = -math.inf, TERMS[name].starts(part, usual_std(noise, part))
-    for start in chosen:
+    best, found = 0.0, np.empty(0)
+    for start in TERMS[name].starts(part, usual_std(noise, part)):
         small = noise.with_term(name, _scaled(name, start, _SMALL))
         amplitudes = TERMS[name].amplitudes(len(start))
         try:
@@ -228,14 +228,14 @@ def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str)
         scores = score_statistics(small, part, name, gradient[amplitudes].tolist())
         if (gain := max(scores, _gain_at_sizes(noise, part, name, start))) > best:
             best, found = gain, start
-    return (best, found) if best > -math.inf else (0.0, chosen[0])
+    return best, found
 
 
 def least_gain(noise: CovarianceParameters, linear: Linearised, name: str) -> float:
     """Return how much the term ``name`` gains at some sizes of it, which is no more than it gains at its best."""
     part, noise = _on_subset(noise, linear)
     starts = TERMS[name].starts(part, usual_std(noise, part))
-    return max(_gain_at_sizes(noise, part, name, start) for start in starts)
+    return max((_gain_at_sizes(noise, part, name, start) for start in starts), default=0.0)
 
 
 def _gain_at_sizes(noise: CovarianceParameters, part: Linearised, name: str, start: Array) -> float:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Part, Term
 from robacc.effects.step import sequence_of
+from robacc.fitting.places import places
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -31,6 +32,8 @@ class Rows:
 
     visit: NDArray[np.int64]
     """``(N,)`` number of the arm's arrival."""
+    place: NDArray[np.int64]
+    """``(N,)`` number of the pose, or of poses that lie close together."""
     angles: Array
     """``(J, N)`` rad; the travel of a slide is half a turn, so that its ends are different places."""
     time: Array
@@ -61,6 +64,7 @@ class Rows:
             stated[:, 3:] = np.square(data.sigma_rotation)[:, None]
         return cls(
             visit_numbers(data),
+            places(data),
             (data.q - start[:, None]) * scale[:, None],
             (time - time.min()) / max(float(np.ptp(time)), 1e-9),
             moves,
@@ -73,6 +77,7 @@ class Rows:
         """Return some of the rows."""
         return Rows(
             self.visit[index],
+            self.place[index],
             self.angles[:, index],
             self.time[index],
             self.moves,
@@ -85,6 +90,11 @@ class Rows:
     def same_visit(self) -> Array:
         """``(N, N)`` 1 for two rows of one visit, else 0."""
         return np.asarray(self.visit[:, None] == self.visit, dtype=np.float64)
+
+    @cached_property
+    def same_place(self) -> Array:
+        """``(N, N)`` 1 for two rows of one place, else 0."""
+        return np.asarray(self.place[:, None] == self.place, dtype=np.float64)
 
     @cached_property
     def chords(self) -> dict[int, Array]:

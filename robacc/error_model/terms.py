@@ -79,7 +79,7 @@ class JointScatter(CovarianceTerm):
 
     name = "scatter"
     meaning = "scatter of the joints from visit to visit"
-    part = "scatter"
+    part: ClassVar[Part] = "scatter"
     is_correlated = False
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
@@ -92,11 +92,15 @@ class JointScatter(CovarianceTerm):
 
     def kernels(self, parameters: Array, rows: Rows) -> Kernels:
         """Return the variance where two rows are of one visit."""
-        return [variance * rows.same_visit for variance in np.exp(2.0 * parameters)]
+        return [variance * self._same(rows) for variance in np.exp(2.0 * parameters)]
+
+    def _same(self, rows: Rows) -> Array:
+        return rows.same_visit
 
     def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
         """Return the derivatives by the log standard deviations."""
-        sums = [float(np.sum(weight * rows.same_visit)) for weight in weights]
+        same = self._same(rows)
+        sums = [float(np.sum(weight * same)) for weight in weights]
         return np.asarray(np.exp(2.0 * parameters) * np.array(sums))
 
     def size(self, parameters: Array, linear: Linearised) -> float:
@@ -106,6 +110,23 @@ class JointScatter(CovarianceTerm):
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return the number of joints with scatter."""
         return int(np.sum(np.exp(parameters) * linear.reach > NEGLIGIBLE * noise[0]))
+
+
+class PlaceError(JointScatter):
+    """Errors of the joints that the visits of a place share, without regard to other places."""
+
+    name = "place"
+    meaning = "errors of the joints that visits of a pose, or of poses close together, share"
+    part = "pose"
+    is_correlated = True
+
+    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
+        """Return errors of a third of the noise at the target; none if no place is visited twice."""
+        visits = np.unique(np.stack((linear.rows.visit, linear.rows.place)), axis=1)[1]
+        return super().starts(linear, noise) if np.unique(visits).size < visits.size else []
+
+    def _same(self, rows: Rows) -> Array:
+        return rows.same_place
 
 
 class JointProfile(CovarianceTerm):
@@ -289,7 +310,7 @@ class Wander(CovarianceTerm):
 
 
 TERMS: Mapping[str, CovarianceTerm] = {
-    term.name: term for term in (JointScatter(), JointProfile(), Wander(), SmoothProcess(), Field())
+    term.name: term for term in (JointScatter(), PlaceError(), JointProfile(), Wander(), SmoothProcess(), Field())
 }
 """Terms by name."""
 

@@ -24,10 +24,13 @@ NOISE = 2e-5
 
 @cache
 def linearised(orientation: bool = False, n: int = 24) -> Linearised:
-    """Return the frames of an arm linearised on poses with three rows a visit."""
+    """Return the frames of an arm linearised on poses with three rows a visit, and two visits a place."""
     robot = dataclasses.replace(arm("irb1600").robot, effects=())
     data = simulate(robot, Plan(n, seed=3, noise_position=NOISE, orientation=orientation, time_step=20.0)).data
-    data = dataclasses.replace(data, visit=np.repeat(np.arange(n // 3), 3).astype(str))
+    visit = np.repeat(np.arange(n // 3), 3)
+    assert data.q is not None
+    q = data.q[:, 6 * (np.arange(n) // 6)]
+    data = dataclasses.replace(data, q=q, visit=visit.astype(str), pose=(visit // 2).astype(str))
     model = Model.of(robot)
     model = model.with_free(*build(parse_requests("base_frame,joint_offset"), model.arm, data))
     bound = model.bind(data)
@@ -72,7 +75,7 @@ def dense(noise: CovarianceParameters, linear: Linearised) -> Array:
     return result
 
 
-CASES = [(), ("scatter",), ("profile",), ("wander",), ("smooth",), ("scatter", "profile", "wander", "smooth")]
+CASES = [(), *((name,) for name in TERMS), tuple(TERMS)]
 
 
 @pytest.mark.parametrize("names", CASES, ids=lambda names: "+".join(names) or "independent")

@@ -1,9 +1,9 @@
 """What remains beside a fit: scatter, errors that depend on the pose, wander and noise, and what they do to the fit.
 
-The terms of the covariance are chosen by evidence beside the fit's columns. Rows are weighted by noise and scatter.
-Correlated errors of the other terms, K in all rows, leave the coefficients as they are, with the covariance
+The terms of the covariance V are chosen by evidence beside the fit's columns. Rows are weighted by noise, and by
+scatter where repeated visits or several targets separate the two. The coefficients then have the covariance
 
-    (X'W X + P)^-1 (X'W X + X'W K W X + P) (X'W X + P)^-1,
+    (X'W X + P)^-1 (X'W V W X + P) (X'W X + P)^-1,
 
 W the weights and P the precision of the priors.
 """
@@ -34,6 +34,7 @@ from robacc.error_model.terms import TERMS, Part
 from robacc.fitting.coefficient_covariance import sandwich, with_covariance
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.linear_algebra import posterior
+from robacc.fitting.misfit import noise_of
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -155,23 +156,27 @@ def with_error_structure(
     if data.position_variance is None and data.noise_covariance is None:
         directional = _directional(start, noise, linear)
         noise = start if directional is not None else noise
-    if "scatter" in noise.terms:
-        stds = np.append(noise.std, 0.0)[:2].tolist()
-        options = dataclasses.replace(options, scatter=np.exp(noise.terms["scatter"]), misfit=(stds[0], stds[1]))
+    source = _source(data)
+    is_weighted = "scatter" in noise.terms and source != "residual"
+    misfit = (float(noise.std[0]), float(np.append(noise.std, 0.0)[1]))
+    if is_weighted:
+        options = dataclasses.replace(options, scatter=np.exp(noise.terms["scatter"]), misfit=misfit)
         fitted = refitted(options)
         linear, rows = beside(fitted, data)
         noise = dataclasses.replace(noise, factor=np.ones(rows.size))
+    elif "scatter" in noise.terms:
+        fitted = dataclasses.replace(fitted, noise=noise_of(data, misfit, False))
     sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
     independent = np.square(noise.independent(linear.rows.stated)[:, :3]).sum(axis=1)
     parts: dict[Part, float] = {"noise": float(np.sqrt(np.median(independent)))}
     for name, size in sizes.items():
         parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))
     return ErrorStructure(
-        _with_correlated_errors(fitted, noise, linear, rows),
+        _with_covariance(fitted, noise, linear, rows, is_weighted),
         options,
         noise,
         parts,
-        _repeatability(fitted, noise, linear, data, parts) if "scatter" in parts else None,
+        _repeatability(fitted, noise, linear, parts, source) if "scatter" in parts else None,
         directional,
         tuple(TERMS[name].warning(sizes[name]) for name in noise.terms if TERMS[name].is_correlated),
     )
@@ -191,21 +196,33 @@ def beside(fitted: Fit, data: Measurements) -> tuple[Linearised, NDArray[np.int6
     return linear, rows
 
 
-def _with_correlated_errors(
-    fitted: Fit, noise: CovarianceParameters, linear: Linearised, rows: NDArray[np.int64]
+def _source(data: Measurements) -> Source:
+    """Return what separates scatter of the joints from the noise."""
+    visits = np.unique(visit_numbers(data)).size
+    if visits > np.unique(data.groups()).size:
+        return "repeated visits"
+    return "several targets" if visits < data.n else "residual"
+
+
+def _with_covariance(
+    fitted: Fit, noise: CovarianceParameters, linear: Linearised, rows: NDArray[np.int64], is_weighted: bool
 ) -> Fit:
-    """Return the fit with the covariance of its coefficients under the terms that correlate rows.
+    """Return the fit with the covariance of its coefficients under all terms.
 
     ``linear`` is the fit at ``rows``, a random part of the inliers; pairs of rows count as often as all rows have them.
+    ``is_weighted`` says that scatter and noise are the fit's weights.
     """
-    terms = [name for name in noise.terms if TERMS[name].is_correlated]
+    terms = [name for name in noise.terms if TERMS[name].is_correlated or not is_weighted]
     if not terms or not len(linear.prior_std):
         return fitted
     share = np.count_nonzero(fitted.inliers) / rows.size
     white = fitted.whitening.subset(rows)
     weighted = white.apply_transposed(white.apply(np.moveaxis(linear.columns, 0, -1).swapaxes(0, 1)))
     by_column = np.moveaxis(weighted, -1, 0)  # (n, K, M)
-    meat = np.zeros_like(fitted.gram)
+    variance = np.square(noise.independent(linear.rows.stated))
+    meat = fitted.gram.copy()
+    if not is_weighted:
+        meat = share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
     for name in terms:
         term = TERMS[name]
         for number, kernel in enumerate(term.kernels(noise.terms[name], linear.rows)):
@@ -216,25 +233,19 @@ def _with_correlated_errors(
             )
             own = carried * np.diag(kernel)[:, None]
             meat += share**2 * carried.T @ (kernel @ carried) + (share - share**2) * carried.T @ own
-    return with_covariance(fitted, sandwich(fitted.gram, fitted.gram + meat, fitted.precision))
+    return with_covariance(fitted, sandwich(fitted.gram, meat, fitted.precision))
 
 
 def _repeatability(
     fitted: Fit,
     noise: CovarianceParameters,
     linear: Linearised,
-    data: Measurements,
     parts: Mapping[Part, float],
+    source: Source,
 ) -> Repeatability:
     stds = np.exp(noise.terms["scatter"])
     share = np.count_nonzero(fitted.inliers) / len(linear.y)
     resolved = _relative_errors(noise, linear) / math.sqrt(share) <= _RESOLVED
-    visits, poses = visit_numbers(data), data.groups()
-    source: Source = "residual"
-    if np.unique(visits).size > np.unique(poses).size:
-        source = "repeated visits"
-    elif np.unique(visits).size < data.n:
-        source = "several targets"
     joints = zip(fitted.model.arm.names, stds.tolist(), resolved, strict=True)
     return Repeatability(
         tuple((name, std if is_resolved else None) for name, std, is_resolved in joints),

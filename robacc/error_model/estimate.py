@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.error_model.covariance import (
     CovarianceParameters,
@@ -55,9 +54,7 @@ def estimated(noise: CovarianceParameters, linear: Linearised, iterations: int =
         return _independent(noise, linear)
     from scipy.optimize import minimize  # half a second, which clean data are spared
 
-    index = subset(linear)
-    part = linear if index is None else linear.subset(index)
-    start = noise if index is None else dataclasses.replace(noise, factor=noise.factor[index])
+    part, start = on_subset(noise, linear)
 
     def objective(packed: Array) -> tuple[float, Array]:
         try:
@@ -99,11 +96,12 @@ def _independent(noise: CovarianceParameters, linear: Linearised) -> CovarianceP
     return noise
 
 
-def subset(linear: Linearised) -> NDArray[np.int64] | None:
-    """Return rows of random poses that the parameters are estimated on; None for all."""
+def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearised, CovarianceParameters]:
+    """Return model and noise at the rows of random poses that the parameters are estimated on."""
     if linear.y.size <= MOST_COMPONENTS:
-        return None
-    return first_ranks(linear.rows.draw, MOST_COMPONENTS // linear.y.shape[1])
+        return linear, noise
+    index = first_ranks(linear.rows.draw, MOST_COMPONENTS // linear.y.shape[1])
+    return linear.subset(index), dataclasses.replace(noise, factor=noise.factor[index])
 
 
 def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = 6) -> CovarianceParameters:
@@ -216,7 +214,7 @@ def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str)
     Score statistics and two sizes of it tell, for three evaluations of the likelihood a start; an estimate costs some
     twenty of likelihood and gradient.
     """
-    part, noise = _on_subset(noise, linear)
+    part, noise = on_subset(noise, linear)
     best, found = 0.0, np.empty(0)
     for start in TERMS[name].starts(part, usual_std(noise, part)):
         small = noise.with_term(name, _scaled(name, start, _SMALL))
@@ -233,7 +231,7 @@ def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str)
 
 def least_gain(noise: CovarianceParameters, linear: Linearised, name: str) -> float:
     """Return how much the term ``name`` gains at some sizes of it, which is no more than it gains at its best."""
-    part, noise = _on_subset(noise, linear)
+    part, noise = on_subset(noise, linear)
     starts = TERMS[name].starts(part, usual_std(noise, part))
     return max((_gain_at_sizes(noise, part, name, start) for start in starts), default=0.0)
 
@@ -245,13 +243,6 @@ def _gain_at_sizes(noise: CovarianceParameters, part: Linearised, name: str, sta
         return max(whitened(size, part).log_likelihood - without for size in sizes)
     except np.linalg.LinAlgError:
         return 0.0
-
-
-def _on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearised, CovarianceParameters]:
-    index = subset(linear)
-    if index is None:
-        return linear, noise
-    return linear.subset(index), dataclasses.replace(noise, factor=noise.factor[index])
 
 
 def _scaled(name: str, start: Array, by: float) -> Array:

@@ -26,7 +26,7 @@ from robacc.error_model.estimate import (
     MOST_COMPONENTS,
     estimated,
     log_evidence,
-    subset,
+    on_subset,
     with_terms_that_gain,
 )
 from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank
@@ -257,11 +257,8 @@ def _repeatability(
 
 def _relative_errors(noise: CovarianceParameters, linear: Linearised) -> Array:
     """Return ``(J,)`` relative standard errors of the scatter's standard deviations, by the likelihood's curvature."""
-    index = subset(linear)
-    part, of_all = linear, 1.0
-    if index is not None:
-        part, of_all = linear.subset(index), math.sqrt(len(linear.y) / index.size)
-        noise = dataclasses.replace(noise, factor=noise.factor[index])
+    part, noise = on_subset(noise, linear)
+    of_all = math.sqrt(len(linear.y) / len(part.y))
     kept = CovarianceParameters(noise.log_std, noise.factor, {"scatter": noise.terms["scatter"], **noise.terms})
     count = len(kept.log_std) + len(kept.terms["scatter"])
     hessian = np.zeros((count, count))

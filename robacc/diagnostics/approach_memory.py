@@ -4,8 +4,8 @@ Play without memory has two values, given by the approach. Where friction and sp
 joint also remembers the load of the previous visit: the error follows the sign of the change of gravity's torque. That
 sign depends on the present pose too, so its least-squares fit by polynomials of the ranks of torque and joint is
 subtracted. The difference is independent of the residual of a complete model. The sum of their products, over the root
-of the sum of the squared products, is then a standard Gaussian to good accuracy (a self-normalised sum; V. H. de la Peña,
-T. L. Lai, Q.-M. Shao, Self-Normalized Processes, 2009).
+of the sum of the squared products, is then a standard Gaussian to good accuracy (a self-normalised sum; V. H. de la
+Peña, T. L. Lai, Q.-M. Shao, Self-Normalized Processes, 2009).
 
 Source of the mechanism: M. Ruderman, F. Hoffmann, T. Bertram, "Modeling and identification of elastic robot joints with
 hysteresis and backlash", IEEE Trans. Industrial Electronics 56 (2009) 3840-3847.

@@ -2,7 +2,6 @@
 
 :func:`each` does what :mod:`concurrent.futures` does not: a process that is ended from outside (for want of memory, for
 example) fails only the task it was doing, and an interrupt ends every process without a message of its own.
-:func:`fork_map` is for work on data that is too large to copy: the processes inherit it.
 """
 
 from __future__ import annotations
@@ -69,41 +68,6 @@ def each(work: Callable[[Task], Outcome], tasks: Sequence[Task], jobs: int) -> I
                 yield number, outcome
     finally:
         _end(processes)
-
-
-def fork_map(work: Callable[[Task], Outcome], items: Sequence[Task], processes: int) -> Iterator[Outcome]:
-    """Yield ``work(item)`` for each item in order, computed by forked processes.
-
-    The processes inherit ``work`` and all that it refers to by fork, so nothing of it is copied or pickled; items and
-    outcomes are pickled. This process handles signals and ends the others. Where the platform cannot fork, or
-    ``processes`` is below 2, this process does the work.
-    """
-    if processes < 2 or "fork" not in multiprocessing.get_all_start_methods():
-        yield from map(work, items)
-        return
-    context = multiprocessing.get_context("fork")
-    with context.Pool(processes, initializer=_inherit, initargs=(work,)) as pool:
-        yield from pool.imap(_inherited, items)
-
-
-_inherited_work: Callable[[Any], Any] | None = None
-"""Work of a process that :func:`fork_map` started; None in every other process."""
-
-
-def _inherit(work: Callable[[Any], Any]) -> None:
-    """Set up a forked process: keep its work and leave signals to its parent.
-
-    The signal handlers that it inherits would answer each signal a second time.
-    """
-    global _inherited_work
-    _inherited_work = work
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _inherited(item: Any) -> Any:
-    assert _inherited_work is not None
-    return _inherited_work(item)
 
 
 def _start(work: Callable[[Any], Any], processes: dict[Connection, BaseProcess]) -> Connection:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +11,8 @@ from robacc.accuracy.metrics import pose_metrics
 from robacc.accuracy.stages import BeforeAfter, Residuals, Stage, paired_gain
 from robacc.effects.base import effect_class
 from robacc.errors import InputError
-from robacc.fitting.cross_validation import HoldOut, held_out, parts
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.held_out import HoldOut
 from robacc.fitting.places import places
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit
@@ -47,7 +46,7 @@ def before_and_after(
     residuals before and after by models fitted without the poses that ``how`` holds out; None where there are none.
     """
     unregistered = residuals(data, predict(robot, data))
-    registered = registered_residuals(robot, data, how if held_out is not None else replace(how, validation=None))
+    registered = registered_residuals(robot, data, how)
     calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual)
     fitted = (unregistered, registered.fitted, before.residual, after.residual)
     inliers = after.inliers
@@ -81,25 +80,11 @@ def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> Regi
     """
     arm = Arm.of(robot)
     frames = [effect_class(name).default(arm, data) for name in ALIGNABLE]
-    model, options = Model.of(robot, frames), Options(tolerance=1e-6)
     try:
-        registered = fit(model, data, options)
-        if how.validation is not None:
-            return Registered(registered.residual, held_out(registered, how.validation))
-        assigned = how.folds(data)
-        if assigned is None:
-            return Registered(registered.residual, None)
+        registered = fit(Model.of(robot, frames), data, Options(tolerance=1e-6))
     except InputError:
         return Registered(residuals(data, predict(robot, data)), None)
-    apart = np.empty_like(registered.residual)
-    try:
-        for training, test in parts(assigned):
-            part = fit(model, data.subset(np.flatnonzero(training)), options)
-            apart[:, test] = held_out(part, data.subset(np.flatnonzero(test)))
-    except InputError:
-        # The poses without a fold are too few; all of them are not.
-        return Registered(registered.residual, None)
-    return Registered(registered.residual, apart)
+    return Registered(registered.residual, how.residuals(registered)[0])
 
 
 def _stage(fitted: Array, inliers: NDArray[np.bool_], apart: Array | None, judged: NDArray[np.bool_] | None) -> Stage:

@@ -66,7 +66,7 @@ def calibrate(
     prior: bool = False,
     shrink: bool = True,
     robust: bool = True,
-    folds: int = 5,
+    folds: int | None = None,
     holdout: PosesSource | None = None,
     ordered: bool = False,
     ignore_limits: bool = False,
@@ -90,8 +90,9 @@ def calibrate(
         shrink: Shrink ``joint_offset`` and ``link_geometry``, if named without brackets, to the nominal values where
             the data show no difference.
         robust: Leave out outliers and list them; else all rows are fitted.
-        folds: Number of folds of cross-validation; each is held out in turn.
-        holdout: Separate validation poses, in place of cross-validation.
+        folds: Number of parts of the poses that are held out in turn; by default each pose in turn, with its repeats
+            and the poses close to it.
+        holdout: Separate validation poses, in place of held-out poses of the file.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
@@ -122,7 +123,8 @@ def calibrate(
         # written by
     """
     arguments = locals()
-    check_range("folds", folds, 2, 50)
+    if folds is not None:
+        check_range("folds", folds, 2, 50)
     check_range("seed", seed, 0)
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     requests = parse_requests(joined(fit))

@@ -36,19 +36,19 @@ class Traced(FitResult, Trace):
     def of(cls, body: Trace, inputs: FitInputs, baseline: Baseline, made: Provenance) -> Traced:
         """Return ``body`` with its inputs, and its robot with the record of the poses that it was fitted to."""
         fields = fields_of(body)
-        fields["robot"], warnings = fitted_model(with_fit(body.robot, body, body.final, inputs), inputs)
+        fields["robot"], warnings = fitted_model(with_fit(body.robot, body, body.fit, inputs), inputs)
         fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
         return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
 
     @property
     def converged(self) -> bool:
         """Return whether the reported fit converged."""
-        return self.final.converged
+        return self.fit.converged
 
     @property
     def suspicions(self) -> tuple[str, ...]:
         """Return the data mistakes that the reported fit makes likely, in words."""
-        return suspected_mistakes(self.final)
+        return suspected_mistakes(self.fit)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
@@ -65,7 +65,7 @@ def trace(
     *,
     robot: StrPath | Robot,
     declared: str | Sequence[str] | None = None,
-    folds: int = 5,
+    folds: int | None = None,
     holdout: PosesSource | None = None,
     empirical: bool = True,
     ordered: bool = False,
@@ -85,8 +85,9 @@ def trace(
         declared: Effects known to be present, such as ``("base_frame", "tool_frame")``: part of the baseline. None for
             the effects of every arm that the poses support: base_frame, tool_frame, joint_offset, link_geometry.
             ``"none"`` or ``()`` for nothing.
-        folds: Number of folds of cross-validation; each is held out in turn.
-        holdout: Separate validation poses, in place of cross-validation.
+        folds: Number of parts of the poses that are held out in turn; by default each pose in turn, with its repeats
+            and the poses close to it.
+        holdout: Separate validation poses, in place of held-out poses of the file.
         empirical: Allow empirical corrections after the named effects.
         ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
@@ -113,13 +114,13 @@ def trace(
         ...     "sample_data/trace/poses.csv",
         ...     robot="sample_data/trace/robot.yaml",
         ...     declared="base_frame,tool_frame,joint_offset,link_geometry",
-        ...     folds=2,
         ... )
         >>> result.verdict, [(finding.effect, finding.joints) for finding in result.findings]
         ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
     """
     arguments = locals()
-    check_range("folds", folds, 2, 50)
+    if folds is not None:
+        check_range("folds", folds, 2, 50)
     check_range("seed", seed, 0)
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     arm = Arm.of(inputs.robot)

@@ -3,82 +3,43 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from robacc.accuracy.before_after import before_and_after
-from robacc.accuracy.stages import Gain, Residuals, Stage
-from robacc.calibration.final_fit import final_fit
-from robacc.calibration.held_out import hold_out
-from robacc.calibration.plan import CalibrationPlan
-from robacc.calibration.warning import fit_warnings, request_warnings
+from robacc.accuracy.stages import Stage
+from robacc.calibration.plan import CalibrationPlan, is_searched
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect
 from robacc.effects.request import Request
-from robacc.error_model.structure import DirectionalNoise, Repeatability
-from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.cross_validation import HoldOut
-from robacc.fitting.deflection_model import DeflectionChoice
+from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
+from robacc.fitting.gravity_direction import with_gravity_direction
+from robacc.fitting.held_out import HoldOut
 from robacc.fitting.identifiability import Identifiability
 from robacc.fitting.leverage import high_leverage
-from robacc.fitting.mass_uncertainty import with_mass_uncertainty
-from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.parameters import (
-    Correlation,
-    FittedParameter,
-    ParameterCovariance,
-    correlations,
-    parameter_covariance,
-    parameters,
-)
-from robacc.fitting.places import places, places_warning
+from robacc.fitting.parameters import Correlation, correlations
+from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
-from robacc.tracing.cross_validation import Progress
 from robacc.tracing.directional_weights import with_directional_weights
+from robacc.tracing.judging import Judged, Progress, judge
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Judged):
     """Calibrated robot, its fit and its error before and after."""
 
-    robot: Robot
     effects: tuple[Effect, ...]
-    fit: Fit
-    noise: LackOfFit
-    repeatability: Repeatability | None
-    """Scatter of the joints; None if it is not significant given the noise."""
-    nominal_unregistered: Stage
-    """The nominal model as it stands in the robot file."""
-    nominal: Stage
-    """The nominal model, registered: base and tool frames fitted as far as the poses allow."""
-    before: Stage
-    """Baseline: the model with base and tool registered if the fit includes them, else the nominal model."""
-    after: Stage
-    gain: Gain | None
-    parameters: tuple[FittedParameter, ...]
-    """Coefficients; their standard errors come from the data alone, with or without shrinkage."""
-    covariance: ParameterCovariance
     shrunk: tuple[ShrunkKind, ...]
-    """Constants with shrinkage to the nominal values, by kind."""
-    deflection: DeflectionChoice | None
-    """Model of the torques behind elastic effects; None if no elastic effect is fitted."""
+    """Constants with shrinkage to the nominal values, by kind; their standard errors come from the data alone."""
     correlations: tuple[Correlation, ...]
     identifiability: Identifiability
     leverage: tuple[tuple[int, float], ...]
     """Rows with high leverage: index and share."""
-    n_folds: int
-    warnings: tuple[str, ...]
-    residuals: Residuals
-    """Residuals of all poses, outliers included."""
-    holdout: Residuals | None
-    """Residuals of the validation poses ``holdout``; None without them."""
     partial_residuals: tuple[tuple[Effect, PartialResidual], ...]
     """Partial residual over its driver of each effect that is not a constant."""
 
@@ -91,7 +52,7 @@ def calibrate(
     options: Options | None = None,
     priors: Mapping[str, float] | None = None,
     shrink: bool = True,
-    n_folds: int = 5,
+    n_folds: int | None = None,
     seed: int = 0,
     holdout: Measurements | None = None,
     progress: Progress = lambda step, done, total: None,
@@ -102,15 +63,16 @@ def calibrate(
     `trace`; with joints in brackets, it is fitted on exactly those. ``priors`` are standard deviations about zero by
     coefficient name, in SI units (as :mod:`robacc.fitting.tolerances` gives them). Without them, ``shrink`` applies
     shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.sparse_prior`).
+    Held-out figures are those of ``holdout``, of each place of the poses in turn, or of ``n_folds`` parts of them.
 
     Raises:
         InputError: The data contain a mistake, or there are too few poses.
         UsageError: An effect cannot be fitted to this robot and these data.
     """
     plan = CalibrationPlan(robot, requests, priors or {}, shrink)
-    how = HoldOut(holdout, n_folds, seed)
 
     def run(weighted: Measurements) -> tuple[Calibration, DirectionalNoise | None]:
+        how = HoldOut.of(weighted, holdout, n_folds, seed)
         return _calibrate(plan, weighted, options or Options(), how, progress)
 
     return with_directional_weights(run, data, holdout)
@@ -120,54 +82,59 @@ def _calibrate(
     plan: CalibrationPlan, data: Measurements, options: Options, how: HoldOut, progress: Progress
 ) -> tuple[Calibration, DirectionalNoise | None]:
     """Return the result of :func:`calibrate`, and noise that is larger along one direction than along others."""
-    robot, n_folds, holdout = plan.robot, how.n_folds, how.validation
-    mistakes = check_data(robot, data)
-    stated = robot.gravity
-    robot = with_gravity_direction(Model.of(robot, plan.fixed(data)), data).arm.robot
+    stated, mistakes = plan.robot, check_data(plan.robot, data)
+    robot = with_gravity_direction(Model.of(stated, plan.fixed(data)), data).arm.robot
     plan = dataclasses.replace(plan, robot=robot)
-    progress("fitting", 0, n_folds + 1)
-    final = final_fit(plan, (*plan.fixed(data), *plan.searched(data)), data, options)
-    effects = final.fit.model.free
+    progress("fitting", 0, 1)
+    effects = (*plan.fixed(data), *plan.searched(data))
+    unshrunk, deflection = plan.unshrunk(effects, data, options)
+
+    def refitted(scattered: Options) -> Fit:
+        nonlocal deflection
+        again, deflection = plan.unshrunk(effects, data, scattered, unshrunk)
+        return again
+
+    structure = with_error_structure(unshrunk, data, options, refitted)
+    final, shrunk = plan.shrunk(structure.fit, data, structure.options)
+    structure = dataclasses.replace(structure, fit=final)
+    effects = final.model.free
     frames = tuple(effect for effect in effects if effect.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
-    held_out_residuals = hold_out(plan, final.structure.options, data, how, effects, progress)
-    comparison = before_and_after(robot, data, registered, final.fit, held_out_residuals, how)
-    noise, structure = lack_of_fit(final.fit, data), final.structure
-    with_masses = with_mass_uncertainty(final.fit, data)
+    judged = judge(stated, mistakes, registered, structure, deflection, data, how)
+    warnings = (
+        *judged.warnings,
+        *_request_warnings(plan.requests, final, judged.nominal, judged.after),
+        *structure.warnings,
+    )
     result = Calibration(
-        robot=apply_fit(final.fit),
+        **vars(dataclasses.replace(judged, warnings=warnings)),
         effects=effects,
-        fit=final.fit,
-        noise=noise,
-        repeatability=structure.repeatability,
-        nominal_unregistered=comparison.nominal_unregistered,
-        nominal=comparison.nominal,
-        before=comparison.before,
-        after=comparison.after,
-        gain=comparison.gain,
-        parameters=parameters(with_masses),
-        covariance=parameter_covariance(with_masses),
-        shrunk=final.shrunk,
-        deflection=final.deflection,
-        correlations=correlations(final.fit),
-        identifiability=final.fit.identifiability,
-        leverage=high_leverage(final.fit, data),
-        n_folds=0 if held_out_residuals is None or holdout is not None else min(n_folds, int(places(data).max()) + 1),
-        warnings=(
-            *mistakes,
-            *gravity_warning(stated, robot.gravity),
-            *places_warning(data),
-            *fit_warnings(final.fit, data, comparison.after, noise, holdout),
-            *request_warnings(plan.requests, final.fit, comparison.nominal, comparison.after),
-            *structure.warnings,
-        ),
-        residuals=comparison.residuals,
-        holdout=comparison.holdout,
+        shrunk=shrunk,
+        correlations=correlations(final),
+        identifiability=final.identifiability,
+        leverage=high_leverage(final, data),
         partial_residuals=tuple(
             (effect, curve)
             for effect in effects
             if not effect.is_constant
-            for curve in partial_residuals(effect, final.fit, data)
+            for curve in partial_residuals(effect, final, data)
         ),
     )
     return result, structure.directional
+
+
+def _request_warnings(requests: Sequence[Request], final: Fit, registered: Stage, after: Stage) -> Iterator[str]:
+    """Yield a warning about requested effects that no joint shows, and about frames that were not fitted."""
+    names = {effect.name for effect in final.model.free}
+    unsupported = [request.name for request in requests if is_searched(request) and request.name not in names]
+    if unsupported:
+        yield (
+            f"no joint shows {' or '.join(unsupported)} on these poses, so it is not fitted; joints in brackets, as "
+            f"in {unsupported[0]}[{final.model.arm.names[0]}], fit it all the same"
+        )
+    frames = [name for name in ALIGNABLE if name not in names]
+    if frames and after.fitted.position.rms > registered.fitted.position.rms:
+        yield (
+            f"the calibrated model is worse ({1e3 * after.fitted.position.rms:.3g} mm rms) than the nominal model with "
+            f"base and tool registered ({1e3 * registered.fitted.position.rms:.3g} mm): add {','.join(frames)} to `fit`"
+        )

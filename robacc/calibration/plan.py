@@ -62,10 +62,6 @@ class CalibrationPlan:
         """Names of constants that are requested for all joints."""
         return tuple(request.name for request in self.requests if request.name in _CONSTANTS and request.joints is None)
 
-    def fitted(self, effects: tuple[Effect, ...], data: Measurements, options: Options) -> Fit:
-        """Return the fit of all effects, with constants shrunk to nominal as the plan says."""
-        return self.shrunk(self.unshrunk(effects, data, options)[0], data, options)[0]
-
     def unshrunk(
         self, effects: tuple[Effect, ...], data: Measurements, options: Options, near: Fit | None = None
     ) -> tuple[Fit, DeflectionChoice | None]:

@@ -147,10 +147,17 @@ WriteModelOption = Annotated[
 ]
 HoldoutOption = Annotated[
     str | None,
-    typer.Option("--holdout", metavar="FILE", help="CSV of validation poses, in place of cross-validation."),
+    typer.Option("--holdout", metavar="FILE", help="CSV of validation poses, in place of held-out poses of POSES."),
 ]
 FoldsOption = Annotated[
-    int, typer.Option("--folds", metavar="K", min=2, max=50, help="Number of folds of cross-validation.")
+    int | None,
+    typer.Option(
+        "--folds",
+        metavar="K",
+        min=2,
+        max=50,
+        help="Parts of the poses that are held out in turn; default: each pose in turn, with those close to it.",
+    ),
 ]
 OUTPUTS = frozenset(
     {

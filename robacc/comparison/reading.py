@@ -240,7 +240,7 @@ def _provenance(
         yield "confidence", ", ".join(f"{confidence:g}" for confidence in confidences)
     if command in FITS:
         has_holdout = result.at("poses_apart") is not None
-        source = "separate poses" if has_holdout else f"{result.at('n_folds')} folds"
+        source = "separate poses" if has_holdout else f"{result.at('n_folds')} groups of poses, each in turn"
         has_held_out = result.at("after.held_out") is not None
         yield "held out", source if has_held_out else "nothing (errors of calibration poses)"
     fitted_to = result.at("robot.fitted_to")

@@ -6,6 +6,7 @@ from typing import Any
 
 from robacc.calibration.calibrating import Calibration
 from robacc.documents.fit import (
+    causes_document,
     deflection_document,
     gain_document,
     noise_document,
@@ -39,6 +40,7 @@ def calibration_payload(
         "n_poses": data.n,
         "noise": noise_document(calibration.noise),
         **stage_documents(calibration, calibration.fit, data, apart, seed),
+        "causes": causes_document(calibration.causes),
         "gain_m": gain_document(calibration.gain),
         "n_folds": calibration.n_folds,
         "effects": [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from robacc.fitting.places import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
+from robacc.tracing.causes import ErrorCause
 from robacc.tracing.trace_result import Trace
 
 
@@ -107,6 +109,24 @@ def stage_documents(
         )
         for (name, stage), errors, held_out_errors in zip(stages.items(), fitted, held_out, strict=True)
     }
+
+
+def causes_document(causes: Sequence[ErrorCause]) -> list[dict[str, Any]]:
+    """Return the key ``causes``."""
+    return [
+        {
+            "effect": cause.effect,
+            "joints": list(cause.joints),
+            "settings": cause.settings,
+            "declared": cause.declared,
+            "size_at_tool_m": cause.size,
+            "low_m": cause.interval[0],
+            "high_m": cause.interval[1],
+            "error_without_m": cause.left,
+            "share": cause.share,
+        }
+        for cause in causes
+    ]
 
 
 def gain_document(gain: Gain | None) -> dict[str, Any] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robacc.documents.fit import (
+    causes_document,
     deflection_document,
     finite,
     gain_document,
@@ -42,14 +43,15 @@ def trace_payload(
         "verdict": trace.verdict,
         "assumption": trace.assumption,
         "noise": noise_document(trace.noise),
-        **stage_documents(trace, trace.final, data, apart, seed),
+        **stage_documents(trace, trace.fit, data, apart, seed),
+        "causes": causes_document(trace.causes),
         "gain_m": gain_document(trace.gain),
         "n_folds": trace.n_folds,
         "findings": [_finding(finding) for finding in trace.findings],
         "deflection": deflection_document(trace.deflection),
         "undeclared_load": _undeclared_load(trace.undeclared_load),
-        "priors": priors_document(trace.final),
-        "converged": trace.final.converged,
+        "priors": priors_document(trace.fit),
+        "converged": trace.fit.converged,
         "repeatability": repeatability_document(trace.repeatability),
         "explained_share": trace.explained_share,
         "unexplained": {
@@ -88,9 +90,9 @@ def trace_payload(
             }
             for limit in trace.detection
         ],
-        "outliers": [{"line": data.line(int(i))} for i in trace.final.outliers],
+        "outliers": [{"line": data.line(int(i))} for i in trace.fit.outliers],
         "warnings": list(trace.warnings),
-        **pose_keys(trace, trace.final, data, robot, apart),
+        **pose_keys(trace, trace.fit, data, robot, apart),
     }
 
 

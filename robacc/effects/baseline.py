@@ -20,8 +20,7 @@ FRAMES = ("base_frame", "tool_frame")
 CONSTANTS = ("joint_offset", "link_geometry")
 """Effects of every arm other than its frames, in the order in which the poses have to support them."""
 _COORDINATES_PER_COEFFICIENT = 1.5
-"""Fewest measured coordinates of distinct commanded poses for each coefficient: a fold of cross-validation lacks a
-fifth of the poses, which leaves 1.2 for each.
+"""Fewest measured coordinates of distinct commanded poses for each coefficient: 1.2 where a fifth is held out.
 
 Coefficients that the poses show weakly are shrunk to the nominal model, so they do less harm than geometry that the
 baseline lacks. On 37 simulated arms with 8 to 30 poses, 1.5 to 3 coordinates for each coefficient, the error of other

@@ -161,7 +161,7 @@ class PayloadCompliance(Elastic):
 _NOTHING = ("none", "empty")
 """Names of a group of rows without a load."""
 _FEWEST_ROWS = 8
-"""Least rows of a group, so that each part of a cross-validation has some."""
+"""Least rows of a group, so that the rest has some whichever is held out."""
 _COM_STD = 0.2
 """Prior standard deviation of a coordinate of the centre of mass about the file's, m."""
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from robacc.error_model.rows import Linearised
 from robacc.error_model.terms import TERMS
@@ -202,41 +202,45 @@ def likelihood_and_gradient(noise: CovarianceParameters, linear: Linearised) -> 
         spread = solve_triangular(white.triangle, white.columns.T, lower=True)
         slope = (np.square(error) - 1.0 + np.sum(np.square(spread), axis=0)) / np.square(independent) * _flat(own)
         return white.log_likelihood, noise.by_kind(slope.reshape(components, -1).T)
-    matrix = covariance(noise, linear)
-    for a in range(components):
-        for b in range(a):
-            below = matrix[a * count : (a + 1) * count, b * count : (b + 1) * count]
-            matrix[b * count : (b + 1) * count, a * count : (a + 1) * count] = below.T
     columns, y = _flat(linear.columns * linear.prior_std), _flat(linear.y)
+    matrix = covariance(noise, linear)
     matrix += columns @ columns.T
-    factor, info = dpotrf(matrix, lower=1, overwrite_a=0)
+    # The lower triangle by rows is LAPACK's upper triangle by columns.
+    factor, info = dpotrf(matrix.T, lower=0, overwrite_a=1)
     if info:
         raise np.linalg.LinAlgError
     log_det = _log_det(factor)
-    inverse = np.tril(dpotri(factor, lower=1, overwrite_c=1)[0])
-    inverse = inverse + np.tril(inverse, -1).T
-    weighted = inverse @ y
-    slopes = np.outer(weighted, weighted) - inverse
-    gradient = [noise.by_kind(np.diag(slopes).reshape(components, -1).T * own)]
+    weighted = dpotrs(factor, y, lower=0)[0]
+    slopes = dpotri(factor, lower=0, overwrite_c=1)[0].T
+    np.subtract(np.multiply.outer(weighted, weighted), slopes, out=slopes)
     blocks = slopes.reshape(components, count, components, count)
-    of_joints = _joint_weights(blocks, linear) if any(TERMS[name].of_joints for name in noise.terms) else []
-    of_axes = [blocks[a, :, a] for a in range(components)]
+    of_axes = [np.tril(blocks[a, :, a]) for a in range(components)]
+    of_axes = [lower + np.tril(lower, -1).T for lower in of_axes]
+    gradient = [noise.by_kind(np.diag(slopes).reshape(components, -1).T * own)]
+    of_joints = (
+        _joint_weights(blocks, of_axes, linear.joints) if any(TERMS[name].of_joints for name in noise.terms) else []
+    )
     for name, parameters in noise.terms.items():
         term = TERMS[name]
         gradient.append(term.gradient(parameters, linear.rows, of_joints if term.of_joints else of_axes))
     return -0.5 * (log_det + float(y @ weighted)), np.concatenate(gradient)
 
 
-def _joint_weights(blocks: Array, linear: Linearised) -> list[Array]:
-    """Return for each joint the ``(N, N)`` weights of its kernel: F' A F summed over components."""
-    result = []
-    for joint in linear.joints:
-        weight = np.zeros(blocks.shape[1:4:2])
-        for a, left in enumerate(joint):
-            right = sum(blocks[a, :, b] * joint[b] for b in range(len(joint)))
-            weight += left[:, None] * right
-        result.append(weight)
-    return result
+def _joint_weights(blocks: Array, of_axes: list[Array], joints: Array) -> list[Array]:
+    """Return for each joint ``(N, N)`` weights of its kernel: F' A F summed over components, in sums with symmetric.
+
+    Only the lower triangle of A is there; blocks below the diagonal count twice.
+    """
+    weights = np.zeros((len(joints), *blocks.shape[1:4:2]))
+    for a, diagonal in enumerate(of_axes):
+        left = np.zeros_like(weights)
+        for b in range(a):
+            left += blocks[a, :, b] * joints[:, b, None]
+        left *= 2.0
+        left += diagonal * joints[:, a, None]
+        left *= joints[:, a, :, None]
+        weights += left
+    return list(weights)
 
 
 def unaccounted(noise: CovarianceParameters, linear: Linearised, white: Whitened) -> Array:

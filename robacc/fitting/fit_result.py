@@ -37,8 +37,6 @@ class Options:
     """``(N,)`` mask of the rows to start from; all rows if None."""
     group_stds: Mapping[str, float] = field(default_factory=dict)
     """Prior standard deviations to start from, by group; default: the usual size of the group's terms."""
-    hold_groups: bool = False
-    """Keep the standard deviations ``group_stds``; a fold does, as it keeps the noise."""
     prior_stds: Mapping[str, float] = field(default_factory=dict)
     """Prior standard deviations (m or rad) of kinds of constants to start from, by kind."""
     scatter: Array | None = None

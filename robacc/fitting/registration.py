@@ -12,13 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.effects import effect_class
-from robacc.errors import InputError, UsageError
+from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.gravity_direction import fit_frames, gravity_warning
-from robacc.fitting.leverage import held_out_poses
+from robacc.fitting.held_out import held_out_poses
 from robacc.fitting.parameters import FittedParameter, parameters
 from robacc.geometry import Poses, rpy_from_rotation
 from robacc.measurements import Measurements
@@ -62,13 +63,33 @@ def align(robot: Robot, data: Measurements, frames: Sequence[str], *, held_out: 
     check_frames(frames)
     measured = _measured_components(data, frames) if held_out else 0
     fitted = registration_fit(robot, data, frames)
-    poses = held_out_poses(fitted, data) if held_out else fitted.poses
+    poses = _held_out(fitted, data) if held_out else fitted.poses
     effects = tuple(effect.name for effect in fitted.model.free)
     dropped = (coefficient.why for coefficient in fitted.dropped)
     notes = (*dropped, *gravity_warning(robot.gravity, fitted.model.arm.robot.gravity))
     count = int(fitted.identifiability.columns.size)
     share = 1.0 - count / measured if held_out else 1.0
     return Alignment(apply_fit(fitted), effects, count, parameters(fitted), notes, poses, share)
+
+
+def _held_out(fitted: Fit, data: Measurements) -> Poses:
+    """Return each row as the frames that were fitted to the other commanded poses predict it.
+
+    Raises:
+        InputError: The other poses do not determine a frame.
+    """
+
+    def undetermined(rows: NDArray[np.int64]) -> None:
+        place = data.place(int(rows.min()))
+        message = f"the other poses do not determine the fitted frames without the pose of {place}"
+        fix = "measure more poses, turned about more axes, or fit fewer frames"
+        raise InputError(Problem(message, data.source, fix=fix))
+
+    repetitions = data.repetitions()
+    groups = np.arange(data.n) if repetitions is None else repetitions.numbers
+    (poses,) = held_out_poses(fitted, data, groups, undetermined=undetermined)
+    assert poses is not None
+    return poses
 
 
 def _measured_components(data: Measurements, frames: Sequence[str]) -> int:

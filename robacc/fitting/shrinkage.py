@@ -48,12 +48,10 @@ _INNER = 0.1
 class Priors:
     """Precision of every coefficient's prior; the groups' standard deviations are improved in place."""
 
-    def __init__(
-        self, terms: Sequence[Term], prior_stds: Array | None, start: Mapping[str, float], hold: bool = False
-    ) -> None:
+    def __init__(self, terms: Sequence[Term], prior_stds: Array | None, start: Mapping[str, float]) -> None:
         """Start from ``prior_stds`` ``(P,)``, standard deviations, inf or NaN for none.
 
-        A group starts at its standard deviation in ``start``, and keeps it with ``hold``, or at its terms' usual size.
+        A group starts at its standard deviation in ``start``, or at its terms' usual size.
         """
         self._terms = terms
         self._weights = np.array([term.weight for term in terms], dtype=np.float64)
@@ -65,7 +63,6 @@ class Priors:
                 self.groups.setdefault(term.group, []).append(i)
         self.group_stds = {name: start[name] for name in self.groups if name in start}
         """Standard deviation of each group, in units of its terms' weights."""
-        self._held = frozenset(self.group_stds) if hold else frozenset[str]()
         sizes = [start.get(t.group, t.typical) * t.weight if t.group else np.inf for t in terms]
         self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
         if prior_stds is not None:
@@ -149,7 +146,6 @@ class Priors:
         places = {
             name: np.array([index[i] for i in group if i in index], dtype=np.int64)
             for name, group in self.groups.items()
-            if name not in self._held
         }
         if not places:
             return False

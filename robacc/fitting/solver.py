@@ -72,7 +72,7 @@ class _Solver:
         self.inliers = np.ones(data.n, dtype=bool) if options.inliers is None else options.inliers.copy()
         self.weak: set[str] = set()
         self.kind_starts = dict(options.prior_stds)
-        self.priors = Priors(terms, options.priors, options.group_stds, options.hold_groups)
+        self.priors = Priors(terms, options.priors, options.group_stds)
         self.steps = 0
         self.converged = True
         # The first misfit, if not given, is that of the start.
@@ -121,7 +121,7 @@ class _Solver:
 
     def _priors(self) -> Priors:
         """Return the priors anew, those of the kinds of constants at the latest estimates."""
-        priors = Priors(self.equations.terms, self.options.priors, self.options.group_stds, self.options.hold_groups)
+        priors = Priors(self.equations.terms, self.options.priors, self.options.group_stds)
         for kind in self.kinds:
             if kind.name in self.kind_starts:
                 priors.add_kind(kind.name, kind.members, kind.usual, self.kind_starts[kind.name])

@@ -50,9 +50,9 @@ def convergence_warning(fit: Fit) -> tuple[str, ...]:
 
 
 def no_held_out_warning(data: Measurements) -> str:
-    """Return the warning that there are too few poses for cross-validation."""
+    """Return the warning that there are too few poses to hold any out."""
     poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
-    return f"{poses} too few for cross-validation: all errors are of calibration poses"
+    return f"{poses} too few to hold any out: all errors are of calibration poses"
 
 
 def frames_warning(declared: Fit, data: Measurements) -> tuple[str, ...]:

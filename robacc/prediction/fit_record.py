@@ -28,7 +28,7 @@ _ROUNDS = 20
 _FACTOR_ROUNDS = 4
 """Updates of a factor: its bounds contain the noise, which it does not multiply."""
 _LEAST_SURPLUS = 0.2
-"""Least surplus of measured values over coefficients in a fold, as a share of all values, that its inflation uses."""
+"""Least surplus of measured values over coefficients without a group, as a share of all values."""
 _MANY = 200
 """Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %."""
 _FEWEST = 20
@@ -53,7 +53,7 @@ def fit_record(
         data: Poses of the fit.
         held_out: Poses that were held out and their residuals ``(M, N)``; None without any.
         repeatability: Scatter of the joints, if it is significant.
-        n_folds: Number of folds, if ``held_out`` are the poses ``data``; 0 for separate validation poses.
+        n_folds: Number of groups that are held out in turn, if ``held_out`` are the poses ``data``; else 0.
     """
     columns = fit.identifiability.columns
     finite = np.all(np.isfinite(fit.covariance[np.ix_(columns, columns)]), axis=1)
@@ -79,8 +79,8 @@ def fit_record(
         if held_out[0] is data:
             finite &= fit.inliers
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(np.flatnonzero(finite)), -1.0
-    # The residuals of folds have the errors of fits to fewer poses.
-    inflation = _fold_inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
+    # Held-out residuals have the errors of fits to fewer poses.
+    inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
     compared = dataclasses.replace(record, covariance=inflation * record.covariance)
     noise = _noise_variances(poses, fit, repeatability)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
@@ -96,12 +96,12 @@ def fit_record(
     return dataclasses.replace(record, bound_factor=factors)
 
 
-def _fold_inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
-    """Return the mean variance of a fold's predictions at its held-out poses over that of the fit to all poses.
+def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
+    """Return the mean variance of predictions of held-out poses over that of predictions by the fit to all poses.
 
-    With p coefficients, n measured values and the share s = 1 - 1/K of them in a fold's fit, random poses are predicted
-    with p / (s n - p) of the noise variance, and poses of the fit with p / n (for random regressors, L. Breiman and
-    D. Freedman, JASA 78, 1983). Repeats of a pose are in the same fold and count once.
+    With p coefficients, n measured values and the share s = 1 - 1/K of them in the fit without a group, random poses
+    are predicted with p / (s n - p) of the noise variance, and poses of the fit with p / n (for random regressors,
+    L. Breiman and D. Freedman, JASA 78, 1983). Repeats of a pose are in the same group and count once.
     """
     if n_folds < 2:
         return 1.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.accuracy.metrics import pose_metrics
+from robacc.accuracy.metrics import PoseMetrics, pose_metrics
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect
 from robacc.effects.change_points import place_of, place_text
@@ -18,7 +18,6 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import FittedParameter
 from robacc.geometry import Array, log_between
 from robacc.measurements import Measurements
-from robacc.tracing.cross_validation import CrossValidation
 from robacc.tracing.harmonics import (
     Harmonic,
     fitted_harmonics,
@@ -26,6 +25,7 @@ from robacc.tracing.harmonics import (
     periodic_statement,
     profile_harmonics,
 )
+from robacc.tracing.judging import Judged
 from robacc.tracing.search import Alternative, Identified
 
 _FEW_POSES = 8
@@ -47,7 +47,7 @@ class Finding:
     evidence: float
     """Log Bayes factor."""
     held_out_before: float | None
-    """Held-out position rms without it, m. None without cross-validation, and for a frame, without which nothing else
+    """Held-out position rms without it, m. None without held-out poses, and for a frame, without which nothing else
     can be fitted."""
     held_out_after: float | None
     parameters: tuple[FittedParameter, ...]
@@ -78,28 +78,28 @@ class Finding:
 def describe_finding(
     identified: Identified,
     others: Sequence[Effect],
-    final: Fit,
-    all_parameters: Sequence[FittedParameter],
-    validation: CrossValidation | None,
+    judged: Judged,
+    without: Array | None,
     data: Measurements,
 ) -> Finding:
     """Return the finding of an effect: its rivals, held-out errors, and parameters in the final fit.
 
-    ``all_parameters`` are the coefficients of ``final``, ``others`` all findings. Candidates are in equilibrium form;
-    the final fit may contain the effect in the other form.
+    ``others`` are all findings, ``without`` the residuals of held-out poses without this one. Candidates are in
+    equilibrium form; the final fit may contain the effect in the other form.
     """
-    effect = identified.effect
-    number = _number_of(effect, final)
+    final, effect = judged.fit, identified.effect
+    number = number_of(effect, final)
     fitted = final.model.free[number]
     columns = _columns_of(effect, final)
     before = after = None
     turn_before = turn_after = None
-    if validation is not None:
-        rows = final.inliers if validation.folds else slice(None)
-        without = validation.without.get(effect.key())
-        before, turn_before = (None, None) if without is None else _rms(without[:, rows])
-        after, turn_after = _rms(validation.after[:, rows])
-    coefficients = tuple(all_parameters[i] for i in columns)
+    if (held_out := judged.after.held_out_inliers or judged.after.held_out) is not None:
+        after, turn_after = _rms(held_out)
+        # Without a frame nothing else can be fitted.
+        if without is not None and not effect.is_frame:
+            rows = slice(None) if judged.holdout is not None else final.inliers
+            before, turn_before = _rms(pose_metrics(without[:, rows]))
+    coefficients = tuple(judged.parameters[i] for i in columns)
     change = None if identified.places is None else (place_of(effect), *identified.places)
     values = {parameter.name: parameter.value for parameter in coefficients}
     between = None
@@ -135,20 +135,19 @@ def describe_finding(
     )
 
 
-def _number_of(effect: Effect, final: Fit) -> int:
+def number_of(effect: Effect, final: Fit) -> int:
     """Return the number of a candidate's effect among those of the final fit, which may hold it in another form."""
     return with_deflection(final.model.free, "equilibrium").index(effect)
 
 
 def _columns_of(effect: Effect, final: Fit) -> list[int]:
     """Return the numbers of an effect's coefficients in the final fit."""
-    number = _number_of(effect, final)
+    number = number_of(effect, final)
     return [i for i, owner in enumerate(final.owners) if owner == number]
 
 
-def _rms(residual: Array) -> tuple[float, float | None]:
+def _rms(metrics: PoseMetrics) -> tuple[float, float | None]:
     """Return the rms of position, m, and of orientation, rad; None where it is not measured."""
-    metrics = pose_metrics(residual)
     return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
 
 

@@ -1,49 +1,34 @@
-"""`robacc trace`: search, cross-validation, findings, rivals, error before and after, and remaining error."""
+"""`robacc trace`: search, findings, rivals, error before and after, and remaining error."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-from robacc.accuracy.before_after import before_and_after
-from robacc.accuracy.stages import Stage
+import numpy as np
+
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.moved_frames import MovedFrames, larger_error_warning, moved_frames
-from robacc.diagnostics.read_back_share import read_back_warning
 from robacc.diagnostics.rounded_joints import evident_rounding
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
-from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.cross_validation import HoldOut
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
-from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
-from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.parameters import parameter_covariance, parameters
-from robacc.fitting.places import places_warning
+from robacc.fitting.gravity_direction import with_gravity_direction
+from robacc.fitting.held_out import HoldOut
 from robacc.fitting.solver import fit
 from robacc.fitting.undeclared_load import undeclared_load
-from robacc.fitting.warnings import (
-    condition_warning,
-    convergence_warning,
-    frames_warning,
-    no_held_out_warning,
-    outliers_warning,
-    sigma_warning,
-    weak_parameters_warning,
-)
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.cross_validation import Progress, cross_validate
 from robacc.tracing.detection import detection_limits
 from robacc.tracing.directional_weights import with_directional_weights
-from robacc.tracing.findings import Finding, describe_finding
+from robacc.tracing.findings import Finding, describe_finding, number_of
+from robacc.tracing.judging import Progress, judge
 from robacc.tracing.refitting import frames_first, refit
 from robacc.tracing.remaining_error import remaining_error
-from robacc.tracing.search import search
+from robacc.tracing.search import Identified, search
 from robacc.tracing.trace_result import Trace
 from robacc.tracing.verdict import assumption_of, explained_share, verdict_of
 
@@ -55,7 +40,7 @@ def trace(
     model: Model,
     data: Measurements,
     *,
-    n_folds: int = 5,
+    n_folds: int | None = None,
     seed: int = 0,
     holdout: Measurements | None = None,
     empirical: bool = True,
@@ -63,8 +48,8 @@ def trace(
 ) -> Trace:
     """Search for effects on measured poses and report them with held-out errors.
 
-    ``model`` holds the robot and the declared effects. Held-out figures are by cross-validation of the models with the
-    effects that all poses show, or of the poses ``holdout``.
+    ``model`` holds the robot and the declared effects. Held-out figures are of models with the effects that all poses
+    show, fitted without the pose: those of ``holdout``, of each place in turn, or of ``n_folds`` parts of the places.
 
     Raises:
         InputError: the data contain a mistake that no effect should explain, or are too few.
@@ -72,109 +57,89 @@ def trace(
     """
 
     def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
-        return _trace(model, weighted, HoldOut(holdout, n_folds, seed), empirical, progress)
+        how = HoldOut.of(weighted, holdout, n_folds, seed)
+        return _trace(model, weighted, how, empirical, seed, progress)
 
     return with_directional_weights(run, data, holdout)
 
 
 def _trace(
-    model: Model, data: Measurements, how: HoldOut, empirical: bool, progress: Progress
+    model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress
 ) -> tuple[Trace, DirectionalNoise | None]:
     """Return the result of :func:`trace`, and noise that is larger along one direction than along others."""
-    mistakes = check_data(model.arm.robot, data)
-    stated = model.arm.robot.gravity
+    stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
     model = with_gravity_direction(model, data)
     declared, form = choose_form(fit(model, data), model, data, Options())
-    found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, how.n_folds + 1))
+    found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, 1))
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
+    final, form = _fitted(declared, form, identified, model, data)
+    while (useless := _without_use(final, identified, data)) is not None:
+        identified.remove(useless)
+        final, form = _fitted(declared, form, identified, model, data)
     effects = [i.effect for i in identified]
-    final = declared
-    if effects:
-        extended = model.with_free(*frames_first(effects))
-        final, form = _fitted(refit(declared, extended.free, data, Options()), extended, data)
     refitted = functools.partial(refit, final, final.model.free, data)
     structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
     final, repeatability = structured.fit, structured.repeatability
-    validation = cross_validate(declared, final, effects, data, how, progress)
-    noise = lack_of_fit(final, data)
-    with_masses = with_mass_uncertainty(final, data)
-    coefficients = parameters(with_masses)
-    findings = tuple(describe_finding(i, effects, final, coefficients, validation, data) for i in identified)
-    rounding = evident_rounding(final, data)
+    found_effects = [final.model.free[number_of(effect, final)] for effect in effects]
+    judged = judge(stated, mistakes, declared, structured, form, data, how, found_effects)
+    without = how.residuals(final, [[number_of(effect, final)] for effect in effects])
+    findings = tuple(
+        describe_finding(one, effects, judged, residual, data)
+        for one, residual in zip(identified, without, strict=True)
+    )
+    noise, rounding = judged.noise, evident_rounding(final, data)
     unexplained = remaining_error(found, effects, final, noise, data, structured, rounding)
-    ends = None if validation is None else (validation.before, validation.after)
-    stages = before_and_after(model.arm.robot, data, declared, final, ends, how)
-    moved = None if how.validation is None else moved_frames(declared, how.validation)
     result = Trace(
-        robot=apply_fit(final),
+        **vars(judged if findings else dataclasses.replace(judged, gain=None)),
         verdict=(verdict := verdict_of(findings, unexplained)),
         assumption=assumption_of(verdict, noise, repeatability),
         declared=declared,
-        final=final,
-        noise=noise,
-        nominal_unregistered=stages.nominal_unregistered,
-        nominal=stages.nominal,
-        before=stages.before,
-        after=stages.after,
-        gain=stages.gain if findings else None,
-        parameters=coefficients,
-        covariance=parameter_covariance(with_masses),
         findings=findings,
-        deflection=form,
         undeclared_load=undeclared_load(final, data),
         unexplained=unexplained,
-        repeatability=repeatability,
-        explained_share=explained_share(stages.before, stages.after, noise, repeatability),
+        explained_share=explained_share(judged.before, judged.after, noise, repeatability),
         steps=found.steps,
         settled=found.settled,
         missing=found.pool.missing,
         detection=tuple(detection_limits(found)),
-        n_folds=0 if validation is None else validation.folds,
-        next_poses=_advice(declared, final, effects, findings, data, noise.noise.position, how.seed),
-        warnings=(
-            *mistakes,
-            *gravity_warning(stated, model.arm.robot.gravity),
-            *_warnings_of_fits(declared, final, noise, data),
-            *([no_held_out_warning(data)] if validation is None else []),
-            *([] if how.validation is None else _holdout_warnings(moved, stages.after)),
-            *([] if rounding is None else [rounding.warning]),
-        ),
-        residuals=stages.residuals,
-        holdout=stages.holdout,
+        next_poses=_advice(declared, final, effects, findings, data, noise.noise.position, seed),
     )
     return result, structured.directional
 
 
-def _fitted(fitted: Fit, model: Model, data: Measurements) -> tuple[Fit, DeflectionChoice | None]:
-    """Return a fit with its elastic effects in the form that the data support; with shrunk blocks as it is."""
-    return (fitted, None) if fitted.group_stds else choose_form(fitted, model, data, Options())
+def _fitted(
+    declared: Fit, form: DeflectionChoice | None, identified: Sequence[Identified], model: Model, data: Measurements
+) -> tuple[Fit, DeflectionChoice | None]:
+    """Return the fit with the identified effects, elastic ones in the form that the data support.
+
+    ``declared`` is the fit without them, in the form ``form``. With shrunk blocks the form is that of equilibrium.
+    """
+    if not identified:
+        return declared, form
+    extended = model.with_free(*frames_first([one.effect for one in identified]))
+    fitted = refit(declared, extended.free, data, Options())
+    return (fitted, None) if fitted.group_stds else choose_form(fitted, extended, data, Options())
 
 
-def _holdout_warnings(moved: MovedFrames | None, after: Stage) -> Iterator[str]:
-    """Return a warning of validation poses whose frames moved, or whose error is much larger for another reason."""
-    if moved is not None:
-        yield moved.warning
-    elif after.held_out is not None:
-        warning = larger_error_warning(after.fitted.position.rms, after.held_out.position.rms)
-        yield from [] if warning is None else [warning]
+def _without_use(fit: Fit, identified: Sequence[Identified], data: Measurements) -> Identified | None:
+    """Return the effect without which held-out poses are predicted best, if better than with it.
+
+    The search looks at a part of a large set, and its likelihood knows only the structures of its terms: an error
+    outside the catalogue may resemble an effect there and not elsewhere. On 632 poses of a UR10 (series D), a profile
+    of the last joint of 7 log units raised the error of held-out poses.
+    """
+    numbers = [[number_of(one.effect, fit)] for one in identified]
+    (whole, *without) = HoldOut.of(data, None, None, 0).residuals(fit, [(), *numbers])
+    if whole is None or not identified:
+        return None
+    costs = [np.inf if residual is None else _cost(fit, residual) for residual in without]
+    best = int(np.argmin(costs))
+    return identified[best] if costs[best] < _cost(fit, whole) else None
 
 
-def _warnings_of_fits(declared: Fit, final: Fit, noise: LackOfFit, data: Measurements) -> tuple[str, ...]:
-    """Return the warnings of the two fits and of their data."""
-    return (
-        *suspected_mistakes(final),
-        *convergence_warning(final),
-        *mass_warning(final),
-        *data.warnings,
-        *data.contradicted_ids(),
-        *places_warning(data),
-        *outliers_warning(final, data),
-        *read_back_warning(final, data),
-        *frames_warning(declared, data),
-        *sigma_warning(noise),
-        *weak_parameters_warning(final),
-        *condition_warning(declared),
-    )
+def _cost(fit: Fit, residual: Array) -> float:
+    """Return the whitened sum of squares of held-out residuals ``(M, N)`` of the inliers."""
+    return float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
 
 
 def _advice(

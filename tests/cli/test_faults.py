@@ -43,17 +43,9 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(("bash", "-c", line), capture_output=True, text=True, timeout=60, check=False)
 
 
-def helpers_of(process: int) -> list[int]:
-    """Processes that a process started."""
-    try:
-        return [int(one) for one in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
-    except OSError:
-        return []
-
-
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """So many poses that a trace shares its folds with a second process."""
+    """So many poses that a trace is at work for some seconds."""
     path = tmp_path_factory.mktemp("faults") / "poses.csv"
     truth = str(SAMPLES / "trace" / "truth.yaml")
     options = ("--poses", "2500", "--seed", "3", "--noise", "0.02mm", "--position-only", "-o", str(path))
@@ -61,7 +53,6 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").is_dir() or (os.cpu_count() or 1) < 2, reason="needs /proc, two cores")
 @pytest.mark.parametrize(
     ("number", "times", "status", "told"),
     [
@@ -73,7 +64,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_trace_that_is_ended_at_work(
     many: Path, tmp_path: Path, number: int, times: int, status: int, told: str
 ) -> None:
-    """As from a terminal, where the interrupt reaches the helpers too: one line, no helper left, no file."""
+    """One line and no file, however often it is interrupted."""
     robot = str(SAMPLES / "trace" / "robot.yaml")
     declared = ("--declared", "base_frame,tool_frame,joint_offset,link_geometry")
     files = ("-o", str(tmp_path / "t.txt"), "--write-model", str(tmp_path / "m.yaml"))
@@ -85,11 +76,8 @@ def test_a_trace_that_is_ended_at_work(
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    while process.poll() is None and len(helpers_of(process.pid)) < 2:
-        time.sleep(0.01)
-    time.sleep(0.1)
-    helpers = helpers_of(process.pid)
-    assert len(helpers) == 2
+    time.sleep(2.0)
+    assert process.poll() is None
     for _ in range(times):
         if process.poll() is None:
             (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
@@ -98,7 +86,6 @@ def test_a_trace_that_is_ended_at_work(
     # After an interrupt within exec() Python ends itself by the signal, which a shell shows as the same 130.
     assert process.returncode in (status, -number)
     assert (out, err) == ("", told)
-    assert not [one for one in helpers if Path(f"/proc/{one}").exists()]
     assert list(tmp_path.iterdir()) == []
 
 

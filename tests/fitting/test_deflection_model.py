@@ -225,7 +225,7 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert finding.held_out_after is not None
     assert finding.held_out_after < 2 * np.sqrt(3) * 2e-5 < finding.held_out_before
     again = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
-    np.testing.assert_allclose(again.translation, found.final.poses.translation, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
     payload = trace_payload(found, data, robot, holdout)
     assert payload["deflection"]["form"] == form
     assert payload["findings"][0]["settings"] == settings
@@ -247,8 +247,8 @@ def test_a_declared_effect_has_the_same_form_before_and_after_a_finding() -> Non
     assert [one.effect for one in found.findings] == ["gear_ratio"]
     assert found.deflection is not None
     assert found.deflection.form == "rigid"
-    assert {"deflection": "rigid"} in [effect.settings() for effect in found.final.model.free]
+    assert {"deflection": "rigid"} in [effect.settings() for effect in found.fit.model.free]
     clean = trace(Model.of(arm("puma560").robot, declared), measured("rigid"), n_folds=2, empirical=False)
     assert not clean.findings
-    assert clean.declared is clean.final
-    assert {"deflection": "rigid"} in [effect.settings() for effect in clean.final.model.free]
+    assert clean.declared is clean.fit
+    assert {"deflection": "rigid"} in [effect.settings() for effect in clean.fit.model.free]

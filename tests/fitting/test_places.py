@@ -11,8 +11,8 @@ from arms import arm
 
 from robacc.effects.request import build, parse_requests
 from robacc.error_model.structure import with_error_structure
-from robacc.fitting.cross_validation import folds
 from robacc.fitting.fit_result import Options
+from robacc.fitting.held_out import HoldOut
 from robacc.fitting.places import places, places_warning
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
@@ -38,7 +38,7 @@ def test_repetitions_with_measured_joints_are_one_place(jitter: float) -> None:
     place = places(data)
     assert [len(set(place[truth == k])) for k in range(25)] == [1] * 25
     assert len(set(place)) == 25
-    assigned = folds(data, 5, 0)
+    assigned = HoldOut.of(data, None, 5, 0).groups
     assert assigned is not None
     assert all(len(set(assigned[truth == k])) == 1 for k in range(25))
     (warning,) = places_warning(data)

@@ -90,7 +90,7 @@ def test_a_joint_that_hardly_moves_the_target_gets_no_scatter() -> None:
     robot = three_targets()
     near = {name: Frame((1e-5, 0.0, z), (0.0, 0.0, 0.0)) for name, z in zip("abc", (0.1, 0.2, 0.3), strict=True)}
     robot = dataclasses.replace(robot, targets=near)
-    result = calibrate(robot, scattered(robot, 60, 1), parse_requests("joint_offset[j2,j3]"), n_folds=0)
+    result = calibrate(robot, scattered(robot, 60, 1), parse_requests("joint_offset[j2,j3]"))
     assert result.repeatability is not None
     joints = dict(result.repeatability.joints)
     assert joints["j6"] is None
@@ -122,7 +122,7 @@ def test_an_error_that_the_model_lacks_is_no_scatter() -> None:
     sag = predict(robot, dataclasses.replace(data, q=sagging)).translation - predict(robot, data).translation
     missing = dataclasses.replace(data, position=data.position + sag)
     requests = parse_requests("base_frame,joint_offset,link_geometry")
-    alone, beside = (calibrate(robot, d, requests, shrink=False, n_folds=0) for d in (data, missing))
+    alone, beside = (calibrate(robot, d, requests, shrink=False) for d in (data, missing))
     assert alone.repeatability is not None
     assert not any("a trace searches" in warning for warning in alone.warnings)
     assert any("a trace searches" in warning for warning in beside.warnings)

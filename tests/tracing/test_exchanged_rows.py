@@ -22,4 +22,4 @@ def test_an_effect_is_found_beside_two_exchanged_rows() -> None:
     traced = robacc.trace(data, robot=robot, declared="base_frame,tool_frame,joint_offset", folds=5)
     assert [(finding.effect, finding.joints) for finding in traced.findings] == [("joint_compliance", ("j2",))]
     assert not any("withdrawn" in warning for warning in traced.warnings)
-    assert np.flatnonzero(~traced.final.inliers).tolist() == [30, 61]
+    assert np.flatnonzero(~traced.fit.inliers).tolist() == [30, 61]

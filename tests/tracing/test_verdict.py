@@ -62,7 +62,7 @@ def result_of(noise: LackOfFit, repeatability: Repeatability | None, rms: float,
         unexplained=Unexplained(rms, noise_rms, False, 0.4, (), {"noise": rms}),
         explained_share=0.77,
         findings=("one",),
-        final=SimpleNamespace(model=SimpleNamespace(arm=SimpleNamespace(is_revolute=lambda name: True))),
+        fit=SimpleNamespace(model=SimpleNamespace(arm=SimpleNamespace(is_revolute=lambda name: True))),
     )
 
 

@@ -56,7 +56,7 @@ def calibrate(
         bool, typer.Option("--robust/--all-rows", help="Leave out outliers and list them, or fit all rows.")
     ] = True,
     holdout: HoldoutOption = None,
-    folds: FoldsOption = 5,
+    folds: FoldsOption = None,
     ordered: OrderedOption = False,
     ignore_limits: IgnoreLimitsOption = False,
     campaign: CampaignOption = CampaignUseName.auto,

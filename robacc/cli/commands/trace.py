@@ -43,7 +43,7 @@ def trace(
     ] = None,
     write_model: WriteModelOption = None,
     holdout: HoldoutOption = None,
-    folds: FoldsOption = 5,
+    folds: FoldsOption = None,
     empirical: Annotated[
         bool,
         typer.Option(

@@ -20,6 +20,8 @@ _INDISTINGUISHABLE = 0.9999
 
 def fit_sections(document: Document) -> Iterator[ReportSection]:
     """Return findings, errors before and after, remaining error, parameters and identifiability."""
+    if document.get("causes"):
+        yield _causes(document)
     if "findings" in document:
         yield _findings(document)
     yield _stages(document)
@@ -28,6 +30,27 @@ def fit_sections(document: Document) -> Iterator[ReportSection]:
     yield _parameters(document)
     if document.get("identifiability") is not None:
         yield _identifiability(document)
+
+
+def _causes(document: Document) -> ReportSection:
+    rows: list[Sequence[Cell]] = [
+        [
+            _label(cause),
+            "declared" if cause["declared"] else "found",
+            length(cause["size_at_tool_m"]),
+            length(cause["low_m"]),
+            length(cause["high_m"]),
+            length(cause["error_without_m"]),
+            "–" if cause["share"] is None else f"{100 * cause['share']:.1f} %",
+        ]
+        for cause in document["causes"]
+    ]
+    header = ("effect", "", "moves the tool, rms", "from", "to (95 %)", "error without it, rms", "share of the error")
+    note = (
+        "Error without it: what no other effect of the model can describe. Share: of the mean square error of the "
+        "nominal model, registered, by that."
+    )
+    return ReportSection("Causes", [Grid(header, rows), Text(note)])
 
 
 def _findings(document: Document) -> ReportSection:
@@ -125,7 +148,7 @@ def _stages(document: Document) -> ReportSection:
                 ]
                 blocks.append(Grid((f"{part}, {label}", "rms", "mean", "95th percentile", "largest"), rows))
     folds = document["n_folds"]
-    held_out_note = "validation poses" if document.get("poses_apart") else f"{folds}-fold cross-validation"
+    held_out_note = "validation poses" if document.get("poses_apart") else f"{folds} groups of poses, each in turn"
     meaning = STAGE_MEANINGS[document["command"]]
     note = f"{meaning[0].upper()}{meaning[1:]}."
     if document["after"]["held_out"] is not None:

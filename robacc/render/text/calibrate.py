@@ -9,6 +9,7 @@ from robacc.calibration.calibrating import Calibration
 from robacc.fitting.identifiability import Dropped
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.measurements import Measurements
+from robacc.render.text.causes import draw_causes
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.grouped_names import grouped, mass_coefficients, without_mass_coefficients
 from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
@@ -36,6 +37,8 @@ def _parts(
     yield TextLine(f"{poses} against the model {robot}")
     yield from wrapped(f"requested: {fitted.replace(',', ', ')}", width)
     yield from wrapped(f"fitted: {', '.join(str(effect) for effect in result.effects)}", width)
+    yield BLANK
+    yield from draw_causes(result.causes, result.nominal, result.after, width)
     yield BLANK
     yield heading("Before and after")
     yield from stage_tables(

@@ -9,6 +9,7 @@ from typing import TextIO
 from robacc.effects.base import effect_class
 from robacc.effects.baseline import Baseline
 from robacc.fitting.parameters import FittedParameter
+from robacc.render.text.causes import draw_causes
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.detection import draw_detection
 from robacc.render.text.effect_label import effect_label
@@ -43,11 +44,13 @@ def draw_trace(result: Trace, poses: str, robot: str, baseline: Baseline, stream
 
 
 def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int) -> Iterator[TextLine]:
-    rows = result.final.residual.shape[1]
+    rows = result.fit.residual.shape[1]
     yield heading(f"Trace of {rows} measured poses: {_VERDICTS[result.verdict]}")
     yield TextLine(f"{poses} against the model {robot}")
     for text in declared_effects(baseline):
         yield from wrapped(text, width)
+    yield BLANK
+    yield from draw_causes(result.causes, result.nominal, result.after, width)
     yield BLANK
     yield heading("1. Residual")
     yield from wrapped(_residual(result), width)
@@ -239,7 +242,7 @@ def _remaining_error(result: Trace) -> Iterable[str]:
     if len(unexplained.parts) > 1:
         parts = (f"{_PARTS[part]} {three_digits(size * IN_MM)}" for part, size in unexplained.parts.items())
         yield f"its parts, mm rms at the target: {', '.join(parts)}"
-    yield from repeatability_items(result.repeatability, result.final.model.arm)
+    yield from repeatability_items(result.repeatability, result.fit.model.arm)
     yield from unexplained.hints
 
 
@@ -257,7 +260,7 @@ def _significance(probability: float) -> str:
 
 
 def _next_poses(result: Trace, width: int) -> Iterator[TextLine]:
-    arm = result.final.model.arm
+    arm = result.fit.model.arm
     units = [table_unit(arm.unit(name)) for name in arm.names]
     names = [f"{name}, {unit}" for name, (_, unit) in zip(arm.names, units, strict=True)]
     for advice in result.next_poses:

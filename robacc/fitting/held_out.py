@@ -1,0 +1,234 @@
+"""Errors of held-out poses in closed form: each place in turn is predicted by the fit to all other places.
+
+With A_g the whitened Jacobian of the rows g, N = A'A + P (P the precision of the priors) and r_g the whitened residual
+of the fit to all rows, the coefficients without these rows differ, to first order, by
+
+    -(N - A_g'A_g)^-1 A_g'r_g = -N^-1 A_g'(I - H_gg)^-1 r_g,    H_gg = A_g N^-1 A_g'.
+
+Source: R. D. Cook, S. Weisberg, Residuals and Influence in Regression (1982), 2.2 and appendix A.2. Weights, outliers
+and the variances of priors are those of the fit to all rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.errors import RobaccError
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.places import places
+from robacc.fitting.whitening import whole_groups
+from robacc.geometry import Array, Poses, compose, exp_so3
+from robacc.measurements import Measurements
+from robacc.modelling.observation import observed_jacobian, residuals
+
+LEAST_GROUPS = 6
+"""Places that held-out errors need at least."""
+_ALONE = 1.0 - 1e-6
+"""Leverage of a place, of any combination of its components, above which the others do not determine it."""
+_MOST_NUMBERS = 2**21
+"""Numbers of a Jacobian that are held at a time."""
+
+Undetermined = Callable[[NDArray[np.int64]], None]
+"""Called with the rows of a group without which the others do not determine a coefficient."""
+
+
+@dataclass(frozen=True)
+class HoldOut:
+    """Poses that fits to ``data`` are judged on: validation poses, or places of its own poses in turn."""
+
+    data: Measurements
+    validation: Measurements | None
+    groups: NDArray[np.int64]
+    """``(N,)`` number of the places that are held out together."""
+
+    @classmethod
+    def of(cls, data: Measurements, validation: Measurements | None, count: int | None, seed: int) -> HoldOut:
+        """Hold out ``validation``, or each place of ``data`` in turn, or ``count`` parts of the places.
+
+        A place's part depends on the place and the seed, not on the order of rows.
+        """
+        groups = places(data)
+        total = int(groups.max(initial=-1)) + 1
+        if count is not None and total:
+            groups = (np.random.default_rng(seed).permutation(total) % min(count, total)).astype(np.int64)[groups]
+        return cls(data, validation, groups)
+
+    @property
+    def folds(self) -> int:
+        """Number of groups that are held out in turn; 0 with validation poses, or where places are too few."""
+        if self.validation is not None or np.unique(places(self.data)).size < LEAST_GROUPS:
+            return 0
+        return int(np.unique(self.groups).size)
+
+    def residuals(self, fit: Fit, lacking: Sequence[Collection[int]] = ((),)) -> list[Array | None]:
+        """Return ``(M, N)`` residuals of the held-out poses by ``fit``, and by models that lack some of its effects.
+
+        None where nothing can be held out, or the arm without the effects cannot be evaluated.
+
+        Args:
+            fit: Fit to ``data``.
+            lacking: Numbers of the absent effects of each model, among the free ones; the rest is fitted again.
+        """
+        if self.validation is not None:
+            poses = [_poses(fit, self.validation, absent) for absent in lacking]
+            return [None if one is None else residuals(self.validation, one) for one in poses]
+        if not self.folds:
+            return [None for _ in lacking]
+        return [
+            None if one is None else residuals(self.data, one)
+            for one in held_out_poses(fit, self.data, self.groups, lacking)
+        ]
+
+
+def _poses(fit: Fit, data: Measurements, absent: Collection[int]) -> Poses | None:
+    """Return the poses that a fit predicts without some effects; None if the arm has no equilibrium without them."""
+    try:
+        return fit.predict(data, fit.without(set(absent)) if absent else None)
+    except RobaccError:
+        return None
+
+
+def held_out_poses(
+    fit: Fit,
+    data: Measurements,
+    groups: NDArray[np.int64],
+    lacking: Sequence[Collection[int]] = ((),),
+    undetermined: Undetermined = lambda rows: None,
+) -> list[Poses | None]:
+    """Predict each row ``(N)`` with the coefficients of the fit to the rows of the other groups, to first order.
+
+    A combination of coefficients that the other groups do not determine keeps its nominal value.
+
+    Args:
+        fit: Fit to ``data``.
+        data: Poses of the fit.
+        groups: ``(N,)`` number of each row's group.
+        lacking: Numbers of the absent effects of each model, among the free ones.
+        undetermined: Called with the rows of a group that alone determines a coefficient.
+
+    Returns:
+        The poses by each model; None where the arm without its absent effects has no equilibrium.
+    """
+    columns = fit.identifiability.columns
+    size, components = columns.size, fit.residual.shape[0]
+    blocks = list(whole_groups(groups, max(_MOST_NUMBERS // (components * max(size, 1)), 1)))
+    kept = [np.array([fit.owners[i] not in absent for i in columns], dtype=bool) for absent in lacking]
+    poses = [fit.poses if not absent else _poses(fit, data, absent) for absent in lacking]
+    if not size:
+        return poses
+
+    def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the Jacobian of the poses ``(6, K, n)``, and the whitened one of the inliers ``(n, M, K)``."""
+        _, jacobian = fit.model.bind(data.subset(rows)).linearise(fit.theta, columns)
+        observed = observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1)
+        white = fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]
+        return jacobian, np.ascontiguousarray(np.moveaxis(white, 2, 0).swapaxes(1, 2))
+
+    normal, latest = np.diag(fit.precision), None
+    for rows in blocks:
+        latest = linearised(rows)
+        flat = latest[1].reshape(-1, size)
+        normal = normal + flat.T @ flat
+    models = [
+        None if start is None or not mask.any() else _Reduced.of(fit, data, start, mask, normal)
+        for start, mask in zip(poses, kept, strict=True)
+    ]
+    for rows in blocks:
+        jacobian, whitened = latest if len(blocks) == 1 and latest is not None else linearised(rows)
+        for model in filter(None, models):
+            for inside in model.move(fit, rows, jacobian, whitened, groups[rows]):
+                undetermined(rows[inside])
+    return [
+        start if model is None else Poses(model.rotation, model.position)
+        for start, model in zip(poses, models, strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """A fit that may lack some effects."""
+
+    kept: NDArray[np.bool_]
+    """``(K,)`` mask of its coefficients among the fit's."""
+    root: Array
+    """Inverse factor of its normal matrix: coefficients times its inverse have the normal matrix I."""
+    whole: Array
+    """Its coefficients, scaled so."""
+    residual: Array
+    """``(M, N)``"""
+    position: Array
+    rotation: Array
+    """Predicted poses; rows are held out in place."""
+
+    @classmethod
+    def of(cls, fit: Fit, data: Measurements, poses: Poses, kept: NDArray[np.bool_], normal: Array) -> _Reduced:
+        """Reduce a fit of normal matrix ``normal`` ``(K, K)`` to the coefficients ``kept``; ``poses`` are without."""
+        own = normal[np.ix_(kept, kept)]
+        scale = 1.0 / np.sqrt(np.diag(own))
+        root = np.linalg.inv(np.linalg.cholesky(scale[:, None] * own * scale)) * scale
+        absent = {fit.owners[i] for i in fit.identifiability.columns[~kept]}
+        theta = fit.without(absent) if absent else fit.theta
+        whole = np.asarray(np.linalg.solve(root.T, theta[fit.identifiability.columns[kept]]), dtype=np.float64)
+        error = fit.residual if kept.all() else residuals(data, poses)
+        return cls(kept, root, whole, error, poses.translation.copy(), poses.rotation.copy())
+
+    def move(
+        self, fit: Fit, rows: NDArray[np.int64], jacobian: Array, whitened: Array, groups: NDArray[np.int64]
+    ) -> list[NDArray[np.int64]]:
+        """Hold out ``rows``; return the places among them of groups that alone determine a coefficient."""
+        scaled = (whitened if self.kept.all() else whitened[:, :, self.kept]) @ self.root.T
+        white = (fit.whitening.subset(rows).apply(self.residual[:, rows]) * fit.inliers[rows]).T
+        change, alone = np.empty((rows.size, len(self.whole))), []
+        for inside in _of_equal_size(groups):
+            change[inside], high = _changes(scaled, white, inside, self.whole)
+            alone += [inside[group] for group in high]
+        own = jacobian if self.kept.all() else jacobian[:, self.kept]
+        moved = np.sum(own * (change @ self.root).T, axis=1)
+        self.position[:, rows] += moved[:3]
+        self.rotation[..., rows] = compose(exp_so3(moved[3:]), self.rotation[..., rows])
+        return alone
+
+
+def _of_equal_size(groups: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """Yield ``(G, n)`` the places of the rows of all groups with n rows."""
+    order = np.argsort(groups, kind="stable")
+    _, first, counts = np.unique(groups[order], return_index=True, return_counts=True)
+    for n in np.unique(counts).tolist():
+        yield order[first[counts == n][:, None] + np.arange(n)]
+
+
+def _changes(scaled: Array, white: Array, inside: NDArray[np.int64], whole: Array) -> tuple[Array, list[int]]:
+    """Return the change of the scaled coefficients without each group, and the groups that alone determine one.
+
+    Args:
+        scaled: ``(n, M, K)`` whitened Jacobian, in coefficients whose normal matrix is I.
+        white: ``(n, M)`` whitened residuals.
+        inside: ``(G, m)`` rows of each group.
+        whole: ``(K,)`` scaled coefficients of the fit to all rows.
+
+    Returns:
+        ``(G, 1, K)`` changes, and numbers of groups.
+    """
+    count, size = inside.shape[0], scaled.shape[2]
+    jacobian, residual = scaled[inside].reshape(count, -1, size), white[inside].reshape(count, -1)
+    is_short = jacobian.shape[1] < size
+    left, right = jacobian, jacobian.swapaxes(1, 2)
+    leverage = left @ right if is_short else right @ left
+    high = np.flatnonzero(np.trace(leverage, axis1=1, axis2=2) > _ALONE)
+    high = high[np.linalg.eigvalsh(leverage[high])[:, -1] > _ALONE] if high.size else high
+    leverage[high] = 0.0
+    remaining = np.eye(leverage.shape[1]) - leverage
+    if is_short:
+        change = -(right @ np.linalg.solve(remaining, residual[..., None]))[..., 0]
+    else:
+        change = -np.linalg.solve(remaining, right @ residual[..., None])[..., 0]
+    for group in high.tolist():
+        share, vectors = np.linalg.eigh(right[group] @ left[group])
+        along = vectors.T @ (right[group] @ residual[group])
+        alone = share > _ALONE
+        change[group] = -vectors @ np.where(alone, vectors.T @ whole, along / np.where(alone, 1.0, 1.0 - share))
+    return change[:, None], high.tolist()

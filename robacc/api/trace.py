@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs, with_fit
 from robacc.api.inputs import PosesSource, StrPath, fitted_pose_warnings
 from robacc.api.model_use import CampaignUse
@@ -13,6 +15,7 @@ from robacc.api.result import Provenance, check_range, fields_of, options_of
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.baseline import Baseline, default_baseline
 from robacc.effects.request import build, parse_requests
+from robacc.fitting.places import places
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
@@ -145,7 +148,7 @@ def trace(
 def _baseline(declared: str | Sequence[str] | None, arm: Arm, data: Measurements) -> Baseline:
     """Return the declared effects, or those of every arm if ``declared`` is None."""
     if declared is None:
-        return default_baseline(arm, data)
+        return default_baseline(arm, data, int(np.unique(places(data)).size))
     text = joined(declared).strip()
     requests = parse_requests("" if text == "none" else text)
     return Baseline(tuple(map(str, requests)), by_default=False)

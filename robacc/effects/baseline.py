@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from robacc.effects.base import effect_class
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -20,7 +18,7 @@ FRAMES = ("base_frame", "tool_frame")
 CONSTANTS = ("joint_offset", "link_geometry")
 """Effects of every arm other than its frames, in the order in which the poses have to support them."""
 _COORDINATES_PER_COEFFICIENT = 1.5
-"""Fewest measured coordinates of distinct commanded poses for each coefficient: 1.2 where a fifth is held out.
+"""Fewest measured coordinates of poses in different places for each coefficient: 1.2 where a fifth is held out.
 
 Coefficients that the poses show weakly are shrunk to the nominal model, so they do less harm than geometry that the
 baseline lacks. On 37 simulated arms with 8 to 30 poses, 1.5 to 3 coordinates for each coefficient, the error of other
@@ -40,16 +38,15 @@ class Baseline:
     """Effects that the default has and these poses do not support, with the reason."""
 
 
-def default_baseline(arm: Arm, data: Measurements) -> Baseline:
-    """Return the effects of every arm that these poses support."""
+def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
+    """Return the effects of every arm that poses in ``n_places`` different places support."""
     names: list[str] = []
     left_out: list[tuple[str, str]] = []
-    n_poses = int(np.unique(data.groups()).size)
-    measured = n_poses * (3 if data.rotation is None else 6)
+    measured = n_places * (3 if data.rotation is None else 6)
     for name in (*FRAMES, *CONSTANTS):
         why = effect_class(name).missing(arm, data)
         if why is None and name in CONSTANTS:
-            why = _too_few(n_poses, measured, _coefficients(arm, data, name))
+            why = _too_few(n_places, measured, _coefficients(arm, data, name))
         if why is None:
             names.append(name)
         else:
@@ -57,12 +54,12 @@ def default_baseline(arm: Arm, data: Measurements) -> Baseline:
     return Baseline(tuple(names), True, tuple(left_out))
 
 
-def _too_few(n_poses: int, measured: int, coefficients: int) -> str | None:
+def _too_few(n_places: int, measured: int, coefficients: int) -> str | None:
     needed = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
     if measured >= needed:
         return None
     return (
-        f"{n_poses} commanded poses give {measured} coordinates, but the {coefficients} coefficients of the baseline "
+        f"poses in {n_places} places give {measured} coordinates, but the {coefficients} coefficients of the baseline "
         f"with it need {needed}"
     )
 

@@ -17,8 +17,9 @@ from robacc.error_model.covariance import (
     usual_std,
     whitened,
 )
-from robacc.error_model.rows import Linearised, first_ranks
+from robacc.error_model.rows import Linearised
 from robacc.error_model.terms import TERMS
+from robacc.fitting.visits import first_ranks
 from robacc.geometry import Array
 
 ACCEPTED = 3.0

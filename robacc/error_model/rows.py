@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robacc.effects.base import Part, Term
 from robacc.effects.step import sequence_of
 from robacc.fitting.places import places
-from robacc.fitting.visits import visit_numbers
+from robacc.fitting.visits import random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.bound import BoundModel
@@ -163,20 +163,6 @@ class Linearised:
     def reach(self) -> Array:
         """``(J,)`` root mean square distance (m) by which a joint moves the target per rad or m, at least 1 um."""
         return np.asarray(np.maximum(np.sqrt(np.mean(np.sum(np.square(self.joints[:, :3]), axis=1), axis=1)), 1e-6))
-
-
-def random_rank(data: Measurements) -> NDArray[np.int64]:
-    """Return ``(N,)`` a random rank of each row's commanded pose, whatever the order of the rows."""
-    groups = data.groups()
-    return np.random.default_rng(0).permutation(int(groups.max(initial=-1)) + 1)[groups]
-
-
-def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Return the numbers of the rows of the first ranks, at most ``most`` of them but all of one rank."""
-    ranked = np.sort(draw)
-    limit = ranked[max(most, 1) - 1] if most < ranked.size else ranked[-1] + 1
-    chosen = np.flatnonzero(draw < limit)
-    return chosen if chosen.size else np.flatnonzero(draw == ranked[0])
 
 
 def with_terms(bound: BoundModel, terms: Sequence[Term]) -> BoundModel:

@@ -29,13 +29,13 @@ from robacc.error_model.estimate import (
     on_subset,
     with_terms_that_gain,
 )
-from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank
+from robacc.error_model.rows import Linearised, Rows
 from robacc.error_model.terms import TERMS, Part
 from robacc.fitting.coefficient_covariance import sandwich, with_covariance
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.linear_algebra import posterior
 from robacc.fitting.misfit import noise_of
-from robacc.fitting.visits import visit_numbers
+from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 

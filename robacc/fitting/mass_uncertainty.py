@@ -21,6 +21,7 @@ from robacc.errors import EquilibriumError
 from robacc.fitting.coefficient_covariance import with_added_covariance
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.linear_algebra import solved
+from robacc.fitting.visits import random_rows
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -30,6 +31,8 @@ from robacc.robots.description import Joint
 
 DEFAULT = 0.1
 """Relative standard deviation of a link's mass where the robot file states none."""
+_MOST_ROWS = 4096
+"""Rows that the sensitivity to a mass is taken from: a mean over random poses, known to some per cent."""
 _STEP = 1e-3
 """Relative change of a mass for the central difference; the prediction is almost linear in a mass."""
 
@@ -69,7 +72,8 @@ def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
 
 def _sensitivity(fit: Fit, data: Measurements) -> Array:
     """Return ``(K, B)`` the change of each identifiable coefficient per relative change of each of B masses."""
-    rows = np.flatnonzero(fit.inliers)
+    inliers = np.flatnonzero(fit.inliers)
+    rows = inliers[random_rows(data.subset(inliers), _MOST_ROWS)]
     names = _names_with_mass(fit.model.arm)
     rhs = np.zeros((fit.identifiability.columns.size, len(names)))
     for start in range(0, rows.size, BLOCK):
@@ -82,6 +86,7 @@ def _sensitivity(fit: Fit, data: Measurements) -> Array:
             higher, lower = (_residuals_with_mass(fit, subset, name, 1.0 + sign * _STEP) for sign in (1, -1))
             # A residual is measured minus predicted.
             rhs[:, column] += np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP))
+    rhs *= inliers.size / max(rows.size, 1)
     matrix = fit.gram + np.diag(fit.precision)
     scale = 1.0 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     result: Array = scale[:, None] * solved(matrix * scale[:, None] * scale, scale[:, None] * rhs)

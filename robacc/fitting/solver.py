@@ -21,6 +21,7 @@ from robacc.fitting.identifiability import Identifiability, identify_terms
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations
 from robacc.fitting.outlier_pattern import outlier_pattern
 from robacc.fitting.shrinkage import Priors
+from robacc.fitting.visits import random_rows
 from robacc.fitting.weak_parameters import WEAK, badly_made, constant_kinds, std_at_nominal
 from robacc.fitting.whitening import Whitening
 from robacc.measurements import Measurements
@@ -32,6 +33,10 @@ _REWEIGHTINGS = 6
 """Most rounds of updates of the weights, the groups' priors and the inliers."""
 _GROSS = 5.0
 """Multiple of an outlier's limit up to which rows that share a circumstance stay in the fit."""
+_MANY = 20_000
+"""Rows from which a fit starts at that of a random part of them, so that few passes over all rows remain …"""
+_FIRST = 5_000
+"""… of so many rows."""
 _LEAST_POSES_TO_TRIM = 8
 """Poses that the search for outliers needs at least: with fewer, a median does not single one out."""
 
@@ -48,6 +53,12 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         InputError: fewer measured components than coefficients.
         UsageError: the data lack what an effect needs.
     """
+    if options.start is None and data.n > _MANY:
+        first = fit(model, data.subset(random_rows(data, _FIRST)), options)
+        model = first.model
+        options = dataclasses.replace(
+            options, start=first.theta, group_stds=first.group_stds, prior_stds=first.prior_stds
+        )
     names = {effect.name for effect in model.free}
     if any(effect.is_frame for effect in model.free) and options.start is None:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)

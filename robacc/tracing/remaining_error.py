@@ -36,6 +36,11 @@ _UNCERTAIN = 1.2
 """Factor by which an estimate of scatter from some hundred rows exceeds the rounding that causes it."""
 _SMALL_POSE_ERROR = 1e-5
 """Error common to all visits of a pose that no instrument resolves, m."""
+_LOOKS_LIKE: Mapping[Part, tuple[str, tuple[str, ...]]] = {
+    "scatter": ("scatters from visit to visit", ("backlash", "friction_windup", "approach_lag")),
+    "wander": ("wanders over time", ("thermal_expansion", "joint_warmup", "frame_drift")),
+}
+"""Parts of the error, what they look like, and effects that look so where their columns are missing."""
 _MANY_OUTLIERS = 0.05
 """Share of the rows from which outliers are not accidental."""
 
@@ -134,6 +139,17 @@ def _memory_hints(effects: Sequence[Effect], final: Fit, data: Measurements) -> 
             )
 
 
+def _columns_to_record(parts: Mapping[Part, float], missing: Mapping[str, str]) -> Iterator[str]:
+    """Yield which columns would show whether a part of the error that is no noise has a cause."""
+    for part, (looks, names) in _LOOKS_LIKE.items():
+        untested = [f"{name} ({missing[name]})" for name in names if name in missing]
+        if untested and (size := parts.get(part, 0.0)) > parts["noise"]:
+            yield (
+                f"{1e3 * size:.2g} mm rms {looks}: it may be {' or '.join(untested)}, which were not tested; record "
+                "what they need and trace again"
+            )
+
+
 def remaining_error(
     found: SearchResult,
     effects: Sequence[Effect],
@@ -163,6 +179,8 @@ def remaining_error(
         hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
         if not found.next or found.next[0].log_odds < ACCEPTED:
             hints.append("no candidate explains this error: it is repeatability, or an effect outside the catalogue")
+    if hints:
+        hints.extend(_columns_to_record(structure.parts, found.pool.missing))
     return Unexplained(
         rms=rms,
         noise_rms=None if noise.p_value is None else math.sqrt(3) * noise.noise.position,

@@ -34,10 +34,11 @@ from robacc.error_model.estimate import (
     with_terms_that_gain,
     without_idle_terms,
 )
-from robacc.error_model.rows import Linearised, Rows, first_ranks, random_rank, with_terms
+from robacc.error_model.rows import Linearised, Rows, with_terms
 from robacc.error_model.terms import TERMS
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
+from robacc.fitting.visits import random_rows
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.bound import BoundModel
@@ -191,7 +192,7 @@ def search(
 
 class _Search:
     def __init__(self, model: Model, data: Measurements, only: Sequence[str] | None, progress: Progress) -> None:
-        rows = _rows_of(data)
+        rows = random_rows(data, MOST_COMPONENTS // (3 if data.rotation is None else 6))
         self.data = data if rows.size == data.n else data.subset(rows)
         names = {effect.name for effect in model.free}
         self.model = _registered(model, self.data, names)
@@ -651,14 +652,6 @@ def _registered(model: Model, data: Measurements, names: set[str]) -> Model:
         return model
     robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
     return dataclasses.replace(model, arm=Arm.of(robot))
-
-
-def _rows_of(data: Measurements) -> NDArray[np.int64]:
-    """Return the rows that a search uses: all, or those of random poses up to :data:`MOST_COMPONENTS`."""
-    components = data.n * (3 if data.rotation is None else 6)
-    if components <= MOST_COMPONENTS:
-        return np.arange(data.n)
-    return first_ranks(random_rank(data), MOST_COMPONENTS * data.n // components)
 
 
 def _rms(values: Array) -> float:

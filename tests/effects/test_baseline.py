@@ -10,6 +10,7 @@ from robacc.effects import effect_class
 from robacc.effects.baseline import CONSTANTS, FRAMES, default_baseline
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options
+from robacc.fitting.places import places
 from robacc.fitting.solver import fit
 from robacc.geometry import rms_length
 from robacc.measurements import Measurements
@@ -46,16 +47,16 @@ def poses(name: str, n: int, *, orientation: bool, visits: int = 1) -> Measureme
 def test_the_default_is_as_much_as_the_poses_support(
     name: str, n: int, orientation: bool, expected: tuple[str, ...]
 ) -> None:
-    baseline = default_baseline(arm(name), poses(name, n, orientation=orientation))
+    baseline = default_baseline(arm(name), poses(name, n, orientation=orientation), n)
     assert baseline.names == expected
     assert baseline.by_default
     assert [effect for effect, _ in baseline.left_out] == [effect for effect in ALL if effect not in expected]
-    assert all(f"{n} commanded poses give" in why for _, why in baseline.left_out)
+    assert all(f"poses in {n} places give" in why for _, why in baseline.left_out)
 
 
 def test_repetitions_support_no_more_coefficients() -> None:
-    few = default_baseline(arm("puma560"), poses("puma560", 7, orientation=False, visits=5))
-    assert few.names == FRAMES
+    data = poses("puma560", 7, orientation=False, visits=5)
+    assert default_baseline(arm("puma560"), data, np.unique(places(data)).size).names == FRAMES
 
 
 @pytest.mark.parametrize("name", ["puma560", "scara", "stanford"])
@@ -85,7 +86,7 @@ def test_few_poses_of_an_arm_with_errors_of_geometry_are_clean(name: str, n: int
     real = 3e-4 * rng.normal(size=len(model.bind(data).terms))
     position = model.bind(data).poses(real).translation + noise * rng.normal(size=(3, n))
     measured = Measurements(position, q=data.q)
-    baseline = default_baseline(joints, measured)
+    baseline = default_baseline(joints, measured, n)
     found = trace(Model.of(joints.robot, build(parse_requests(",".join(baseline.names)), joints, measured)), measured)
     error = predict(found.robot, other).translation - model.bind(other).poses(real).translation
     assert found.verdict == "clean"

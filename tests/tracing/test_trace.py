@@ -357,6 +357,24 @@ def test_noise_is_known_from_repeats() -> None:
     assert found.verdict == "clean"
 
 
+def test_the_columns_that_would_show_a_cause_are_named() -> None:
+    # A lag whose speeds differ at each visit, and were not recorded, looks like scatter of the joints.
+    rng = np.random.default_rng(5)
+    once = measured("puma560", n=50)
+    rows = np.tile(np.arange(once.n), 3)
+    visits = dataclasses.replace(once.subset(rows), pose=rows, cycle=np.repeat(np.arange(3), once.n))
+    speed = rng.uniform(-1.0, 1.0, (6, visits.n))
+    lag = {"effect": "approach_lag", "joints": ["j2", "j3"], "values": {"j2": 6e-4, "j3": -5e-4}}
+    robot = dataclasses.replace(arm("puma560").robot, effects=(geometry("puma560"), lag))
+    position = predict(robot, dataclasses.replace(visits, speed=speed)).translation
+    moved = position + rng.normal(scale=NOISE, size=position.shape) + 1e-4 * np.sin(np.arange(visits.n) / 9.0)
+    found = traced(arm("puma560").robot, dataclasses.replace(visits, position=moved, speed=None, direction=None))
+    assert found.unexplained.parts["scatter"] > 5 * NOISE
+    (hint,) = [hint for hint in found.unexplained.hints if "approach_lag" in hint]
+    assert "no speed_q columns" in hint
+    assert "record what they need" in hint
+
+
 def test_poses_of_their_own_judge_instead_of_folds() -> None:
     name, effect = CASES["gear"]
     data, found = case("gear")

@@ -125,7 +125,7 @@ def test_before_is_the_declared_and_after_the_finding(files: Path) -> None:
 
 
 def test_the_table_has_its_sections_in_order(files: Path) -> None:
-    done = run(*command(files))
+    done = run(*command(files), "--full")
     assert done.exit_code == 0
     at = -1
     for part in (
@@ -145,11 +145,25 @@ def test_the_table_has_its_sections_in_order(files: Path) -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.parametrize("poses", ["poses", "clean"])
+def test_the_first_screen_says_how_good_why_and_what_now(files: Path, poses: str) -> None:
+    done = run(*command(files, poses=poses))
+    lines = done.stdout.splitlines()
+    assert len(lines) <= 25
+    assert max(len(line) for line in lines if str(files) not in line) <= 80
+    found = document(files, poses=poses)
+    held_out = [found[stage]["held_out"]["position"]["rms_m"] * 1e3 for stage in ("nominal", "after")]
+    assert "{:.3g} mm rms to {:.3g} mm rms on held-out poses".format(*held_out) in done.stdout
+    assert ("backlash[j2]" in done.stdout) == (poses == "poses")
+    assert "next: " in done.stdout
+    assert "--full adds" in done.stdout
+
+
 def test_a_clean_arm(files: Path) -> None:
     found = document(files, poses="clean")
     assert (found["verdict"], found["findings"]) == ("clean", [])
     assert found["after"] == found["before"]
-    done = run(*command(files, poses="clean"))
+    done = run(*command(files, poses="clean"), "--full")
     assert "clean: no effect beyond the declared effects" in done.stdout
     assert "none, at a false-alarm rate" in done.stdout
     assert "extended model" not in done.stdout
@@ -255,7 +269,7 @@ def test_nothing_is_written_where_the_data_are_refused(files: Path, tmp_path: Pa
 
 def test_what_is_declared_by_default_is_said_and_recorded(files: Path) -> None:
     bare = ("trace", str(files / "poses.csv"), "--robot", str(files / "arm.yaml"))
-    done = run(*bare)
+    done = run(*bare, "--full")
     assert done.exit_code == 0
     text = " ".join(done.stdout.split())
     assert "declared effects: base_frame, tool_frame, joint_offset, link_geometry (default; --declared changes" in text

@@ -230,7 +230,9 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert payload["deflection"]["form"] == form
     assert payload["findings"][0]["settings"] == settings
     stream = StringIO()
-    draw_trace(found, "poses.csv", "robot.yaml", Baseline(("base_frame", "tool_frame"), by_default=False), stream)
+    draw_trace(
+        found, "poses.csv", "robot.yaml", Baseline(("base_frame", "tool_frame"), by_default=False), stream, full=True
+    )
     assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 

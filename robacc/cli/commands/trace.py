@@ -61,6 +61,10 @@ def trace(
     gate: GateOption = None,
     junit: JunitOption = None,
     report: ReportOption = None,
+    full: Annotated[
+        bool,
+        typer.Option("--full", help="Table with candidates, tests, coefficients, errors and detection limits."),
+    ] = False,
     form: FormatOption = Format.table,
     output: OutputOption = "-",
 ) -> None:
@@ -94,5 +98,5 @@ def trace(
         write_model,
         Outlets(form, output, gate, junit, report),
         result,
-        lambda stream: draw_trace(result, poses, robot, result.baseline, stream),
+        lambda stream: draw_trace(result, poses, robot, result.baseline, stream, full=full),
     )

@@ -38,6 +38,7 @@ def _parts(
     yield from wrapped(f"requested: {fitted.replace(',', ', ')}", width)
     yield from wrapped(f"fitted: {', '.join(str(effect) for effect in result.effects)}", width)
     yield BLANK
+    yield heading("Causes")
     yield from draw_causes(result.causes, result.nominal, result.after, width)
     yield BLANK
     yield heading("Before and after")

@@ -6,20 +6,20 @@ from collections.abc import Iterator, Sequence
 
 from robacc.accuracy.stages import Stage
 from robacc.render.text.effect_label import effect_label
-from robacc.render.text.layout import TextLine, columns, heading, wrapped
+from robacc.render.text.layout import TextLine, columns, wrapped
 from robacc.render.text.numbers import three_digits
 from robacc.render.text.units import IN_MM
 from robacc.tracing.causes import ErrorCause
 
-_MOST = 8
-"""Largest number of causes that are listed."""
 _IN_HEADLINE = 3
 _NOTABLE = 0.01
 """Least share of the error of a cause that is listed."""
 
 
-def draw_causes(causes: Sequence[ErrorCause], nominal: Stage, after: Stage, width: int) -> Iterator[TextLine]:
-    """Yield what the error was and is, its largest causes, and a table of causes."""
+def draw_causes(
+    causes: Sequence[ErrorCause], nominal: Stage, after: Stage, width: int, most: int = 8
+) -> Iterator[TextLine]:
+    """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes."""
     apart = nominal.held_out is not None and after.held_out is not None
     was, now = (
         (stage.held_out if apart and stage.held_out is not None else stage.fitted).position.rms * IN_MM
@@ -27,7 +27,6 @@ def draw_causes(causes: Sequence[ErrorCause], nominal: Stage, after: Stage, widt
     )
     notable = [cause for cause in causes if cause.share is None or cause.share >= _NOTABLE or not cause.declared]
     named = ", ".join(_label(cause) for cause in notable[:_IN_HEADLINE]) or "no single cause"
-    yield heading("Causes")
     yield from wrapped(
         f"{three_digits(was)} mm rms to {three_digits(now)} mm rms"
         f"{' on held-out poses' if apart else ''}: {named}{' and others' if len(notable) > _IN_HEADLINE else ''}",
@@ -44,7 +43,7 @@ def draw_causes(causes: Sequence[ErrorCause], nominal: Stage, after: Stage, widt
             three_digits(cause.left * IN_MM),
             "–" if cause.share is None else f"{100 * cause.share:.0f} %",
         ]
-        for cause in notable[:_MOST]
+        for cause in notable[:most]
     ]
     if rows:
         yield from columns(["effect", "moves, mm", "95 % interval", "without it, mm", "share"], rows)

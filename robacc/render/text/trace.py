@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from typing import TextIO
@@ -31,6 +32,11 @@ _VERDICTS = {
     "unexplained": "unexplained: the residual is structured and no candidate explains it",
 }
 _CONVINCING = 0.01
+_MAX_CAUSES = 6
+_MAX_HINTS = 3
+_WORTH_CORRECTING = 0.9
+"""Ratio of the errors after and before from which a model is not worth its use."""
+_MORE = "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits"
 _MAX_CANDIDATES = 5
 _MAX_HARMONICS = 6
 _MAX_PARAMETERS = 8
@@ -38,18 +44,54 @@ _INDISTINGUISHABLE = 0.9999
 """Similarity from which two effects predict the same on the poses."""
 
 
-def draw_trace(result: Trace, poses: str, robot: str, baseline: Baseline, stream: TextIO) -> None:
-    """Write the report of ``robacc trace`` to ``stream``."""
-    write_lines(_parts(result, poses, robot, baseline, width_of(stream)), stream)
+def draw_trace(
+    result: Trace, poses: str, robot: str, baseline: Baseline, stream: TextIO, *, full: bool = False
+) -> None:
+    """Write the report of ``robacc trace`` to ``stream``: how good, why, what now; or with all that was tested."""
+    width = width_of(stream)
+    parts = _parts(result, width) if full else _short_parts(result, width)
+    write_lines(itertools.chain(_opening(result, poses, robot, baseline, width), parts), stream)
 
 
-def _parts(result: Trace, poses: str, robot: str, baseline: Baseline, width: int) -> Iterator[TextLine]:
+def _opening(result: Trace, poses: str, robot: str, baseline: Baseline, width: int) -> Iterator[TextLine]:
     rows = result.fit.residual.shape[1]
     yield heading(f"Trace of {rows} measured poses: {_VERDICTS[result.verdict]}")
     yield TextLine(f"{poses} against the model {robot}")
     for text in declared_effects(baseline):
         yield from wrapped(text, width)
     yield BLANK
+
+
+def _short_parts(result: Trace, width: int) -> Iterator[TextLine]:
+    """Yield causes, what is not distinguishable, what remains, and what to do."""
+    yield from draw_causes(result.causes, result.nominal, result.after, width, _MAX_CAUSES)
+    yield BLANK
+    notes = [
+        f"{effect_label(finding.effect, finding.joints, finding.settings)}: {_alternative(rival)}"
+        for finding in result.findings
+        for rival in finding.alternatives
+    ]
+    hints = result.unexplained.hints
+    notes += [f"{three_digits(result.unexplained.rms * IN_MM)} mm rms remain{_parts_of(result)}", *hints[:_MAX_HINTS]]
+    if len(hints) > _MAX_HINTS:
+        notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
+    yield from items(notes, width)
+    yield from wrapped(f"next: {_next_step(result)}", width)
+    yield from (TextLine(line.text, "dim") for line in wrapped(_MORE, width))
+
+
+def _next_step(result: Trace) -> str:
+    """Return what to do with the result."""
+    if result.next_poses:
+        return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
+    before, after = result.nominal.fitted.position.rms, result.after.fitted.position.rms
+    if after > _WORTH_CORRECTING * before:
+        return "nothing to correct: the model is hardly better than the nominal arm with base and tool registered"
+    return "write the model with `write_model`, and let `robacc correct` change the robot's targets by it"
+
+
+def _parts(result: Trace, width: int) -> Iterator[TextLine]:
+    yield heading("Causes")
     yield from draw_causes(result.causes, result.nominal, result.after, width)
     yield BLANK
     yield heading("1. Residual")
@@ -239,11 +281,18 @@ def _remaining_error(result: Trace) -> Iterable[str]:
         share = f"{100 * result.explained_share:.0f} %"
         floor = "noise" if result.repeatability is None else "noise and repeatability"
         yield f"{share} of the explainable error is explained (held-out variance above {floor})"
-    if len(unexplained.parts) > 1:
-        parts = (f"{_PARTS[part]} {three_digits(size * IN_MM)}" for part, size in unexplained.parts.items())
-        yield f"its parts, mm rms at the target: {', '.join(parts)}"
+    if parts := _parts_of(result):
+        yield f"its parts{parts}"
     yield from repeatability_items(result.repeatability, result.fit.model.arm)
     yield from unexplained.hints
+
+
+def _parts_of(result: Trace) -> str:
+    """Return the parts of the remaining error; empty if it is noise alone."""
+    parts = result.unexplained.parts
+    if len(parts) < 2:
+        return ""
+    return ", mm: " + ", ".join(f"{_PARTS[part]} {three_digits(size * IN_MM)}" for part, size in parts.items())
 
 
 _PARTS = {

@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs, with_fit
-from robacc.api.inputs import PosesSource, StrPath, fitted_pose_warnings, path_of
+from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, with_inputs
+from robacc.api.inputs import PosesSource, StrPath, path_of
 from robacc.api.model_use import CampaignUse
-from robacc.api.result import Provenance, check_range, fields_of, options_of
+from robacc.api.result import Provenance, check_range, options_of
 from robacc.calibration.calibrating import Calibration
 from robacc.calibration.calibrating import calibrate as fit_effects
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.request import parse_requests
 from robacc.errors import UsageError
 from robacc.fitting.fit_result import Options
@@ -28,26 +27,6 @@ class Calibrated(FitResult, Calibration):
     command: ClassVar[str] = "calibrate"
     fit_inputs: FitInputs
     made: Provenance
-
-    @classmethod
-    def of(cls, calibration: Calibration, inputs: FitInputs, made: Provenance) -> Calibrated:
-        """Return ``calibration`` with its inputs, and its robot with the record of the poses that it was fitted to."""
-        fields = fields_of(calibration)
-        fields["robot"], warnings = fitted_model(
-            with_fit(calibration.robot, calibration, calibration.fit, inputs), inputs
-        )
-        fields["warnings"] = (*calibration.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
-        return cls(**fields, fit_inputs=inputs, made=made)
-
-    @property
-    def converged(self) -> bool:
-        """Return whether the reported fit converged."""
-        return self.fit.converged
-
-    @property
-    def suspicions(self) -> tuple[str, ...]:
-        """Return the data mistakes that the reported fit makes likely, in words."""
-        return suspected_mistakes(self.fit)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
@@ -147,4 +126,5 @@ def calibrate(
         progress=progress or (lambda label, done, total: None),
     )
     options = options_of(calibrate, arguments, **inputs.names, fit=joined(fit))
-    return Calibrated.of(calibration, inputs, Provenance(options, inputs.files, seed, inputs.use))
+    made = Provenance(options, inputs.files, seed, inputs.use)
+    return Calibrated(**with_inputs(calibration, inputs), made=made)

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import os
-from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robacc.api.arrays import check_targets
-from robacc.api.inputs import STDIN, PosesSource, StrPath, load_poses, load_robot, path_of, with_fitted_poses
+from robacc.api.inputs import (
+    STDIN,
+    PosesSource,
+    StrPath,
+    fitted_pose_warnings,
+    load_poses,
+    load_robot,
+    path_of,
+    with_fitted_poses,
+)
 from robacc.api.measured_targets import with_measured_targets
 from robacc.api.model_use import CampaignUse, ModelUse, use_model
-from robacc.api.result import Result
+from robacc.api.result import Result, fields_of
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
@@ -27,9 +35,8 @@ from robacc.robots.description import Robot
 from robacc.version import __version__
 
 if TYPE_CHECKING:
-    from robacc.calibration.calibrating import Calibration
     from robacc.fitting.fit_result import Fit
-    from robacc.tracing.trace_result import Trace
+    from robacc.tracing.judging import Judged
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +70,18 @@ class FitResult(Result):
 
     __slots__ = ()
     robot: Robot
+    fit: Fit
     fit_inputs: FitInputs
 
     @property
-    @abstractmethod
     def converged(self) -> bool:
         """Return whether the reported fit converged."""
+        return self.fit.converged
 
     @property
-    @abstractmethod
     def suspicions(self) -> tuple[str, ...]:
         """Return the data mistakes that the reported fit makes likely, in words; they are among the warnings too."""
+        return suspected_mistakes(self.fit)
 
     def model_yaml(self) -> str:
         """Return the robot file of the fitted robot; its first line names the command and the poses.
@@ -105,7 +113,27 @@ class FitResult(Result):
         write_text(path, self.model_yaml())
 
 
-def with_fit(robot: Robot, result: Calibration | Trace, fit: Fit, inputs: FitInputs) -> Robot:
+def with_inputs(result: Judged, inputs: FitInputs) -> dict[str, Any]:
+    """Return the fields of a result with its inputs: its robot has the records of its fit, its poses and its campaign.
+
+    Its warnings have those about the use of a model.
+    """
+    robot = with_campaign(
+        with_fitted_poses(_with_fit(result, inputs), inputs.files),
+        inputs.robot,
+        [record.sha256 for record in inputs.files if record.kind == "poses"],
+    )
+    outside = None if inputs.holdout is None else outside_validity(robot, inputs.holdout)
+    warnings = [
+        *result.warnings,
+        *fitted_pose_warnings(inputs.robot, inputs.files),
+        *inputs.use.warnings,
+        *(() if outside is None else (f"validation poses: {warning}" for warning in outside.warnings())),
+    ]
+    return {**fields_of(result), "robot": robot, "warnings": tuple(warnings), "fit_inputs": inputs}
+
+
+def _with_fit(result: Judged, inputs: FitInputs) -> Robot:
     """Return the fitted robot with the record of its fit, which corrections and predictions read."""
     held_out = None
     if inputs.holdout is not None and result.holdout is not None:
@@ -113,6 +141,7 @@ def with_fit(robot: Robot, result: Calibration | Trace, fit: Fit, inputs: FitInp
         held_out = (inputs.holdout, result.holdout.after if residual is None else residual)
     elif result.residuals.held_out_after is not None:
         held_out = (inputs.data, result.residuals.held_out_after)
+    fit, robot = result.fit, result.robot
     record = fit_record(fit, robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds)
     return replace(robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
 
@@ -157,18 +186,6 @@ def load_fit_inputs(
     validation, validation_record = read(holdout, "holdout")
     _refuse_shared(data, validation, names["holdout"])
     return FitInputs(arm, data, validation, names, (record, arm_record, validation_record), use, own_targets)
-
-
-def fitted_model(robot: Robot, inputs: FitInputs) -> tuple[Robot, tuple[str, ...]]:
-    """Return a fitted robot with the record of its poses and its campaign, and warnings about the use of the model."""
-    digests = [record.sha256 for record in inputs.files if record.kind == "poses"]
-    outside = None if inputs.holdout is None else outside_validity(robot, inputs.holdout)
-    warnings = inputs.use.warnings if outside is None else (*inputs.use.warnings, *_of_holdout(outside.warnings()))
-    return with_campaign(with_fitted_poses(robot, inputs.files), inputs.robot, digests), warnings
-
-
-def _of_holdout(warnings: Sequence[str]) -> Iterator[str]:
-    return (f"validation poses: {warning}" for warning in warnings)
 
 
 def _refuse_shared(data: Measurements, validation: Measurements, name: str | None) -> None:

@@ -8,11 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from robacc.api.fitting import FitInputs, FitResult, fitted_model, joined, load_fit_inputs, with_fit
-from robacc.api.inputs import PosesSource, StrPath, fitted_pose_warnings
+from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, with_inputs
+from robacc.api.inputs import PosesSource, StrPath
 from robacc.api.model_use import CampaignUse
-from robacc.api.result import Provenance, check_range, fields_of, options_of
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
+from robacc.api.result import Provenance, check_range, options_of
 from robacc.effects.baseline import Baseline, default_baseline
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.places import places
@@ -34,24 +33,6 @@ class Traced(FitResult, Trace):
     baseline: Baseline
     """The declared effects, and whether the call declared them."""
     made: Provenance
-
-    @classmethod
-    def of(cls, body: Trace, inputs: FitInputs, baseline: Baseline, made: Provenance) -> Traced:
-        """Return ``body`` with its inputs, and its robot with the record of the poses that it was fitted to."""
-        fields = fields_of(body)
-        fields["robot"], warnings = fitted_model(with_fit(body.robot, body, body.fit, inputs), inputs)
-        fields["warnings"] = (*body.warnings, *fitted_pose_warnings(inputs.robot, inputs.files), *warnings)
-        return cls(**fields, fit_inputs=inputs, baseline=baseline, made=made)
-
-    @property
-    def converged(self) -> bool:
-        """Return whether the reported fit converged."""
-        return self.fit.converged
-
-    @property
-    def suspicions(self) -> tuple[str, ...]:
-        """Return the data mistakes that the reported fit makes likely, in words."""
-        return suspected_mistakes(self.fit)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
@@ -142,7 +123,8 @@ def trace(
     options = options_of(
         trace, arguments, **inputs.names, declared=",".join(baseline.names) if declared is None else joined(declared)
     )
-    return Traced.of(body, inputs, baseline, Provenance(options, inputs.files, seed, inputs.use))
+    made = Provenance(options, inputs.files, seed, inputs.use)
+    return Traced(**with_inputs(body, inputs), baseline=baseline, made=made)
 
 
 def _baseline(declared: str | Sequence[str] | None, arm: Arm, data: Measurements) -> Baseline:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.stages import Gain, Residuals
-from robacc.calibration.calibrating import Calibration
 from robacc.documents.poses import pose_document, robot_document
 from robacc.documents.stages import ErrorRows, stage_document
+from robacc.documents.statistics import covariance_document, parameters_document
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.deflection_model import BETTER, DeflectionChoice
 from robacc.fitting.fit_result import Fit
@@ -22,25 +22,47 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
 from robacc.tracing.causes import ErrorCause
-from robacc.tracing.trace_result import Trace
+from robacc.tracing.judging import Judged
 
 
-def pose_keys(
-    result: Calibration | Trace, fit: Fit, data: Measurements, robot: Robot, apart: Measurements | None
+def judged_keys(
+    result: Judged, data: Measurements, robot: Robot, apart: Measurements | None, seed: int
 ) -> dict[str, Any]:
-    """Return the robot and the residuals of every pose, which charts need."""
+    """Return the keys that every fit has; charts need the robot and the residuals of every pose.
+
+    Args:
+        result: The result.
+        data: Calibration poses.
+        robot: The nominal model.
+        apart: Held-out poses, where they come from a file of their own.
+        seed: Seed of the resampling behind intervals.
+    """
 
     def poses(rows: Measurements, residuals: Residuals, used: NDArray[np.bool_] | None) -> dict[str, Any]:
         return pose_document(rows, rows.position - residuals.nominal[:3], residuals, used)
 
     return {
+        "n_poses": data.n,
+        "noise": _noise_document(result.noise),
+        **_stage_documents(result, data, apart, seed),
+        "causes": _causes_document(result.causes),
+        "gain_m": _gain_document(result.gain),
+        "n_folds": result.n_folds,
+        "parameters": parameters_document(result.parameters),
+        "parameter_covariance": covariance_document(result.covariance),
+        "priors": _priors_document(result.fit),
+        "repeatability": _repeatability_document(result.repeatability),
+        "converged": result.fit.converged,
+        "deflection": _deflection_document(result.deflection),
+        "outliers": [{"line": data.line(int(i))} for i in result.fit.outliers],
+        "warnings": list(result.warnings),
         "robot": robot_document(robot, data.q),
-        "poses": poses(data, result.residuals, fit.inliers),
+        "poses": poses(data, result.residuals, result.fit.inliers),
         "poses_apart": None if apart is None or result.holdout is None else poses(apart, result.holdout, None),
     }
 
 
-def priors_document(fit: Fit) -> list[dict[str, Any]]:
+def _priors_document(fit: Fit) -> list[dict[str, Any]]:
     """Return the estimated priors about nominal, one for each kind of constants that has one."""
     return [
         {
@@ -53,7 +75,7 @@ def priors_document(fit: Fit) -> list[dict[str, Any]]:
     ]
 
 
-def repeatability_document(repeatability: Repeatability | None) -> dict[str, Any] | None:
+def _repeatability_document(repeatability: Repeatability | None) -> dict[str, Any] | None:
     """Return the key ``repeatability``."""
     if repeatability is None:
         return None
@@ -65,7 +87,7 @@ def repeatability_document(repeatability: Repeatability | None) -> dict[str, Any
     }
 
 
-def noise_document(lack_of_fit: LackOfFit) -> dict[str, Any]:
+def _noise_document(lack_of_fit: LackOfFit) -> dict[str, Any]:
     """Return the key ``noise``."""
     return {
         "position_m": lack_of_fit.noise.position,
@@ -77,12 +99,12 @@ def noise_document(lack_of_fit: LackOfFit) -> dict[str, Any]:
     }
 
 
-def stage_documents(
-    result: Calibration | Trace, fit: Fit, data: Measurements, apart: Measurements | None, seed: int
+def _stage_documents(
+    result: Judged, data: Measurements, apart: Measurements | None, seed: int
 ) -> dict[str, dict[str, Any]]:
     """Return ``nominal_unregistered``, ``nominal``, ``before`` and ``after``."""
     residuals, holdout = result.residuals, result.holdout
-    groups, used = places(data), fit.inliers
+    groups, used = places(data), result.fit.inliers
     fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
     held_out: tuple[Array | None, ...] = (
         residuals.unregistered,
@@ -111,7 +133,7 @@ def stage_documents(
     }
 
 
-def causes_document(causes: Sequence[ErrorCause]) -> list[dict[str, Any]]:
+def _causes_document(causes: Sequence[ErrorCause]) -> list[dict[str, Any]]:
     """Return the key ``causes``."""
     return [
         {
@@ -129,7 +151,7 @@ def causes_document(causes: Sequence[ErrorCause]) -> list[dict[str, Any]]:
     ]
 
 
-def gain_document(gain: Gain | None) -> dict[str, Any] | None:
+def _gain_document(gain: Gain | None) -> dict[str, Any] | None:
     """Return the key ``gain_m``."""
     if gain is None:
         return None
@@ -141,7 +163,7 @@ def gain_document(gain: Gain | None) -> dict[str, Any] | None:
     }
 
 
-def deflection_document(choice: DeflectionChoice | None) -> dict[str, Any] | None:
+def _deflection_document(choice: DeflectionChoice | None) -> dict[str, Any] | None:
     """Return the key ``deflection``."""
     if choice is None:
         return None

@@ -4,19 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from robacc.documents.fit import (
-    causes_document,
-    deflection_document,
-    finite,
-    gain_document,
-    noise_document,
-    pose_keys,
-    priors_document,
-    repeatability_document,
-    stage_documents,
-)
+from robacc.documents.fit import finite, judged_keys
 from robacc.documents.poses import curve_document
-from robacc.documents.statistics import covariance_document, parameters_document
+from robacc.documents.statistics import parameters_document
 from robacc.effects.baseline import Baseline
 from robacc.fitting.undeclared_load import UndeclaredLoad
 from robacc.measurements import Measurements
@@ -39,20 +29,11 @@ def trace_payload(
         seed: Seed of the resampling behind intervals.
     """
     return {
-        "n_poses": data.n,
         "verdict": trace.verdict,
         "assumption": trace.assumption,
-        "noise": noise_document(trace.noise),
-        **stage_documents(trace, trace.fit, data, apart, seed),
-        "causes": causes_document(trace.causes),
-        "gain_m": gain_document(trace.gain),
-        "n_folds": trace.n_folds,
+        **judged_keys(trace, data, robot, apart, seed),
         "findings": [_finding(finding) for finding in trace.findings],
-        "deflection": deflection_document(trace.deflection),
         "undeclared_load": _undeclared_load(trace.undeclared_load),
-        "priors": priors_document(trace.fit),
-        "converged": trace.fit.converged,
-        "repeatability": repeatability_document(trace.repeatability),
         "explained_share": trace.explained_share,
         "unexplained": {
             "rms_m": trace.unexplained.rms,
@@ -62,8 +43,6 @@ def trace_payload(
             "hints": list(trace.unexplained.hints),
             "parts": {f"{part}_m": size for part, size in trace.unexplained.parts.items()},
         },
-        "parameters": parameters_document(trace.parameters),
-        "parameter_covariance": covariance_document(trace.covariance),
         "search": {"steps": len(trace.steps), "settled": trace.settled},
         "candidates": [
             {
@@ -90,9 +69,6 @@ def trace_payload(
             }
             for limit in trace.detection
         ],
-        "outliers": [{"line": data.line(int(i))} for i in trace.fit.outliers],
-        "warnings": list(trace.warnings),
-        **pose_keys(trace, trace.fit, data, robot, apart),
     }
 
 

@@ -27,7 +27,7 @@ from robacc.accuracy.pose_errors import (
     pose_errors,
     registered_poses,
 )
-from robacc.accuracy.registering import register, too_far, unregistered_warning
+from robacc.accuracy.registering import frames_to_register, register, too_far, unregistered_warning
 from robacc.errors import UsageError
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -45,6 +45,10 @@ _STILL = 1e-6
 """rad or m; commanded poses that differ by less are equal."""
 _TURNED = np.deg2rad(5.0)
 """Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree."""
+_REGISTERED = (
+    'the frames of robot and instrument do not agree ({:.3g} mm rms), so they were registered; `align="none"` keeps '
+    "the errors as they are"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,7 @@ def estimate(
     robot: Robot | None = None,
     *,
     frame: ErrorFrame | None = None,
-    align: Sequence[str] = (),
+    align: Sequence[str] | None = None,
     scale: Scale | None = None,
     confidence: float = 0.95,
     seed: int = 0,
@@ -114,7 +118,8 @@ def estimate(
         robot: Model that predicts the commanded poses at ``data.q``, effects included; it takes precedence over the
             commanded poses in ``data``.
         frame: Axes of the errors; None is "tool" where the commanded orientation is known, else "base".
-        align: Frames to fit to the poses first, from :data:`robacc.fitting.registration.ALIGNABLE`.
+        align: Frames to fit to the poses first, from :data:`robacc.fitting.registration.ALIGNABLE`; None fits base and
+            tool where the errors without it are too large for an arm and those with it are not.
         scale: Grade scale; None is the built-in scale.
         confidence: Confidence of every interval.
         seed: Seed of the bootstrap.
@@ -127,6 +132,9 @@ def estimate(
     commanded = commanded_poses(data, robot)
     chosen = _choose_frame(frame, commanded)
     alignment, unaligned = None, None
+    if is_needed := align is None and _moves(data):
+        align = frames_to_register(data, robot, rms_length(pose_errors(data, commanded, chosen).position))
+        is_needed = bool(align)
     if align:
         alignment = register(data, robot, align, held_out=True)
         unaligned = pose_errors(data, commanded, chosen).metrics()
@@ -158,6 +166,7 @@ def estimate(
             *data.warnings,
             *data.contradicted_ids(repetitions),
             *_warnings(data, errors, alignment),
+            *((_REGISTERED.format(1e3 * unaligned.position.rms),) if is_needed and unaligned is not None else ()),
         ),
     )
 

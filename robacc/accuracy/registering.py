@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from robacc.errors import RobaccError
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -29,6 +30,21 @@ def register(data: Measurements, robot: Robot | None, frames: Sequence[str], *, 
 def too_far(error: float, position: Array) -> bool:
     """Return whether an error in m is too large for an arm that moved between the positions ``(3, N)``."""
     return error > _FAR * rms_length(position - position.mean(axis=1, keepdims=True))
+
+
+def frames_to_register(data: Measurements, robot: Robot | None, error: float) -> tuple[str, ...]:
+    """Return frames that take a position error in m that no arm has to one that an arm may have; none otherwise."""
+    if not too_far(error, data.position):
+        return ()
+    for frames in (("base_frame", "tool_frame"), ("base_frame",)):
+        try:
+            commanded = register(data, robot, frames).commanded
+        except RobaccError:
+            continue
+        registered = rms_length(data.position - commanded.translation)
+        if registered < _FAR * error and not too_far(registered, data.position):
+            return frames
+    return ()
 
 
 def unregistered_warning(registered: bool) -> str:

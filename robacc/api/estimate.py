@@ -68,7 +68,7 @@ def estimate(
     poses: PosesSource,
     *,
     robot: StrPath | Robot | None = None,
-    align: str | Sequence[str] = (),
+    align: str | Sequence[str] | None = None,
     frame: ErrorFrame | None = None,
     scale: StrPath | None = None,
     confidence: float = 0.95,
@@ -89,7 +89,8 @@ def estimate(
         poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
         robot: Robot file (YAML), URDF, or a robot read before.
         align: Frames that are fitted to the poses first: ``base_frame``, ``tool_frame`` or both; of the robot, or
-            without ``robot`` of the commanded poses.
+            without ``robot`` of the commanded poses. None fits them where the errors without it are too large for an
+            arm and those with it are not; ``"none"`` never does.
         frame: Axes of the errors: ``tool`` of the commanded target, ``base`` of the measuring frame. None is ``tool``
             if the commanded orientation is known, else ``base``.
         scale: Grade scale (YAML); None for the scale of the package.
@@ -125,9 +126,9 @@ def estimate(
     check_range("seed", seed, 0)
     check_choice("frame", frame, ("tool", "base", None))
     arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
-    aligned = effect_names(align)
+    aligned = None if align is None else effect_names("" if align == "none" else align)
     # Only a fit of the tool finds the place of a target that the robot file lacks.
-    any_target = arm is not None and "tool_frame" in aligned
+    any_target = arm is not None and "tool_frame" in (aligned or ())
     data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits, any_target=any_target)
     if arm is not None and any_target:
         arm, data = with_measured_targets(arm, data)
@@ -139,7 +140,8 @@ def estimate(
         notes = (*body.notes, "the robot file was fitted to these same poses")
         body = dataclasses.replace(body, notes=notes, warnings=(*body.warnings, *warnings))
     body = dataclasses.replace(body, warnings=(*body.warnings, *_rounding(body, arm, data), *use.warnings))
-    options = options_of(estimate, arguments, align=list(aligned), frame=body.errors.frame)
+    fitted = body.alignment.effects if body.alignment else ()
+    options = options_of(estimate, arguments, align=list(fitted), frame=body.errors.frame)
     made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
     return Estimate.of(body, arm, data, made)
 

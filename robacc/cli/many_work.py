@@ -24,7 +24,7 @@ class EstimateOptions(NamedTuple):
     """Options for every file, with the names of the parameters of :func:`robacc.api.estimate.estimate`."""
 
     robot: str | None
-    align: tuple[str, ...]
+    align: tuple[str, ...] | None
     frame: ErrorFrame | None
     scale: str | None
     confidence: float
@@ -39,7 +39,7 @@ class EstimateOptions(NamedTuple):
     def recorded(self) -> dict[str, Any]:
         """Return the options of the JSON document; robot and scale stand among its inputs, the seed has its own key."""
         return {
-            name: list(value) if name == "align" else value
+            name: list(value) if isinstance(value, tuple) else value
             for name, value in self._asdict().items()
             if name not in ("robot", "scale", "seed")
         }

@@ -71,7 +71,7 @@ AlignOption = Annotated[
     typer.Option(
         "--align",
         metavar="FRAME,…",
-        help="Frames to fit to the poses of each file first: base_frame, tool_frame or both.",
+        help="Frames to fit to the poses of each file first: base_frame, tool_frame, both, or none.",
     ),
 ]
 OrderedOption = Annotated[

@@ -17,6 +17,7 @@ from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
+from robacc.simulation.simulate import Plan, simulate
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
@@ -178,7 +179,7 @@ def test_alignment_removes_the_frames_and_keeps_the_noise() -> None:
         rotation=np.moveaxis((base * Rotation.from_matrix(matrices[:, :3, :3])).as_matrix(), 0, -1),
         q=q,
     )
-    unaligned = estimate(data, robot)
+    unaligned = estimate(data, robot, align=())
     aligned = estimate(data, robot, align=("base_frame",))
     assert any("frames that are not registered" in warning for warning in unaligned.warnings)
     assert aligned.alignment is not None
@@ -263,3 +264,20 @@ def test_a_quaternion_in_another_order_is_not_blamed_on_the_joints(tmp_path: Pat
     path.write_text(text, encoding="utf-8")
     result = robacc.estimate(path, robot=SAMPLES / "robot.yaml", align="base_frame,tool_frame")
     assert any("the positions agree, but the orientation errors" in warning for warning in result.warnings)
+
+
+def test_frames_that_do_not_agree_are_registered_unless_the_call_says_no() -> None:
+    robot = arm("puma560").robot
+    data = simulate(dataclasses.replace(robot, effects=()), Plan(40, seed=3, noise_position=5e-5)).data
+    moved = dataclasses.replace(data, position=data.position + np.array([[4.0], [-2.0], [0.5]]))
+    found, raw = estimate(moved, robot), estimate(moved, robot, align=())
+    assert found.alignment is not None
+    assert found.alignment.effects == ("base_frame", "tool_frame")
+    assert found.position.rms < 3 * 5e-5
+    assert any("so they were registered" in warning for warning in found.warnings)
+    assert raw.position.rms == pytest.approx(np.linalg.norm([4.0, -2.0, 0.5]), rel=1e-3)
+    # Errors that an arm may have are left as they are, and so are those that frames do not explain.
+    assert estimate(data, robot).alignment is None
+    rng = np.random.default_rng(1)
+    exchanged = dataclasses.replace(data, position=data.position[:, rng.permutation(data.n)])
+    assert estimate(exchanged, robot).alignment is None

@@ -18,16 +18,19 @@ _LEVELS = {4: "error", 5: "warning"}
 """Level of an annotation by the exit status of a gate."""
 
 
-def draw_many(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str], stream: TextIO) -> None:
+def draw_many(
+    outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None, stream: TextIO
+) -> None:
     """Write the table of all files to ``stream``; ``robot`` is a file name, ``aligned`` the effects fitted first."""
     write_lines(many_lines(outcomes, robot, aligned, width_of(stream)), stream)
 
 
 def many_lines(
-    outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str], width: int
+    outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None, width: int
 ) -> Iterator[TextLine]:
     """Return the report's lines."""
     alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
+    alignment = "registered where the frames do not agree" if aligned is None else alignment
     yield heading(f"Pose errors in {len(outcomes)} files, {alignment}")
     yield TextLine(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}")
     yield BLANK

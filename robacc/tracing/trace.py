@@ -69,13 +69,13 @@ def _trace(
     """Return the result of :func:`trace`, and noise that is larger along one direction than along others."""
     stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
     model = with_gravity_direction(model, data)
-    declared, form = choose_form(fit(model, data), model, data, Options())
+    declared, declared_form = choose_form(fit(model, data), model, data, Options())
     found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, 1))
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
-    final, form = _fitted(declared, form, identified, model, data)
+    final, form = _fitted(declared, declared_form, identified, model, data)
     while (useless := _without_use(final, identified, data)) is not None:
         identified.remove(useless)
-        final, form = _fitted(declared, form, identified, model, data)
+        final, form = _fitted(declared, declared_form, identified, model, data)
     effects = [i.effect for i in identified]
     refitted = functools.partial(refit, final, final.model.free, data)
     structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
@@ -129,8 +129,8 @@ def _without_use(fit: Fit, identified: Sequence[Identified], data: Measurements)
     of the last joint of 7 log units raised the error of held-out poses.
     """
     numbers = [[number_of(one.effect, fit)] for one in identified]
-    (whole, *without) = HoldOut.of(data, None, None, 0).residuals(fit, [(), *numbers])
-    if whole is None or not identified:
+    (whole, *without) = HoldOut.of(data, None, None, 0).residuals(fit, [(), *numbers]) if numbers else [None]
+    if whole is None:
         return None
     costs = [np.inf if residual is None else _cost(fit, residual) for residual in without]
     best = int(np.argmin(costs))

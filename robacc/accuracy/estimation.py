@@ -131,15 +131,14 @@ def estimate(
     check_confidence(confidence)
     commanded = commanded_poses(data, robot)
     chosen = _choose_frame(frame, commanded)
-    alignment, unaligned = None, None
-    if is_needed := align is None and _moves(data):
-        align = frames_to_register(data, robot, rms_length(pose_errors(data, commanded, chosen).position))
-        is_needed = bool(align)
-    if align:
-        alignment = register(data, robot, align, held_out=True)
-        unaligned = pose_errors(data, commanded, chosen).metrics()
-        commanded = registered_poses(data, robot, alignment)
     errors = pose_errors(data, commanded, chosen)
+    raw = rms_length(errors.position)
+    needed = frames_to_register(data, robot, raw) if align is None and _moves(data) else ()
+    alignment, unaligned = None, None
+    if frames := align or needed:
+        alignment, unaligned = register(data, robot, frames, held_out=True), errors.metrics()
+        commanded = registered_poses(data, robot, alignment)
+        errors = pose_errors(data, commanded, chosen)
     repetitions = data.repetitions()
     groups = None if repetitions is None else repetitions.repeated
     share = 1.0 if alignment is None else alignment.share
@@ -166,7 +165,7 @@ def estimate(
             *data.warnings,
             *data.contradicted_ids(repetitions),
             *_warnings(data, errors, alignment),
-            *((_REGISTERED.format(1e3 * unaligned.position.rms),) if is_needed and unaligned is not None else ()),
+            *([_REGISTERED.format(1e3 * raw)] if needed else []),
         ),
     )
 

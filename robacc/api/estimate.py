@@ -126,7 +126,7 @@ def estimate(
     check_range("seed", seed, 0)
     check_choice("frame", frame, ("tool", "base", None))
     arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
-    aligned = None if align is None else effect_names("" if align == "none" else align)
+    aligned = None if align is None else effect_names(align)
     # Only a fit of the tool finds the place of a target that the robot file lacks.
     any_target = arm is not None and "tool_frame" in (aligned or ())
     data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits, any_target=any_target)

@@ -118,12 +118,10 @@ def with_inputs(result: Judged, inputs: FitInputs) -> dict[str, Any]:
 
     Its warnings have those about the use of a model.
     """
-    robot = with_campaign(
-        with_fitted_poses(_with_fit(result, inputs), inputs.files),
-        inputs.robot,
-        [record.sha256 for record in inputs.files if record.kind == "poses"],
-    )
+    robot = _with_fit(result, inputs)
     outside = None if inputs.holdout is None else outside_validity(robot, inputs.holdout)
+    digests = [record.sha256 for record in inputs.files if record.kind == "poses"]
+    robot = with_campaign(with_fitted_poses(robot, inputs.files), inputs.robot, digests)
     warnings = [
         *result.warnings,
         *fitted_pose_warnings(inputs.robot, inputs.files),

@@ -223,8 +223,8 @@ def options_of(call: Callable[..., Result], arguments: Mapping[str, object], **r
 
 
 def effect_names(effects: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names in a list, or in text separated by commas, in their order and without repetitions."""
-    names = effects.split(",") if isinstance(effects, str) else effects or ()
+    """Return the names in a list, or in text separated by commas, in their order and once; none for ``"none"``."""
+    names = () if effects == "none" else effects.split(",") if isinstance(effects, str) else effects or ()
     return tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
 
 

@@ -110,12 +110,6 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
     return Rounding(max(present)[1], std, position)
 
 
-def rounding_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
-    """Return the warning of an evident rounding; empty without one."""
-    rounding = evident_rounding(fit, data)
-    return () if rounding is None else (rounding.warning,)
-
-
 def _likelihood(residual: Array, covariance: Array) -> float:
     """Return the largest log-likelihood of ``(3, N)`` for covariances ``(N, 3, 3)`` plus white noise, in m and m²."""
     size = float(np.sqrt(np.mean(np.square(residual))))

@@ -11,8 +11,9 @@ and the variances of priors are those of the fit to all rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.places import places
-from robacc.fitting.whitening import whole_groups
+from robacc.fitting.whitening import blocks_of, whole_groups
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.observation import observed_jacobian, residuals
@@ -57,7 +58,7 @@ class HoldOut:
             groups = (np.random.default_rng(seed).permutation(total) % min(count, total)).astype(np.int64)[groups]
         return cls(data, validation, groups)
 
-    @property
+    @cached_property
     def folds(self) -> int:
         """Number of groups that are held out in turn; 0 with validation poses, or where places are too few."""
         if self.validation is not None or np.unique(places(self.data)).size < LEAST_GROUPS:
@@ -74,7 +75,7 @@ class HoldOut:
             lacking: Numbers of the absent effects of each model, among the free ones; the rest is fitted again.
         """
         if self.validation is not None:
-            poses = [_poses(fit, self.validation, absent) for absent in lacking]
+            poses = [_poses(fit, self.validation, _without(fit, absent)) for absent in lacking]
             return [None if one is None else residuals(self.validation, one) for one in poses]
         if not self.folds:
             return [None for _ in lacking]
@@ -84,10 +85,15 @@ class HoldOut:
         ]
 
 
-def _poses(fit: Fit, data: Measurements, absent: Collection[int]) -> Poses | None:
-    """Return the poses that a fit predicts without some effects; None if the arm has no equilibrium without them."""
+def _without(fit: Fit, absent: Collection[int]) -> Array:
+    """Return ``(P,)`` the coefficients of a fit without some effects, the rest fitted again."""
+    return fit.without(set(absent)) if absent else fit.theta
+
+
+def _poses(fit: Fit, data: Measurements, theta: Array) -> Poses | None:
+    """Return the poses that a fit predicts with other coefficients; None if the arm has no equilibrium with them."""
     try:
-        return fit.predict(data, fit.without(set(absent)) if absent else None)
+        return fit.predict(data, theta)
     except RobaccError:
         return None
 
@@ -117,7 +123,8 @@ def held_out_poses(
     size, components = columns.size, fit.residual.shape[0]
     blocks = list(whole_groups(groups, max(_MOST_NUMBERS // (components * max(size, 1)), 1)))
     kept = [np.array([fit.owners[i] not in absent for i in columns], dtype=bool) for absent in lacking]
-    poses = [fit.poses if not absent else _poses(fit, data, absent) for absent in lacking]
+    thetas = [_without(fit, absent) for absent in lacking]
+    poses = [fit.poses if theta is fit.theta else _poses(fit, data, theta) for theta in thetas]
     if not size:
         return poses
 
@@ -134,8 +141,8 @@ def held_out_poses(
         flat = latest[1].reshape(-1, size)
         normal = normal + flat.T @ flat
     models = [
-        None if start is None or not mask.any() else _Reduced.of(fit, data, start, mask, normal)
-        for start, mask in zip(poses, kept, strict=True)
+        None if start is None or not mask.any() else _Reduced.of(fit, data, start, theta, mask, normal)
+        for start, theta, mask in zip(poses, thetas, kept, strict=True)
     ]
     for rows in blocks:
         jacobian, whitened = latest if len(blocks) == 1 and latest is not None else linearised(rows)
@@ -165,13 +172,13 @@ class _Reduced:
     """Predicted poses; rows are held out in place."""
 
     @classmethod
-    def of(cls, fit: Fit, data: Measurements, poses: Poses, kept: NDArray[np.bool_], normal: Array) -> _Reduced:
-        """Reduce a fit of normal matrix ``normal`` ``(K, K)`` to the coefficients ``kept``; ``poses`` are without."""
+    def of(
+        cls, fit: Fit, data: Measurements, poses: Poses, theta: Array, kept: NDArray[np.bool_], normal: Array
+    ) -> _Reduced:
+        """Reduce a fit of normal matrix ``normal`` ``(K, K)`` to the coefficients ``kept`` of ``theta`` ``(P,)``."""
         own = normal[np.ix_(kept, kept)]
         scale = 1.0 / np.sqrt(np.diag(own))
         root = np.linalg.inv(np.linalg.cholesky(scale[:, None] * own * scale)) * scale
-        absent = {fit.owners[i] for i in fit.identifiability.columns[~kept]}
-        theta = fit.without(absent) if absent else fit.theta
         whole = np.asarray(np.linalg.solve(root.T, theta[fit.identifiability.columns[kept]]), dtype=np.float64)
         error = fit.residual if kept.all() else residuals(data, poses)
         return cls(kept, root, whole, error, poses.translation.copy(), poses.rotation.copy())
@@ -183,7 +190,7 @@ class _Reduced:
         scaled = (whitened if self.kept.all() else whitened[:, :, self.kept]) @ self.root.T
         white = (fit.whitening.subset(rows).apply(self.residual[:, rows]) * fit.inliers[rows]).T
         change, alone = np.empty((rows.size, len(self.whole))), []
-        for inside in _of_equal_size(groups):
+        for inside in blocks_of(groups):
             change[inside], high = _changes(scaled, white, inside, self.whole)
             alone += [inside[group] for group in high]
         own = jacobian if self.kept.all() else jacobian[:, self.kept]
@@ -191,14 +198,6 @@ class _Reduced:
         self.position[:, rows] += moved[:3]
         self.rotation[..., rows] = compose(exp_so3(moved[3:]), self.rotation[..., rows])
         return alone
-
-
-def _of_equal_size(groups: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """Yield ``(G, n)`` the places of the rows of all groups with n rows."""
-    order = np.argsort(groups, kind="stable")
-    _, first, counts = np.unique(groups[order], return_index=True, return_counts=True)
-    for n in np.unique(counts).tolist():
-        yield order[first[counts == n][:, None] + np.arange(n)]
 
 
 def _changes(scaled: Array, white: Array, inside: NDArray[np.int64], whole: Array) -> tuple[Array, list[int]]:

@@ -53,7 +53,7 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         InputError: fewer measured components than coefficients.
         UsageError: the data lack what an effect needs.
     """
-    if options.start is None and data.n > _MANY:
+    if options.start is None and options.inliers is None and data.n > _MANY:
         first = fit(model, data.subset(random_rows(data, _FIRST)), options)
         model = first.model
         options = dataclasses.replace(

@@ -120,7 +120,7 @@ def whitening(
     """
     scaled = joint_columns * weight[:, None, :]
     blocks = []
-    for rows in _blocks_of(visits):
+    for rows in blocks_of(visits):
         columns = _block_columns(scaled, rows) * scatter
         scattered = columns @ np.swapaxes(columns, 1, 2)
         blocks.append(
@@ -158,7 +158,7 @@ def _block_factor(rows: NDArray[np.int64], scaled: Array) -> BlockFactor:
     return BlockFactor(rows, factor)
 
 
-def _blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Return the blocks of rows with equal numbers, ``(V, n)`` for each block size n."""
     order = np.argsort(numbers, kind="stable")
     _, first, counts = np.unique(numbers[order], return_index=True, return_counts=True)

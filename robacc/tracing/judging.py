@@ -12,7 +12,7 @@ from robacc.accuracy.before_after import before_and_after
 from robacc.accuracy.stages import Gain, Residuals, Stage
 from robacc.diagnostics.moved_frames import larger_error_warning, moved_frames
 from robacc.diagnostics.read_back_share import read_back_warning
-from robacc.diagnostics.rounded_joints import rounding_warning
+from robacc.diagnostics.rounded_joints import Rounding, evident_rounding
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect
 from robacc.error_model.structure import ErrorStructure, Repeatability
@@ -70,6 +70,8 @@ class Judged:
     deflection: DeflectionChoice | None
     """Pose at which the torques of elastic effects are taken; None if no such effect is fitted or no choice was
     made."""
+    rounding: Rounding | None
+    """Evident rounding of the recorded joints; None without one."""
     n_folds: int
     """Number of groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."""
     warnings: tuple[str, ...]
@@ -94,10 +96,13 @@ def judge(
     ``robot`` is the robot file's; ``mistakes`` are warnings about the data, ``found`` the effects that nobody declared.
     """
     fit, gravity = structure.fit, before.model.arm.robot.gravity
+    # Findings may stand for what is wrong with the frames, and corrections without a cause have many coefficients.
+    without_findings = before if found else fit
     (held_out_before,), (held_out_after,) = how.residuals(before), how.residuals(fit)
     ends = None if held_out_before is None or held_out_after is None else (held_out_before, held_out_after)
     stages = before_and_after(dataclasses.replace(robot, gravity=gravity), data, before, fit, ends, how)
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
+    rounding = evident_rounding(fit, data)
     return Judged(
         robot=apply_fit(fit),
         fit=fit,
@@ -112,19 +117,22 @@ def judge(
         covariance=parameter_covariance(with_masses),
         causes=causes(fit, data, stages.nominal.fitted.position.rms, found),
         deflection=deflection,
+        rounding=rounding,
         n_folds=0 if ends is None else how.folds,
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *_warnings(fit, noise, data),
-            *_held_out_warnings(before, fit, stages.after, data, how.validation),
+            *_warnings(fit, without_findings, noise, rounding, data),
+            *_held_out_warnings(without_findings, stages.after, data, how.validation),
         ),
         residuals=stages.residuals,
         holdout=stages.holdout,
     )
 
 
-def _warnings(fit: Fit, noise: LackOfFit, data: Measurements) -> Iterator[str]:
+def _warnings(
+    fit: Fit, without_findings: Fit, noise: LackOfFit, rounding: Rounding | None, data: Measurements
+) -> Iterator[str]:
     """Yield what limits the figures: convergence, poses, outliers, noise, weakly identifiable coefficients."""
     yield from convergence_warning(fit)
     yield from mass_warning(fit)
@@ -132,21 +140,21 @@ def _warnings(fit: Fit, noise: LackOfFit, data: Measurements) -> Iterator[str]:
     yield from data.contradicted_ids()
     yield from places_warning(data)
     yield from outliers_warning(fit, data)
-    yield from rounding_warning(fit, data)
+    yield from () if rounding is None else (rounding.warning,)
     yield from read_back_warning(fit, data)
     yield from suspected_mistakes(fit)
-    yield from frames_warning(fit, data)
+    yield from frames_warning(without_findings, data)
     yield from sigma_warning(noise)
     yield from weak_parameters_warning(fit)
     n_coefficients = int(fit.identifiability.columns.size)
     surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
     if surplus < n_coefficients and not fit.group_stds:
         yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
-    yield from condition_warning(fit)
+    yield from condition_warning(without_findings)
 
 
 def _held_out_warnings(
-    before: Fit, fit: Fit, after: Stage, data: Measurements, validation: Measurements | None
+    without_findings: Fit, after: Stage, data: Measurements, validation: Measurements | None
 ) -> Iterator[str]:
     """Yield why held-out errors are much larger than those of the fitted poses, or that there are none."""
     if after.held_out is None:
@@ -160,7 +168,7 @@ def _held_out_warnings(
                 "poses"
             )
         return
-    moved = moved_frames(before, validation)
+    moved = moved_frames(without_findings, validation)
     warning = larger_error_warning(fitted, held_out) if moved is None else moved.warning
     if warning is not None:
         yield warning

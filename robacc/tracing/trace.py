@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.rounded_joints import evident_rounding
 from robacc.effects.base import Effect
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.deflection_model import DeflectionChoice, choose_form
@@ -73,22 +72,24 @@ def _trace(
     found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, 1))
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
     final, form = _fitted(declared, declared_form, identified, model, data)
-    while (useless := _without_use(final, identified, data)) is not None:
+    own_places = HoldOut.of(data, None, None, seed)
+    while (useless := _without_use(final, identified, own_places)) is not None:
         identified.remove(useless)
         final, form = _fitted(declared, declared_form, identified, model, data)
     effects = [i.effect for i in identified]
     refitted = functools.partial(refit, final, final.model.free, data)
     structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
     final, repeatability = structured.fit, structured.repeatability
-    found_effects = [final.model.free[number_of(effect, final)] for effect in effects]
-    judged = judge(stated, mistakes, declared, structured, form, data, how, found_effects)
-    without = how.residuals(final, [[number_of(effect, final)] for effect in effects])
+    numbers = [number_of(effect, final) for effect in effects]
+    fitted_effects = [final.model.free[number] for number in numbers]
+    judged = judge(stated, mistakes, declared, structured, form, data, how, fitted_effects)
+    without = how.residuals(final, [[number] for number in numbers])
     findings = tuple(
         describe_finding(one, effects, judged, residual, data)
         for one, residual in zip(identified, without, strict=True)
     )
-    noise, rounding = judged.noise, evident_rounding(final, data)
-    unexplained = remaining_error(found, effects, final, noise, data, structured, rounding)
+    noise = judged.noise
+    unexplained = remaining_error(found, effects, final, noise, data, structured, judged.rounding)
     result = Trace(
         **vars(judged if findings else dataclasses.replace(judged, gain=None)),
         verdict=(verdict := verdict_of(findings, unexplained)),
@@ -121,15 +122,15 @@ def _fitted(
     return (fitted, None) if fitted.group_stds else choose_form(fitted, extended, data, Options())
 
 
-def _without_use(fit: Fit, identified: Sequence[Identified], data: Measurements) -> Identified | None:
-    """Return the effect without which held-out poses are predicted best, if better than with it.
+def _without_use(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> Identified | None:
+    """Return the effect without which the poses, each held out in turn, are predicted best, if better than with it.
 
     The search looks at a part of a large set, and its likelihood knows only the structures of its terms: an error
     outside the catalogue may resemble an effect there and not elsewhere. On 632 poses of a UR10 (series D), a profile
     of the last joint of 7 log units raised the error of held-out poses.
     """
     numbers = [[number_of(one.effect, fit)] for one in identified]
-    (whole, *without) = HoldOut.of(data, None, None, 0).residuals(fit, [(), *numbers]) if numbers else [None]
+    (whole, *without) = own_places.residuals(fit, [(), *numbers]) if numbers else [None]
     if whole is None:
         return None
     costs = [np.inf if residual is None else _cost(fit, residual) for residual in without]

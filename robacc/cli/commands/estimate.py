@@ -95,7 +95,7 @@ def estimate(
 
     options = EstimateOptions(
         robot,
-        None if align is None else () if align == "none" else effect_names(align),
+        None if align is None else effect_names(align),
         None if frame is None else frame.value,
         scale,
         confidence,

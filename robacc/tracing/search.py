@@ -57,8 +57,8 @@ PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_
 _OTHER_DECLARED = 10.0
 """The same of other declared effects, in usual sizes."""
 _MOST_ALIASES = 3
-_GAINS = 0.1
-"""Least gain of a move: a tenth of the log odds that a rival is behind its finding at most; it bounds the moves."""
+_GAINS = 1.0
+"""Least gain of a move: log odds below it are not worth more than a bare mention (Kass and Raftery 1995)."""
 _SHORTLIST = 60
 """Candidates that are scored after a swap or a drop, the best beside the model and beside it without each effect.
 
@@ -205,7 +205,7 @@ class _Search:
         """Search, and return the most probable model."""
         start = self._start()
         ends = self._search_from(start)
-        if too_many_gross_errors(start.noise):
+        if too_many_gross_errors(max(ends, key=self._log_posterior).noise):
             # They may show what the model lacks: a backlash, whose smaller side looks like gross errors.
             even = start.copy()
             even.noise = estimated(dataclasses.replace(even.noise, factor=np.ones(self.data.n)), even.linear)
